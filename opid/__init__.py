@@ -1,0 +1,1 @@
+"""Identify nonlinear mechanical structures from what an accelerometer recorded in operation."""

@@ -1,0 +1,318 @@
+"""The paper's chain from accelerations to mass (Iwaniec & Uhl 2007), with every step mended, and as printed.
+
+restoring force -> arctangent -> transmissibility -> direct parameters -> added mass
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError
+from opid.identify.added_mass import (
+    AddedMass,
+    PeakMatch,
+    TwoPeakMass,
+    absolute_parameters,
+    match_peaks,
+    two_peak_mass,
+)
+from opid.identify.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
+from opid.identify.law_search import CANDIDATES, LadderStep, chosen, fit_law, search_law
+from opid.identify.nonlinearity import LawFit, fit_slice, fit_surface
+from opid.identify.restoring_force import (
+    BinnedSurface,
+    RestoringForce,
+    SliceCurve,
+    binned_surface,
+    restoring_force,
+    slice_curve,
+)
+from opid.identify.spectral_equation import EquationFit, EquationLines, equation_lines
+from opid.identify.study import Run, Study
+from opid.identify.transmissibility import Peak, transmissibility_peaks, transmissibility_without_force
+from opid.mechanics.laws import Law
+from opid.signals.health import Finding, check_pair
+from opid.signals.motion import Motion, relative_motion
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
+
+BAND_HZ = (0.5, 12.0)
+HIGH_PASS_HZ = 0.3
+BLOCK_S = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class RunEvidence:
+    """All that the chain made of one run, in the order in which it was made.
+
+    Args:
+        name: of the run.
+        mass_change_kg: against the reference, kg.
+        fs: sampling rate, Hz.
+        time_s: (n,) s.
+        unsprung: (n,) x1'', m/s^2.
+        sprung: (n,) x2'', m/s^2.
+        findings: what the health check said of the pair.
+        noise_floor: of the unsprung and the sprung channel, m/s^2.
+        motion: relative motion, soundly integrated.
+        motion_mean_removed: relative motion by the paper's literal recipe.
+        surface: restoring-force points.
+        binned: the same, averaged over cells.
+        slices: stiffness curve and damping curve.
+        slice_fits: an arctangent on each.
+        surface_fit: stiffness and damping arctangents on all points.
+        T: transmissibility as measured.
+        T_without_force: that of the linear suspension beneath the fitted law (conditioned).
+        T_subtracted: the paper's, the fitted force subtracted from the acceleration.
+        peaks: of |T|.
+        complex_fit: complex least squares on `T_without_force`.
+        spectral_fit: errors in variables on the run's transform.
+        lines: the run's transform.
+    """
+
+    name: str
+    mass_change_kg: float
+    fs: float
+    time_s: FloatArray
+    unsprung: FloatArray
+    sprung: FloatArray
+    findings: tuple[Finding, ...]
+    noise_floor: tuple[float, float]
+    motion: Motion
+    motion_mean_removed: Motion
+    surface: RestoringForce
+    binned: BinnedSurface
+    slices: tuple[SliceCurve, SliceCurve]
+    slice_fits: tuple[LawFit, LawFit]
+    surface_fit: LawFit
+    T: Transmissibility
+    T_without_force: Transmissibility
+    T_subtracted: Transmissibility
+    peaks: tuple[Peak, ...]
+    complex_fit: DirectParameters
+    spectral_fit: DirectParameters
+    lines: EquationLines
+
+
+@dataclass(frozen=True, eq=False)
+class PeakPair:
+    """A matched pair of peaks with the masses that the paper's formula makes of it.
+
+    Args:
+        run_name: the run with the changed mass.
+        match: the pair and whether it is credible.
+        as_printed: from magnitudes; None for equal masses.
+        sign_restored: from T = -|T|; None likewise.
+    """
+
+    run_name: str
+    match: PeakMatch
+    as_printed: TwoPeakMass | None
+    sign_restored: TwoPeakMass | None
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything behind the answer.
+
+    Args:
+        runs: one a run.
+        pairs: matched peaks of the reference and each other run.
+        ladder: the laws that were tried.
+        joint: the joint fit of all runs, per unit of the reference mass.
+        added_mass: absolute parameters, or None where the mass is not determined.
+        not_determined: why, or None.
+        noise_floor: rms of the noise floors of all channels, m/s^2.
+        mean_static_transmissibility: T(0) read from the lowest lines, for the peak formula.
+    """
+
+    runs: tuple[RunEvidence, ...]
+    pairs: tuple[PeakPair, ...]
+    ladder: tuple[LadderStep, ...]
+    joint: EquationFit
+    added_mass: AddedMass | None
+    not_determined: str | None
+    noise_floor: float
+    mean_static_transmissibility: float
+
+
+def classical_chain(
+    study: Study,
+    *,
+    law: str | None = None,
+    band_hz: tuple[float, float] = BAND_HZ,
+    high_pass_hz: float = HIGH_PASS_HZ,
+    block_s: float = BLOCK_S,
+    ground: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Evidence:
+    """Run every step of the chain on every run of a study.
+
+    Args:
+        study: the runs; the first one with no mass change is the reference.
+        law: a law to fit; searched among `law_search.CANDIDATES` when left out.
+        band_hz: lines used by direct parameters and added mass, Hz; cut at 0.4 fs.
+        high_pass_hz: corner of the integration, Hz.
+        block_s: length of the blocks that the transmissibility averages, s.
+        ground: whether the ground spring is free (else it is 0).
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a pair of channels that is mute or swapped, runs too short, an unknown law.
+    """
+    say = progress or (lambda step: None)
+    fs = study.fs
+    band = (float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs))
+    arrays = [study.accelerations(run) for run in study.runs]
+    findings = [_checked(study, run, *pair) for run, pair in zip(study.runs, arrays, strict=True)]
+    say("restoring force")
+    surfaces = [restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz) for pair in arrays]
+    lines = [
+        equation_lines(
+            *pair, fs=fs, band_hz=band, high_pass_hz=high_pass_hz, mass_change_kg=run.mass_change_kg
+        )
+        for run, pair in zip(study.runs, arrays, strict=True)
+    ]
+    say("law")
+    changes = [run.mass_change_kg for run in study.runs]
+    mu = 1 / (8 * (max(changes) - min(changes))) if len(set(changes)) > 1 else None
+    if law is None:
+        ladder = search_law(lines, surfaces, inverse_mass=mu, ground=ground, candidates=CANDIDATES)
+    else:
+        names = dict.fromkeys(["linear", law])
+        ladder = tuple(
+            LadderStep(name, fit_law(lines, surfaces, name, inverse_mass=mu, ground=ground), name == law)
+            for name in names
+        )
+    joint = chosen(ladder).fit
+    say("runs")
+    runs = tuple(
+        _run_evidence(run, pair, found, surface, line, joint, high_pass_hz, block_s, band, ground)
+        for run, pair, found, surface, line in zip(study.runs, arrays, findings, surfaces, lines, strict=True)
+    )
+    say("added mass")
+    static = float(np.mean([_static_transmissibility(run.T) for run in runs]))
+    added, reason = _added_mass(lines, joint, mu)
+    floors = np.array([run.noise_floor for run in runs])
+    return Evidence(
+        runs=runs,
+        pairs=_peak_pairs(runs, static),
+        ladder=ladder,
+        joint=joint,
+        added_mass=added,
+        not_determined=reason,
+        noise_floor=float(np.sqrt(np.mean(floors**2))),
+        mean_static_transmissibility=static,
+    )
+
+
+def _checked(study: Study, run: Run, unsprung: FloatArray, sprung: FloatArray) -> tuple[Finding, ...]:
+    """Refuse what makes the two channels no pair; pass on what merely deserves a word."""
+    try:
+        findings = check_pair(unsprung, sprung, fs=study.fs, names=(study.unsprung, study.sprung))
+    except InputError as error:
+        raise InputError(f"run {run.name!r}: {error}") from None
+    for finding in findings:
+        if finding.severity == "fault":
+            raise InputError(f"run {run.name!r}: {finding.message}")
+    return findings
+
+
+def _run_evidence(
+    run: Run,
+    pair: tuple[FloatArray, FloatArray],
+    findings: tuple[Finding, ...],
+    surface: RestoringForce,
+    lines: EquationLines,
+    joint: EquationFit,
+    high_pass_hz: float,
+    block_s: float,
+    band: tuple[float, float],
+    ground: bool,
+) -> RunEvidence:
+    fs = run.recording.fs
+    unsprung, sprung = pair
+    motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
+    slices = (slice_curve(surface, along="travel"), slice_curve(surface, along="velocity"))
+    # force per unit of this run's own mass
+    share = 1 / (1 + joint["inverse_mass"] * run.mass_change_kg)
+    law = joint.law.scaled(share)
+    inside = motion.settled
+    nperseg = min(round(block_s * fs), unsprung[inside].size)
+    settings = {"fs": fs, "nperseg": nperseg}
+    force = law.force(motion.displacement, motion.velocity)[inside]
+    T = transmissibility(unsprung[inside], sprung[inside], **settings)
+    conditioned, subtracted = (
+        transmissibility_without_force(unsprung[inside], sprung[inside], force, way=way, **settings)
+        for way in ("conditioned", "subtracted")
+    )
+    complex_fit = complex_least_squares(conditioned, band_hz=(max(band[0], 2 / block_s), band[1]), ground=ground)
+    return RunEvidence(
+        name=run.name,
+        mass_change_kg=run.mass_change_kg,
+        fs=fs,
+        time_s=run.recording.time_s,
+        unsprung=unsprung,
+        sprung=sprung,
+        findings=findings,
+        noise_floor=(noise_floor(unsprung, fs=fs), noise_floor(sprung, fs=fs)),
+        motion=motion,
+        motion_mean_removed=relative_motion(unsprung, sprung, fs=fs, method="mean_removed"),
+        surface=surface,
+        binned=binned_surface(surface),
+        slices=slices,
+        slice_fits=(fit_slice(slices[0]), fit_slice(slices[1])),
+        surface_fit=fit_surface(surface),
+        T=T,
+        T_without_force=conditioned,
+        T_subtracted=subtracted,
+        peaks=transmissibility_peaks(T, band_hz=(band[0], min(25.0, 0.4 * fs))),
+        complex_fit=complex_fit,
+        spectral_fit=errors_in_variables(lines, law, start=complex_fit, ground=ground),
+        lines=lines,
+    )
+
+
+def _static_transmissibility(T: Transmissibility) -> float:
+    """Read |T| at the lowest lines, as the paper read 0.7."""
+    low = (T.frequency_hz > 0) & (T.frequency_hz <= max(0.5, 2.5 * T.frequency_hz[1]))
+    return float(np.median(np.abs(T.value[low])))
+
+
+def _peak_pairs(runs: Sequence[RunEvidence], static: float) -> tuple[PeakPair, ...]:
+    reference = next((run for run in runs if run.mass_change_kg == 0), runs[0])
+    pairs = []
+    for run in runs:
+        change = run.mass_change_kg - reference.mass_change_kg
+        if run is reference or change == 0:
+            continue
+        for match in match_peaks(reference.peaks, run.peaks, mass_change_kg=change):
+            printed, restored = (
+                two_peak_mass(
+                    match.reference,
+                    match.changed,
+                    mass_change_kg=change,
+                    static_transmissibility=static,
+                    restore_sign=sign,
+                )
+                for sign in (False, True)
+            )
+            pairs.append(PeakPair(run.name, match, printed, restored))
+    return tuple(pairs)
+
+
+def _added_mass(
+    lines: Sequence[EquationLines], joint: EquationFit, mu: float | None
+) -> tuple[AddedMass | None, str | None]:
+    if mu is None:
+        return None, (
+            "all runs have the same sprung mass (mass_change_kg), so only ratios to the mass are determined: "
+            "add a run at another mass"
+        )
+    try:
+        return absolute_parameters(joint, [line.mass_change_kg for line in lines]), None
+    except NotDeterminedError as error:
+        return None, str(error)

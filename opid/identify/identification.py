@@ -1,0 +1,357 @@
+"""From a study to an answer, and what may be concluded from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, RunEvidence, classical_chain
+from opid.identify.law_search import chosen
+from opid.identify.result import PARAMETERS, Estimate, Identification, visited_force
+from opid.identify.study import Study
+from opid.mechanics.laws import LAWS, Law
+from opid.signals.recording import FloatArray
+
+METHODS = ("classical", "paper")
+# the model explains the runs down to the sensors' noise up to here; above, what it lacks rules the answer
+UNEXPLAINED_NOTED = 1.5
+UNEXPLAINED_DOUBTED = 3.0
+UNEXPLAINED_REFUSED = 20.0
+FEW_AVERAGES = 10
+
+
+def identify(
+    study: Study,
+    *,
+    method: str = "classical",
+    law: str | None = None,
+    band_hz: tuple[float, float] = BAND_HZ,
+    high_pass_hz: float = HIGH_PASS_HZ,
+    ground: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Identification:
+    """Identify mass, springs, damping and law of a suspension from runs at known mass changes.
+
+    `classical` is the chain of Iwaniec & Uhl (2007) with every step mended: sound integration, the complex equation,
+    noise on both channels, all runs in one least-squares problem. `paper` gives what the printed formula makes of
+    the strongest matched peaks; it has no intervals.
+
+    Args:
+        study: the runs.
+        method: "classical" or "paper".
+        law: a law to fit (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched when left out.
+        band_hz: lines used by direct parameters and added mass, Hz.
+        high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
+        ground: whether a ground spring K3 is fitted (else it is 0).
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        The identification; where the data do not determine the absolute scale, `not_determined` says why and the
+        ratios to the mass are given.
+
+    Raises:
+        InputError: an unknown method or law, or runs that are no runs of a suspension.
+    """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
+    evidence = classical_chain(
+        study, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground, progress=progress
+    )
+    settings = {
+        "band_hz": [evidence.joint.band_hz[0], evidence.joint.band_hz[1]],
+        "high_pass_hz": high_pass_hz,
+        "law": law or "searched",
+        "ground": ground,
+    }
+    conclude = _conclude_classical if method == "classical" else _conclude_paper
+    return conclude(study, evidence, settings)
+
+
+def _conclude_classical(study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
+    joint, added = evidence.joint, evidence.added_mass
+    unexplained = unexplained_noise(evidence)
+    refused = unexplained > UNEXPLAINED_REFUSED
+    reason = evidence.not_determined
+    if refused and reason is None:
+        reason = (
+            f"the fitted model leaves {unexplained:.0f} times the sensor noise unexplained, so its mass would be a "
+            "guess: check the channels and mass changes, or try another --law or --band"
+        )
+    # what the model lacks is no noise: the intervals grow with it
+    widening = max(1.0, unexplained / UNEXPLAINED_DOUBTED)
+    ratio_std = dict(zip(joint.names, joint.std * widening, strict=True))
+    ratios = {
+        name: Estimate() if refused else Estimate.normal(joint[name], ratio_std.get(name))
+        for name in ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
+    }
+    ratios |= {} if refused else _modal_ratios(joint.value, joint.covariance * widening**2, joint.names)
+    per_mass = added is None or refused
+    if per_mass:
+        law, law_std = joint.law, [ratio_std[f"law[{i}]"] for i in range(joint.law.vector.size)]
+        parameters = {name: Estimate() for name in PARAMETERS}
+    else:
+        assert added is not None
+        law, law_std = added.law, (added.std[4:] * widening).tolist()
+        std = added.std * widening
+        parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
+        if not settings["ground"]:
+            parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
+    stiffness, damping = (
+        (joint["stiffness_per_mass"], joint["damping_per_mass"])
+        if per_mass
+        else (parameters["suspension_stiffness_n_per_m"].value, parameters["suspension_damping_n_s_per_m"].value)
+    )
+    return Identification(
+        method="classical",
+        title=study.title,
+        parameters=parameters,
+        ratios=ratios,
+        law=law,
+        law_estimates=_law_estimates(law, law_std),
+        restoring_force=visited_force(
+            [run.surface for run in evidence.runs],
+            law,
+            stiffness=float(stiffness or 0.0),
+            damping=float(damping or 0.0),
+            per_mass=per_mass,
+        ),
+        diagnostics=_diagnostics(evidence, settings),
+        warnings=tuple(_warnings(evidence, parameters)),
+        not_determined=reason,
+        evidence=evidence,
+    )
+
+
+def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
+    """Report the printed formula on the strongest pair of peaks; the paper gives no damping and no intervals."""
+    pair = strongest_pair(evidence.pairs)
+    parameters = {name: Estimate() for name in PARAMETERS}
+    ratios = {
+        name: Estimate() for name in ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
+    }
+    reason = evidence.not_determined if len({run.mass_change_kg for run in study.runs}) < 2 else None
+    law = evidence.joint.law
+    if pair is None or pair.as_printed is None:
+        reason = reason or "the runs have no peak of |T| in common, and the printed formula needs one pair"
+    else:
+        mass = pair.as_printed
+        ratios["stiffness_per_mass"] = Estimate(mass.stiffness_n_per_m / mass.sprung_mass_kg)
+        ratios["ground_stiffness_per_mass"] = Estimate(mass.ground_stiffness_n_per_m / mass.sprung_mass_kg)
+        if mass.sprung_mass_kg > 0:
+            values = (mass.sprung_mass_kg, mass.stiffness_n_per_m, None, mass.ground_stiffness_n_per_m)
+            parameters = {name: Estimate(value) for name, value in zip(PARAMETERS, values, strict=True)}
+            law = law.scaled(mass.sprung_mass_kg)
+        else:
+            reason = f"the printed formula gives a sprung mass of {mass.sprung_mass_kg:.0f} kg: {pair.match.reason}"
+    absolute = parameters["sprung_mass_kg"].value is not None
+    stiffness = parameters["suspension_stiffness_n_per_m"].value or ratios["stiffness_per_mass"].value or 0.0
+    warnings = [
+        "the printed formula ignores damping and the sign of T above resonance: it is shown for comparison, and it "
+        "has no intervals; use --method classical for an answer"
+    ]
+    if pair is not None and not pair.match.credible:
+        warnings.append(pair.match.reason)
+    return Identification(
+        method="paper",
+        title=study.title,
+        parameters=parameters,
+        ratios=ratios,
+        law=law,
+        law_estimates=_law_estimates(law, None),
+        restoring_force=visited_force(
+            [run.surface for run in evidence.runs], law, stiffness=stiffness, damping=0.0, per_mass=not absolute
+        ),
+        diagnostics=_diagnostics(evidence, settings),
+        warnings=tuple(warnings),
+        not_determined=reason,
+        evidence=evidence,
+    )
+
+
+def unexplained_noise(evidence: Evidence) -> float:
+    """Return the noise that would explain the residual of the joint fit over the sensors' own noise floor.
+
+    Args:
+        evidence: of `classical_chain`.
+    """
+    return evidence.joint.noise_m_per_s2 / max(evidence.noise_floor, 1e-12)
+
+
+def strongest_pair(pairs: tuple[PeakPair, ...]) -> PeakPair | None:
+    """Return the credible pair with the largest |T|, or the largest at all, or None.
+
+    Args:
+        pairs: of `Evidence.pairs`.
+    """
+    return max(pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), default=None)
+
+
+def _modal_ratios(value: FloatArray, covariance: FloatArray, names: tuple[str, ...]) -> dict[str, Estimate]:
+    """Natural frequency and damping ratio of the linear suspension on a still wheel, by the delta method."""
+    k, c = value[0], value[1]
+    has_ground = "ground_stiffness_per_mass" in names
+    total = k + (value[2] if has_ground else 0.0)
+    if total <= 0:
+        return {"natural_frequency_hz": Estimate(), "damping_ratio": Estimate()}
+    omega = np.sqrt(total)
+    gradients = np.zeros((2, len(names)))
+    gradients[:, 0] = 1 / (4 * np.pi * omega), -c / (4 * omega**3)
+    gradients[1, 1] = 1 / (2 * omega)
+    if has_ground:
+        gradients[:, 2] = gradients[:, 0]
+    std = np.sqrt(np.maximum(np.diag(gradients @ covariance @ gradients.T), 0))
+    return {
+        "natural_frequency_hz": Estimate.normal(omega / (2 * np.pi), std[0]),
+        "damping_ratio": Estimate.normal(c / (2 * omega), std[1]),
+    }
+
+
+def _law_estimates(law: Law, std: list[float] | None) -> Mapping[str, Mapping[str, Estimate]]:
+    spread: Iterator[float | None] = iter(std if std is not None else [None] * law.vector.size)
+    return {
+        term.name: {
+            parameter.name: Estimate.normal(value, next(spread))
+            for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True)
+        }
+        for term in law.terms
+    }
+
+
+def _diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
+    step = chosen(evidence.ladder)
+    return {
+        "settings": settings,
+        "unexplained_noise_m_per_s2": evidence.joint.noise_m_per_s2,
+        "sensor_noise_floor_m_per_s2": evidence.noise_floor,
+        "unexplained_over_floor": unexplained_noise(evidence),
+        "n_lines": [int(frequency.size) for frequency in evidence.joint.frequency_hz],
+        "static_transmissibility_read_from_lines": evidence.mean_static_transmissibility,
+        "law_ladder": [
+            {
+                "law": rung.law_name,
+                "bic": rung.fit.bic,
+                "unexplained_noise_m_per_s2": rung.fit.noise_m_per_s2,
+                "kept": rung.kept,
+                "chosen": rung is step,
+            }
+            for rung in evidence.ladder
+        ],
+        "peak_pairs": [_pair_diagnostics(pair) for pair in evidence.pairs],
+        "runs": [_run_diagnostics(run) for run in evidence.runs],
+    }
+
+
+def _pair_diagnostics(pair: PeakPair) -> dict[str, Any]:
+    return {
+        "run": pair.run_name,
+        "reference_hz": pair.match.reference.frequency_hz,
+        "reference_magnitude": pair.match.reference.magnitude,
+        "changed_hz": pair.match.changed.frequency_hz,
+        "changed_magnitude": pair.match.changed.magnitude,
+        "credible": pair.match.credible,
+        "reason": pair.match.reason,
+        "as_printed": asdict(pair.as_printed) if pair.as_printed else None,
+        "sign_restored": asdict(pair.sign_restored) if pair.sign_restored else None,
+    }
+
+
+def _run_diagnostics(run: RunEvidence) -> dict[str, Any]:
+    def direct(fit: Any) -> dict[str, Any]:
+        return {
+            "stiffness_per_mass": [float(fit.value[0]), float(fit.std[0])],
+            "damping_per_mass": [float(fit.value[1]), float(fit.std[1])],
+            "ground_stiffness_per_mass": [float(fit.value[2]), float(fit.std[2])],
+            "natural_frequency_hz": fit.natural_frequency_hz,
+            "damping_ratio": fit.damping_ratio,
+        }
+
+    return {
+        "name": run.name,
+        "mass_change_kg": run.mass_change_kg,
+        "duration_s": run.time_s.size / run.fs,
+        "fs": run.fs,
+        "n_averages": run.T.spectra.n_averages,
+        "n_blocks": run.T.spectra.n_blocks,
+        "noise_floor_m_per_s2": {"unsprung": run.noise_floor[0], "sprung": run.noise_floor[1]},
+        "travel_rms_m": float(run.surface.travel.std()),
+        "velocity_rms_m_per_s": float(run.surface.velocity.std()),
+        "surface_coverage": run.binned.coverage,
+        "terms": [
+            {"term": verdict.name, "departure": verdict.departure, "statement": verdict.statement}
+            for verdict in run.surface_fit.verdicts
+        ],
+        "complex_least_squares": direct(run.complex_fit),
+        "errors_in_variables": direct(run.spectral_fit),
+        "peaks_hz": [peak.frequency_hz for peak in run.peaks],
+        "findings": [f"{finding.channel}: {finding.message}" for finding in run.findings],
+    }
+
+
+def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    for run in evidence.runs:
+        for finding in run.findings:
+            yield f"run {run.name!r}, {finding.channel!r}: {finding.message}"
+    unexplained = unexplained_noise(evidence)
+    if unexplained > UNEXPLAINED_DOUBTED:
+        yield (
+            f"the model explains the runs only to {unexplained:.1f} times the sensor noise: the law lacks a term, the "
+            "slow motion below the high-pass matters, or a sensor is at fault; the intervals are widened by "
+            f"{unexplained / UNEXPLAINED_DOUBTED:.1f}"
+        )
+    elif unexplained > UNEXPLAINED_NOTED:
+        yield (
+            f"the residual is {unexplained:.1f} times the sensor noise: most of it is the slow motion that the "
+            "integration cannot give to the law"
+        )
+    averages = min(run.T.spectra.n_averages for run in evidence.runs)
+    if averages < FEW_AVERAGES:
+        yield (
+            f"each transmissibility rests on {averages:.1f} independent averages: read its peaks and coherence with "
+            "care (the parameters do not come from it)"
+        )
+    yield from _ground_warning(parameters["ground_stiffness_n_per_m"])
+    yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
+    yield from _amplitude_warnings(evidence)
+
+
+def _ground_warning(ground: Estimate) -> Iterator[str]:
+    if ground.interval95 and (ground.interval95[0] > 0 or ground.interval95[1] < 0):
+        yield (
+            f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: sensors "
+            "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it"
+        )
+
+
+def _mass_change_warning(evidence: Evidence, mass: Estimate) -> Iterator[str]:
+    if mass.value is None or mass.std is None:
+        return
+    changes = [run.mass_change_kg for run in evidence.runs]
+    share = (max(changes) - min(changes)) / mass.value
+    if mass.std / mass.value > 0.02:
+        yield (
+            f"the mass change is {100 * share:.0f} % of the mass, which multiplies every relative error by about "
+            f"{1 / share:.0f}: doubling it would halve the interval of the mass"
+        )
+
+
+def _amplitude_warnings(evidence: Evidence) -> Iterator[str]:
+    """An arctangent at the straight end of its scale is stiffness or damping by another name."""
+    law = evidence.joint.law
+    for term in law.terms:
+        for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
+            if parameter.role != "scale":
+                continue
+            moved = [
+                run.surface.velocity.std() if parameter.unit == "m/s" else run.surface.travel.std()
+                for run in evidence.runs
+            ]
+            if value > 2 * max(moved):
+                yield (
+                    f"{term.name} is nearly straight over the visited range (scale {value:.3g} {parameter.unit}, motion "
+                    f"{max(moved):.3g} {parameter.unit} rms): only amplitude over scale is determined, and it trades with "
+                    "the linear term"
+                )

@@ -1,0 +1,327 @@
+"""Fit a law to restoring-force points, and say when it cannot be told from a straight line.
+
+Iwaniec & Uhl (2007, eq. 3) model both curves by f/M2 = a z + arctan(d b (z + c z')): a slope, an amplitude and an
+inner scale. The amplitude there is fixed at pi/2 m/s^2; here it is fitted. Whether an arctangent is *seen* depends on
+how far the motion bends it: below a third of its scale it is a straight line, and only amplitude/scale is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.identify.restoring_force import RestoringForce, SliceCurve
+from opid.mechanics.laws import LAWS, Law, Parameter, Term, default_law
+from opid.signals.recording import FloatArray
+
+# chi-square (2 degrees of freedom) at 0.999: an amplitude and a scale bought this much or the term is not seen
+SEEN_ABOVE = 13.8
+# correlated residuals: scores are added up over blocks of this length before the covariance is formed
+CLUSTER_S = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class TermVerdict:
+    """How well one term of a law can be told from the straight terms beside it.
+
+    Args:
+        name: kind of the term.
+        departure: rms departure of the term from its best fit by the straight terms, over its own rms (0: straight).
+        evidence: twice the gain in log-likelihood by this term, counted in independent samples.
+        distinguishable: whether the data see the term.
+        statement: the same in words.
+    """
+
+    name: str
+    departure: float
+    evidence: float
+    distinguishable: bool
+    statement: str
+
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """A law fitted to restoring-force points, all per unit of sprung mass.
+
+    Args:
+        straight: values of the straight terms, `{"stiffness_per_mass": 1/s^2, "damping_per_mass": 1/s,
+            "offset": m/s^2}`; a slice curve has only one of the two.
+        straight_std: their standard deviations.
+        law: the nonlinear terms, amplitudes in m/s^2 (or m/s^2 over the unit of the shape).
+        law_std: (n_parameters,) standard deviations in the order of `law.vector`.
+        residual: (n,) measured minus fitted, m/s^2.
+        measured_rms: rms of the fitted force per mass, m/s^2.
+        n_independent: independent samples that the n correlated ones amount to.
+        verdicts: one for each term of the law.
+    """
+
+    straight: dict[str, float]
+    straight_std: dict[str, float]
+    law: Law
+    law_std: FloatArray
+    residual: FloatArray
+    measured_rms: float
+    n_independent: float
+    verdicts: tuple[TermVerdict, ...]
+
+    @property
+    def residual_rms(self) -> float:
+        """Root mean square of the residual, m/s^2."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+def fit_slice(curve: SliceCurve) -> LawFit:
+    """Fit slope, amplitude and inner scale of an arctangent to a slice curve (Figs. 6 and 7 of the paper).
+
+    -x2'' = offset + slope u + A (2/pi) arctan(u/s), u the travel or the velocity.
+
+    Args:
+        curve: the points of the slice.
+
+    >>> u = np.linspace(-0.2, 0.2, 4000)
+    >>> y = 3 * u + 0.2 * 2 / np.pi * np.arctan(u / 0.02) + 1e-3 * np.random.default_rng(0).standard_normal(u.size)
+    >>> fit = fit_slice(SliceCurve("velocity", u, y, np.arange(u.size), 1e-3, 500.0))
+    >>> np.round(fit.law.vector, 3).tolist(), fit.verdicts[0].distinguishable
+    ([0.2, 0.02], True)
+    """
+    u = curve.position
+    zero = np.zeros_like(u)
+    if curve.along == "travel":
+        z, v, name, column = u, zero, "arctan_displacement", "stiffness_per_mass"
+    else:
+        z, v, name, column = zero, u, "arctan_velocity", "damping_per_mass"
+    straight = {column: u, "offset": np.ones_like(u)}
+    cluster = np.floor(curve.sample / (CLUSTER_S * curve.fs)).astype(np.int64)
+    return _fit(straight, default_law(name), z, v, curve.force_per_mass, cluster)
+
+
+def fit_surface(surface: RestoringForce, law_name: str = "arctan_displacement+arctan_velocity") -> LawFit:
+    """Fit a law to all points of a restoring-force surface.
+
+    -x2'' = offset + (K2/M2) z + (C2/M2) z' + sum_i A_i g_i(z, z'; s_i). A ground spring is not separable here: with
+    K3 > 0 the term K3 x2/M2 stays in the residual.
+
+    Args:
+        surface: the points.
+        law_name: any law of `opid.mechanics.laws.LAWS` or a sum; "linear" fits the straight terms alone.
+
+    Raises:
+        InputError: an unknown law.
+
+    >>> rng = np.random.default_rng(0)
+    >>> z, v = 3e-3 * rng.standard_normal(5000), 0.05 * rng.standard_normal(5000)
+    >>> force = 200 * z + 3 * v + 0.2 * 2 / np.pi * np.arctan(v / 0.02)
+    >>> fit = fit_surface(RestoringForce(z, v, force, 500.0, "spectral", 0.3), "arctan_velocity")
+    >>> np.round([fit.straight["stiffness_per_mass"], *fit.law.vector], 3).tolist()
+    [200.0, 0.2, 0.02]
+    """
+    z, v = surface.travel, surface.velocity
+    straight = {"stiffness_per_mass": z, "damping_per_mass": v, "offset": np.ones_like(z)}
+    cluster = np.floor(np.arange(z.size) / (CLUSTER_S * surface.fs)).astype(np.int64)
+    return _fit(straight, default_law(law_name), z, v, surface.force_per_mass, cluster)
+
+
+def sparse_regression(
+    surface: RestoringForce,
+    *,
+    threshold: float = 0.05,
+    law_names: Sequence[str] = tuple(LAWS),
+) -> Law:
+    """Choose terms by sequentially thresholded least squares (Brunton et al. 2016; pysindy's STLSQ).
+
+    The columns are scaled to unit rms, so that `threshold` is a share of the rms of the restoring force. Inner scales
+    are held at half of the rms motion: a screening, to be refitted by `fit_surface`.
+
+    Args:
+        surface: the points.
+        threshold: share of the force below which a term is dropped.
+        law_names: the kinds offered beside stiffness and damping.
+
+    Returns:
+        The law of the kept nonlinear terms, per unit of sprung mass; `Law()` where none is kept.
+
+    >>> rng = np.random.default_rng(0)
+    >>> z, v = 3e-3 * rng.standard_normal(4000), 0.05 * rng.standard_normal(4000)
+    >>> points = RestoringForce(z, v, 200 * z + 3 * v + 2e6 * z**3, 500.0, "spectral", 0.3)
+    >>> sparse_regression(points, law_names=("cubic_stiffness", "quadratic_damping")).name
+    'cubic_stiffness'
+    """
+    # two seconds to import, so only here
+    from pysindy.optimizers import STLSQ
+
+    z, v, force = surface.travel, surface.velocity, surface.force_per_mass
+    candidates = [_start(default_law(name), z, v, 0.5) for name in law_names]
+    columns = np.stack([z, v, *(term.force(z, v) for term in candidates)], axis=1)
+    rms = np.sqrt(np.mean(columns**2, axis=0))
+    target_rms = float(np.sqrt(np.mean(force**2)))
+    optimizer = STLSQ(threshold=threshold, alpha=1e-8, max_iter=50)
+    weights = np.ravel(optimizer.fit(columns / rms, force[:, np.newaxis] / target_rms).coef_)
+    kept = Law()
+    for weight, scale, candidate in zip(weights[2:], rms[2:], candidates, strict=True):
+        if weight:
+            kept = kept + candidate.scaled(float(weight * target_rms / scale))
+    return kept
+
+
+def _fit(
+    straight: dict[str, FloatArray], law: Law, z: FloatArray, v: FloatArray, y: FloatArray, cluster: np.ndarray
+) -> LawFit:
+    """Separable least squares: the inner parameters are searched, everything linear is solved for (VARPRO)."""
+    from scipy import optimize
+
+    columns = np.stack(list(straight.values()), axis=1)
+    n_straight = columns.shape[1]
+    free = _inner_indices(law)
+
+    def solved(inner: FloatArray) -> tuple[Law, FloatArray, FloatArray]:
+        shapes = _with_inner(law, free, inner)
+        basis = np.stack([columns[:, k] for k in range(n_straight)] + [t.force(z, v) for t in _units(shapes)], axis=1)
+        scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
+        weights = np.linalg.lstsq(basis / scale, y, rcond=None)[0] / scale
+        return shapes, weights, y - basis @ weights
+
+    best_inner = np.empty(0)
+    if free:
+        starts = [_encode(_start(law, z, v, share), free) for share in (0.1, 0.4, 1.5)]
+        bounds = _search_bounds(law, free, z, v)
+        solutions = [
+            optimize.least_squares(lambda inner: solved(inner)[2], np.clip(start, *bounds), bounds=bounds, x_scale=0.5)
+            for start in starts
+        ]
+        best_inner = min(solutions, key=lambda solution: solution.cost).x
+    shapes, weights, residual = solved(best_inner)
+    fitted = _with_amplitudes(shapes, weights[n_straight:])
+    jacobian = np.concatenate([columns, fitted.parameter_gradient(z, v)], axis=1)
+    covariance = _clustered_covariance(jacobian, residual, cluster)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0))
+    n_independent = _independent_samples(residual)
+    names = list(straight)
+    return LawFit(
+        straight=dict(zip(names, weights[:n_straight].tolist(), strict=True)),
+        straight_std=dict(zip(names, std[:n_straight].tolist(), strict=True)),
+        law=fitted,
+        law_std=std[n_straight:],
+        residual=residual,
+        measured_rms=float(np.sqrt(np.mean(y**2))),
+        n_independent=n_independent,
+        verdicts=_verdicts(columns, fitted, z, v, y, residual, n_independent),
+    )
+
+
+def _verdicts(
+    columns: FloatArray, law: Law, z: FloatArray, v: FloatArray, y: FloatArray, residual: FloatArray, n: float
+) -> tuple[TermVerdict, ...]:
+    """Leave out one term at a time: how much worse is the fit, and how straight was the term?"""
+    shapes = {term.name: unit.force(z, v) for term, unit in zip(law.terms, _units(law), strict=True)}
+    verdicts = []
+    for name, shape in shapes.items():
+        others = np.stack([*columns.T, *(shapes[other] for other in shapes if other != name)], axis=1)
+        scale = np.sqrt(np.mean(others**2, axis=0))
+        bent = shape - (others / scale) @ np.linalg.lstsq(others / scale, shape, rcond=None)[0]
+        without = y - (others / scale) @ np.linalg.lstsq(others / scale, y, rcond=None)[0]
+        departure = float(np.sqrt(np.mean(bent**2) / np.mean(shape**2)))
+        evidence = float(n * np.log(np.sum(without**2) / max(float(np.sum(residual**2)), 1e-300)))
+        seen = evidence > SEEN_ABOVE and departure > 0.01
+        verdicts.append(TermVerdict(name, departure, evidence, seen, _statement(name, departure, evidence, seen, z, v)))
+    return tuple(verdicts)
+
+
+def _statement(name: str, departure: float, evidence: float, seen: bool, z: FloatArray, v: FloatArray) -> str:
+    on_velocity = "m/s" in {parameter.unit for parameter in LAWS[name].parameters} or "damping" in name
+    visited = (
+        f"velocity of {2 * v.std():.3g} m/s (two standard deviations)"
+        if on_velocity
+        else f"travel of {2e3 * z.std():.3g} mm (two standard deviations)"
+    )
+    beside = "damping" if on_velocity else "stiffness"
+    bend = f"over the visited {visited} {name} departs from a straight line by {100 * departure:.2g} % of its rms"
+    if seen:
+        return f"{bend}; the data see it (evidence {evidence:.0f}, {SEEN_ABOVE:g} needed)"
+    return f"{bend}; it cannot be told from {beside} (evidence {max(evidence, 0):.0f}, {SEEN_ABOVE:g} needed)"
+
+
+def _units(law: Law) -> list[Law]:
+    """Each term of the law for unit amplitude."""
+    return [Law((Term(term.name, (1.0, *term.inner)),)) for term in law.terms]
+
+
+def _inner_indices(law: Law) -> list[int]:
+    """Places of the scales and lags in `law.vector`; exponents stay as they are."""
+    return [k for k, parameter in enumerate(law.parameter_list) if parameter.role in ("scale", "lag")]
+
+
+def _encode(law: Law, free: list[int]) -> FloatArray:
+    """Scales as logarithms (they are positive and spread over decades), lags as they are."""
+    return np.array(
+        [np.log(law.vector[k]) if law.parameter_list[k].role == "scale" else law.vector[k] for k in free]
+    )
+
+
+def _with_inner(law: Law, free: list[int], inner: FloatArray) -> Law:
+    vector = law.vector.copy()
+    for k, value in zip(free, inner, strict=True):
+        vector[k] = np.exp(value) if law.parameter_list[k].role == "scale" else value
+    return law.with_vector(vector)
+
+
+def _with_amplitudes(law: Law, amplitudes: FloatArray) -> Law:
+    terms = zip(law.terms, amplitudes, strict=True)
+    return Law(tuple(Term(term.name, (float(amplitude), *term.inner)) for term, amplitude in terms))
+
+
+def _reference(parameter: Parameter, z: FloatArray, v: FloatArray) -> float:
+    """Return the rms motion that a scale is to be compared with."""
+    values = v if parameter.unit == "m/s" else z
+    return max(float(np.sqrt(np.mean(values**2))), 1e-12)
+
+
+def _start(law: Law, z: FloatArray, v: FloatArray, share: float) -> Law:
+    """Set each scale to a share of the rms motion."""
+    vector = law.vector.copy()
+    for k in _inner_indices(law):
+        parameter = law.parameter_list[k]
+        if parameter.role == "scale":
+            vector[k] = share * _reference(parameter, z, v)
+    return law.with_vector(vector)
+
+
+def _search_bounds(law: Law, free: list[int], z: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A scale below 1/100 of the rms motion is a step, one above 30 times of it a straight line."""
+    lower, upper = [], []
+    for k in free:
+        parameter = law.parameter_list[k]
+        if parameter.role == "scale":
+            reference = _reference(parameter, z, v)
+            lower.append(np.log(0.01 * reference))
+            upper.append(np.log(30 * reference))
+        else:
+            lower.append(-1.0)
+            upper.append(1.0)
+    return np.array(lower), np.array(upper)
+
+
+def _clustered_covariance(jacobian: FloatArray, residual: FloatArray, cluster: np.ndarray) -> FloatArray:
+    """Sandwich covariance with scores added up over blocks of time (Liang & Zeger 1986): residuals are coloured."""
+    scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
+    scaled = jacobian / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
+    _, place = np.unique(cluster, return_inverse=True)
+    scores = np.zeros((int(place.max()) + 1, jacobian.shape[1]))
+    np.add.at(scores, place, scaled * residual[:, np.newaxis])
+    return inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
+
+
+def _independent_samples(residual: FloatArray) -> float:
+    """Samples over the integrated autocorrelation time of the residual (first negative value ends the sum)."""
+    from scipy import signal
+
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if power == 0 or residual.size < 4:
+        return float(residual.size)
+    correlation = signal.correlate(centred, centred, method="fft")[residual.size - 1 :] / power
+    negative = np.flatnonzero(correlation < 0)
+    stop = int(negative[0]) if negative.size else residual.size
+    return float(residual.size / max(1.0, 1 + 2 * float(np.sum(correlation[1:stop]))))

@@ -1,0 +1,124 @@
+"""What an identification found: parameters with intervals, the law, the evidence, and what to doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from opid.identify.restoring_force import RestoringForce
+from opid.mechanics.laws import Law
+from opid.signals.recording import FloatArray
+
+SCHEMA = "opid.identification/1"
+PARAMETERS = (
+    "sprung_mass_kg",
+    "suspension_stiffness_n_per_m",
+    "suspension_damping_n_s_per_m",
+    "ground_stiffness_n_per_m",
+)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its standard deviation and 95 % interval; None where the method gives none.
+
+    >>> Estimate.normal(10.0, 1.0).interval95
+    (8.04, 11.96)
+    """
+
+    value: float | None = None
+    std: float | None = None
+    interval95: tuple[float, float] | None = None
+
+    @classmethod
+    def normal(cls, value: float, std: float | None = None) -> Estimate:
+        """Return the estimate whose interval is value +- 1.96 std."""
+        value = float(value)
+        if std is None or not np.isfinite(std):
+            return cls(value)
+        return cls(value, float(std), (value - 1.96 * float(std), value + 1.96 * float(std)))
+
+    def holds(self, truth: float) -> bool:
+        """Whether the interval holds `truth`; False without an interval."""
+        return self.interval95 is not None and self.interval95[0] <= truth <= self.interval95[1]
+
+
+@dataclass(frozen=True, eq=False)
+class VisitedForce:
+    """The identified restoring force at the places of the plane that the runs visited.
+
+    Args:
+        travel: (n,) z, m.
+        velocity: (n,) z', m/s.
+        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 where the mass is not determined.
+        nonlinear_force: (n,) f(z, z') alone.
+        per_mass: whether the forces are per unit of mass.
+    """
+
+    travel: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    nonlinear_force: FloatArray
+    per_mass: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The result of an identification.
+
+    Args:
+        method: "classical" or "paper".
+        title: title of the study.
+        parameters: one `Estimate` for each name in `PARAMETERS`, of the reference run.
+        ratios: estimates of "stiffness_per_mass" (1/s^2), "damping_per_mass" (1/s), "ground_stiffness_per_mass" (1/s^2),
+            "natural_frequency_hz" and "damping_ratio".
+        law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
+        law_estimates: {kind: {parameter: Estimate}} in the same unit.
+        restoring_force: the identified force over the visited plane.
+        diagnostics: what the answer rests on, ready for JSON.
+        warnings: what to doubt, one sentence each.
+        not_determined: why absolute values are missing, or None.
+        evidence: the intermediate results, for figures (`opid.identify.classical.Evidence`).
+    """
+
+    method: str
+    title: str
+    parameters: Mapping[str, Estimate]
+    ratios: Mapping[str, Estimate]
+    law: Law
+    law_estimates: Mapping[str, Mapping[str, Estimate]]
+    restoring_force: VisitedForce
+    diagnostics: Mapping[str, Any]
+    warnings: tuple[str, ...]
+    not_determined: str | None
+    evidence: Any
+
+
+def visited_force(
+    surfaces: list[RestoringForce], law: Law, *, stiffness: float, damping: float, per_mass: bool, n_bins: int = 31
+) -> VisitedForce:
+    """Evaluate an identified restoring force at the visited cells of the plane.
+
+    Args:
+        surfaces: restoring-force points of the runs; they say which cells were visited.
+        law: the nonlinear law.
+        stiffness: K2 (or K2/M2).
+        damping: C2 (or C2/M2).
+        per_mass: whether the three are per unit of mass.
+        n_bins: cells along each axis.
+
+    >>> points = RestoringForce(np.linspace(-1, 1, 99), np.linspace(-2, 2, 99), np.zeros(99), 10.0, "spectral", 0.3)
+    >>> force = visited_force([points], Law(), stiffness=2.0, damping=0.0, per_mass=False)
+    >>> bool(np.allclose(force.force, 2 * force.travel))
+    True
+    """
+    z = np.concatenate([surface.travel for surface in surfaces])
+    v = np.concatenate([surface.velocity for surface in surfaces])
+    counts, z_edges, v_edges = np.histogram2d(z, v, bins=n_bins)
+    i, j = np.nonzero(counts)
+    travel, velocity = (z_edges[i] + z_edges[i + 1]) / 2, (v_edges[j] + v_edges[j + 1]) / 2
+    nonlinear = law.force(travel, velocity)
+    return VisitedForce(travel, velocity, stiffness * travel + damping * velocity + nonlinear, nonlinear, per_mass)

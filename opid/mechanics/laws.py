@@ -1,0 +1,425 @@
+"""Restoring-force laws as values: what a fit finds is what a simulation runs.
+
+A law is a sum of terms, f(z, v) = sum_i A_i g_i(z, v; inner parameters) in N, of the extension z (m) of a
+joint and its rate v (m/s). It stands beside the linear stiffness and damping of the joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.errors import InputError, nearest
+
+FloatArray = NDArray[np.float64]
+TWO_OVER_PI = 2.0 / math.pi
+# keeps log(|z|) and |z|^(n-1) finite at z = 0
+TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
+
+    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` any number.
+    """
+
+    name: str
+    unit: str
+    role: Literal["amplitude", "scale", "exponent", "lag"]
+    default: float
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of law, amplitude times `shape(z, v, *inner)`, with the derivatives of the shape.
+
+    Every function is pure and written with numpy, works on arrays and, compiled by numba, on numbers. Powers
+    are written as squares and products, which numpy computes twenty times faster than z**3.
+
+    Args:
+        name: the name in files, options and results.
+        latex: the force as a formula, with r"\\dot z" for the rate.
+        parameters: the amplitude first, then the inner ones in the order in which `shape` takes them.
+        shape: force for unit amplitude.
+        by_z: its derivative by z.
+        by_v: its derivative by v.
+        by_inner: its derivatives by the inner parameters, one function each.
+    """
+
+    name: str
+    latex: str
+    parameters: tuple[Parameter, ...]
+    shape: Callable[..., Any] = field(repr=False)
+    by_z: Callable[..., Any] = field(repr=False)
+    by_v: Callable[..., Any] = field(repr=False)
+    by_inner: tuple[Callable[..., Any], ...] = field(default=(), repr=False)
+
+
+_KINDS = (
+    Kind(
+        "arctan_velocity",
+        r"A \tfrac{2}{\pi} \arctan(\dot z / s)",
+        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
+        shape=lambda z, v, s: TWO_OVER_PI * np.arctan(v / s),
+        by_z=lambda z, v, s: 0.0,
+        by_v=lambda z, v, s: TWO_OVER_PI * s / (s**2 + v**2),
+        by_inner=(lambda z, v, s: -TWO_OVER_PI * v / (s**2 + v**2),),
+    ),
+    Kind(
+        "arctan_displacement",
+        r"A \tfrac{2}{\pi} \arctan(z / s)",
+        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m", "m", "scale", 0.002)),
+        shape=lambda z, v, s: TWO_OVER_PI * np.arctan(z / s),
+        by_z=lambda z, v, s: TWO_OVER_PI * s / (s**2 + z**2),
+        by_v=lambda z, v, s: 0.0,
+        by_inner=(lambda z, v, s: -TWO_OVER_PI * z / (s**2 + z**2),),
+    ),
+    # Iwaniec & Uhl 2007, eq. (3), f/M2 = a z + arctan(d b (z + c v)): A = (pi/2) M2 (1 m/s^2), s = 1/(d b),
+    # c = c; the term a z is linear, so it belongs to the stiffness of the joint (K2 grows by M2 a)
+    Kind(
+        "arctan_mixed",
+        r"A \tfrac{2}{\pi} \arctan((z + c \dot z) / s)",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m", "m", "scale", 0.002),
+            Parameter("lag_s", "s", "lag", 0.05),
+        ),
+        shape=lambda z, v, s, c: TWO_OVER_PI * np.arctan((z + c * v) / s),
+        by_z=lambda z, v, s, c: TWO_OVER_PI * s / (s**2 + (z + c * v) ** 2),
+        by_v=lambda z, v, s, c: TWO_OVER_PI * s * c / (s**2 + (z + c * v) ** 2),
+        by_inner=(
+            lambda z, v, s, c: -TWO_OVER_PI * (z + c * v) / (s**2 + (z + c * v) ** 2),
+            lambda z, v, s, c: TWO_OVER_PI * s * v / (s**2 + (z + c * v) ** 2),
+        ),
+    ),
+    Kind(
+        "coulomb_friction",
+        r"A \tanh(\dot z / s)",
+        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
+        shape=lambda z, v, s: np.tanh(v / s),
+        by_z=lambda z, v, s: 0.0,
+        by_v=lambda z, v, s: (1.0 - np.tanh(v / s) ** 2) / s,
+        by_inner=(lambda z, v, s: -(1.0 - np.tanh(v / s) ** 2) * v / s**2,),
+    ),
+    Kind(
+        "quadratic_damping",
+        r"c\, \dot z |\dot z|",
+        (Parameter("damping_n_s2_per_m2", "N s^2/m^2", "amplitude", 4e4),),
+        shape=lambda z, v: v * np.abs(v),
+        by_z=lambda z, v: 0.0,
+        by_v=lambda z, v: 2.0 * np.abs(v),
+    ),
+    Kind(
+        "cubic_damping",
+        r"c\, \dot z^3",
+        (Parameter("damping_n_s3_per_m3", "N s^3/m^3", "amplitude", 5e5),),
+        shape=lambda z, v: v * v**2,
+        by_z=lambda z, v: 0.0,
+        by_v=lambda z, v: 3.0 * v**2,
+    ),
+    Kind(
+        "signed_power_damping",
+        r"c\, |\dot z|^n \operatorname{sgn} \dot z",
+        (
+            Parameter("damping_n_sn_per_mn", "N s^n/m^n", "amplitude", 2e4),
+            Parameter("exponent", "1", "exponent", 1.5),
+        ),
+        shape=lambda z, v, n: np.sign(v) * np.abs(v) ** n,
+        by_z=lambda z, v, n: 0.0,
+        by_v=lambda z, v, n: n * np.maximum(np.abs(v), TINY) ** (n - 1.0),
+        by_inner=(lambda z, v, n: np.sign(v) * np.abs(v) ** n * np.log(np.maximum(np.abs(v), TINY)),),
+    ),
+    Kind(
+        "quadratic_stiffness",
+        r"k\, z |z|",
+        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
+        shape=lambda z, v: z * np.abs(z),
+        by_z=lambda z, v: 2.0 * np.abs(z),
+        by_v=lambda z, v: 0.0,
+    ),
+    Kind(
+        "cubic_stiffness",
+        r"k\, z^3",
+        (Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9),),
+        shape=lambda z, v: z * z**2,
+        by_z=lambda z, v: 3.0 * z**2,
+        by_v=lambda z, v: 0.0,
+    ),
+    Kind(
+        "quintic_stiffness",
+        r"k\, z^5",
+        (Parameter("stiffness_n_per_m5", "N/m^5", "amplitude", 5e13),),
+        shape=lambda z, v: z * (z**2) ** 2,
+        by_z=lambda z, v: 5.0 * (z**2) ** 2,
+        by_v=lambda z, v: 0.0,
+    ),
+    Kind(
+        "signed_power_stiffness",
+        r"k\, |z|^n \operatorname{sgn} z",
+        (
+            Parameter("stiffness_n_per_mn", "N/m^n", "amplitude", 1e6),
+            Parameter("exponent", "1", "exponent", 1.5),
+        ),
+        shape=lambda z, v, n: np.sign(z) * np.abs(z) ** n,
+        by_z=lambda z, v, n: n * np.maximum(np.abs(z), TINY) ** (n - 1.0),
+        by_v=lambda z, v, n: 0.0,
+        by_inner=(lambda z, v, n: np.sign(z) * np.abs(z) ** n * np.log(np.maximum(np.abs(z), TINY)),),
+    ),
+)
+
+LAWS: Mapping[str, Kind] = MappingProxyType({kind.name: kind for kind in _KINDS})
+"""Every kind of law by its name. A new kind is one entry above; nothing else changes."""
+
+_ORDER = {name: place for place, name in enumerate(LAWS)}
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a law: the name of its kind and the values of the parameters, the amplitude first.
+
+    Raises:
+        InputError: an unknown kind, a wrong number of values, or a value outside its role.
+    """
+
+    name: str
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.name not in LAWS:
+            raise InputError(f"there is no law {self.name!r}: {nearest(self.name, [*LAWS, 'linear'])}")
+        try:
+            object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        except (TypeError, ValueError):
+            raise InputError(f"{self.name} got the values {self.values!r}: give numbers") from None
+        if len(self.values) != len(self.kind.parameters):
+            names = ", ".join(parameter.name for parameter in self.kind.parameters)
+            raise InputError(f"{self.name} got {len(self.values)} value(s): it takes {names}")
+        for parameter, value in zip(self.kind.parameters, self.values, strict=True):
+            positive = parameter.role in ("scale", "exponent")
+            if not math.isfinite(value) or (positive and value <= 0.0):
+                needed = "a positive number" if positive else "a finite number"
+                raise InputError(
+                    f"{parameter.name} of {self.name} is {value:g} {parameter.unit}: give {needed}"
+                )
+
+    @property
+    def kind(self) -> Kind:
+        """The entry in `LAWS`."""
+        return LAWS[self.name]
+
+    @property
+    def amplitude(self) -> float:
+        """The value that the force is proportional to."""
+        return self.values[0]
+
+    @property
+    def inner(self) -> tuple[float, ...]:
+        """The other values."""
+        return self.values[1:]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A restoring force as a value: a sum of terms in canonical order; no term at all is the linear joint.
+
+    Terms of one kind with equal inner parameters are added up; laws add with `+`.
+
+    Raises:
+        InputError: two terms of one kind that differ in an inner parameter.
+
+    >>> friction = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
+    >>> hardening = law("cubic_stiffness", stiffness_n_per_m3=3e9)
+    >>> (hardening + friction).name
+    'arctan_velocity+cubic_stiffness'
+    >>> float(friction.force(0.0, 0.02))
+    200.0
+    """
+
+    terms: tuple[Term, ...] = ()
+
+    def __post_init__(self) -> None:
+        ordered = sorted(self.terms, key=lambda term: _ORDER[term.name])
+        merged = tuple(
+            _added_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name)
+        )
+        object.__setattr__(self, "terms", merged)
+
+    @property
+    def name(self) -> str:
+        """The names of the terms joined by `+`, or "linear"."""
+        return "+".join(term.name for term in self.terms) or "linear"
+
+    @property
+    def latex(self) -> str:
+        r"""The force f(z, \dot z) as a formula, "0" for the linear joint."""
+        return " + ".join(term.kind.latex for term in self.terms) or "0"
+
+    @property
+    def parameters(self) -> dict[str, dict[str, float]]:
+        """The values as they go to JSON, {kind: {parameter: value}}."""
+        return {
+            term.name: {p.name: value for p, value in zip(term.kind.parameters, term.values, strict=True)}
+            for term in self.terms
+        }
+
+    @property
+    def parameter_list(self) -> tuple[Parameter, ...]:
+        """What each entry of `vector` is, in order."""
+        return tuple(parameter for term in self.terms for parameter in term.kind.parameters)
+
+    @property
+    def vector(self) -> FloatArray:
+        """All values in one array (n_parameters,), for a fit to move."""
+        return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
+
+    def with_vector(self, vector: ArrayLike) -> Law:
+        """Return the law of the same terms with these values, the inverse of `vector`."""
+        values = np.asarray(vector, dtype=np.float64)
+        if values.shape != self.vector.shape:
+            raise InputError(
+                f"{self.name} has {self.vector.size} parameter(s), got an array of shape {values.shape}"
+            )
+        rest: Iterator[float] = iter(values.tolist())
+        return Law(tuple(Term(term.name, tuple(next(rest) for _ in term.values)) for term in self.terms))
+
+    def scaled(self, factor: float) -> Law:
+        """Return factor times this law: only the amplitudes change.
+
+        A fit to accelerations gives the force per unit mass; times the mass it is the force.
+        """
+        return Law(tuple(replace(term, values=(factor * term.amplitude, *term.inner)) for term in self.terms))
+
+    def __add__(self, other: Law) -> Law:
+        return Law((*self.terms, *other.terms))
+
+    def force(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return f(z, v), N, for the extension z (m) and its rate v (m/s), arrays that broadcast."""
+        z, v = _broadcast(z, v)
+        total = np.zeros(z.shape)
+        for term in self.terms:
+            total += term.amplitude * term.kind.shape(z, v, *term.inner)
+        return total
+
+    def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return df/dz, N/m, and df/dv, N s/m, the tangent stiffness and damping at (z, v)."""
+        z, v = _broadcast(z, v)
+        by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
+        for term in self.terms:
+            by_z += term.amplitude * term.kind.by_z(z, v, *term.inner)
+            by_v += term.amplitude * term.kind.by_v(z, v, *term.inner)
+        return by_z, by_v
+
+    def parameter_gradient(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return the derivatives of the force by each entry of `vector`, shape (*z.shape, n_parameters).
+
+        The column of an amplitude is the term for unit amplitude: the basis function of a regression.
+        """
+        z, v = _broadcast(z, v)
+        gradient = np.zeros((*z.shape, self.vector.size))
+        column = 0
+        for term in self.terms:
+            gradient[..., column] = term.kind.shape(z, v, *term.inner)
+            for slope in term.kind.by_inner:
+                column += 1
+                gradient[..., column] = term.amplitude * slope(z, v, *term.inner)
+            column += 1
+        return gradient
+
+
+LINEAR = Law()
+"""The linear joint: no nonlinear force."""
+
+
+def law(name: str, **parameters: Any) -> Law:
+    """Return the law called `name`.
+
+    Args:
+        name: a kind in `LAWS`, "linear", or a sum "a+b".
+        parameters: for one kind its parameters; for a sum one dict of parameters for each kind.
+
+    Raises:
+        InputError: an unknown law or parameter, a missing one, or a value outside its range.
+
+    >>> law("cubic_stiffness", stiffness_n_per_m3=3e9).parameters
+    {'cubic_stiffness': {'stiffness_n_per_m3': 3000000000.0}}
+    """
+    single = "+" not in name and name != "linear"
+    return law_from_parameters(name, {name: parameters} if single else parameters)
+
+
+def law_from_parameters(name: str, parameters: Mapping[str, Mapping[str, float]]) -> Law:
+    """Return the law of a result file: the inverse of `Law.name` with `Law.parameters`.
+
+    Raises:
+        InputError: as `law`.
+
+    >>> law_from_parameters("linear", {}) == LINEAR
+    True
+    """
+    names = _kind_names(name)
+    for given in parameters:
+        if given not in names:
+            raise InputError(f"the law {name!r} has no term {given!r}: {nearest(given, names)}")
+    return Law(tuple(_term(kind, parameters.get(kind, {})) for kind in names))
+
+
+def default_law(name: str) -> Law:
+    """Return the law called `name` with values that suit a landing gear.
+
+    Raises:
+        InputError: an unknown law.
+
+    >>> default_law("arctan_velocity+cubic_stiffness").vector.tolist()
+    [400.0, 0.02, 3000000000.0]
+    """
+    return Law(
+        tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _kind_names(name))
+    )
+
+
+def _kind_names(name: str) -> list[str]:
+    names = [part.strip() for part in name.split("+")]
+    if names == ["linear"]:
+        return []
+    for part in names:
+        if part == "linear":
+            raise InputError(f"the law {name!r} adds 'linear': the linear part is always there, leave it out")
+        if part not in LAWS:
+            raise InputError(f"there is no law {part!r}: {nearest(part, [*LAWS, 'linear'])}")
+        if names.count(part) > 1:
+            raise InputError(f"the law {name!r} has {part!r} twice: name each kind once")
+    return names
+
+
+def _term(name: str, given: Mapping[str, float]) -> Term:
+    if not isinstance(given, Mapping):
+        raise InputError(f"the parameters of {name} are {given!r}: give a dict of name and value")
+    names = [parameter.name for parameter in LAWS[name].parameters]
+    for key in given:
+        if key not in names:
+            raise InputError(f"{name} has no parameter {key!r}: {nearest(key, names)}")
+    missing = [key for key in names if key not in given]
+    if missing:
+        raise InputError(f"{name} needs {', '.join(missing)}: give a value for each")
+    return Term(name, tuple(given[key] for key in names))
+
+
+def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
+    if len({term.inner for term in terms}) > 1:
+        raise InputError(
+            f"a sum has {name!r} twice with different inner parameters: one law has one term of a kind"
+        )
+    return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))
+
+
+def _broadcast(z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    z, v = np.broadcast_arrays(np.asarray(z, dtype=np.float64), np.asarray(v, dtype=np.float64))
+    return z, v

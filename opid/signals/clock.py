@@ -1,0 +1,168 @@
+"""From time stamps to a uniform rate: what rounding explains is accepted, what it does not is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError
+from opid.signals.recording import FloatArray
+
+JITTER_LIMIT = 0.02
+"""Largest accepted error of one step between stamps, as a part of the period, beyond the rounding.
+
+Two stamps 1 % early and late make a step 2 % wrong. A sample at a tenth of the rate is then off by less than
+2 pi 0.1 0.01 = 0.6 % of its amplitude, below the gain error of an ordinary accelerometer."""
+
+COARSE_STAMPS = 0.6
+"""Resolution of the stamps over the period, above which rounding can no longer be told from a lost sample.
+
+Rounded to q, the steps of a uniform clock of period p lie between p - q and p + q; a lost sample makes one of
+at least 2 p - q. Three decimals at 512 Hz (q = 0.51 p) are still told apart, at 1024 Hz they are not."""
+
+GAP = 1.5
+"""A step longer than this many periods is a gap: half-way between a usual step and one lost sample."""
+
+_RESOLUTIONS = sorted([10.0**-k for k in range(10)] + [2.0**-k for k in range(1, 25)], reverse=True)
+
+
+class ClockError(InputError):
+    """The time stamps are not those of a uniform clock; `sample` is the first one at fault."""
+
+    def __init__(self, message: str, sample: int) -> None:
+        super().__init__(message)
+        self.sample = sample
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A uniform sampling clock recovered from time stamps.
+
+    Args:
+        fs: sampling rate, Hz, rounded to a plain number where the stamps allow it.
+        start_s: the first stamp, s.
+        fs_as_written: the rate before that rounding, Hz.
+        resolution_s: step to which the stamps were rounded, s.
+    """
+
+    fs: float
+    start_s: float
+    fs_as_written: float
+    resolution_s: float
+
+
+def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
+    """Return the uniform clock behind time stamps that were written with few or many digits.
+
+    The period p is the slope of the least-squares line through the stamps. Each step between stamps may
+    differ from p by the resolution of the stamps or by 2 % of p, and no stamp may stray from the line by half
+    a period.
+
+    Args:
+        stamps: (n_samples,) increasing times, two or more, finite.
+        seconds_per_unit: what one unit of the stamps is in seconds (0.001 for milliseconds).
+
+    Raises:
+        ClockError: a repeated or decreasing stamp, a gap, jitter, or a rate that wanders.
+
+    >>> uniform_clock(np.round(np.arange(20480) / 512, 3)).fs
+    512.0
+    """
+    written = np.asarray(stamps, dtype=np.float64)
+    time_s = written * seconds_per_unit
+    steps = np.diff(time_s)
+    _require_increasing(time_s, steps)
+    resolution_s = _resolution(written) * seconds_per_unit
+    float_noise = 4 * float(np.spacing(np.abs(time_s).max()))
+
+    count = np.arange(time_s.size) - 0.5 * (time_s.size - 1)
+    elapsed = time_s - time_s[0]
+    period = float(count @ elapsed / (count @ count))
+    worst_step = float(np.abs(steps - period).max())
+    rounding = resolution_s if resolution_s < COARSE_STAMPS * period else 0.0
+    if worst_step > max(rounding * (1 + 1e-6), JITTER_LIMIT * period) + float_noise:
+        raise _irregular(time_s, steps, resolution_s)
+    stray = elapsed - elapsed.mean() - period * count
+    if np.ptp(stray) >= period:
+        sample = int(np.abs(stray).argmax())
+        raise ClockError(
+            f"the sampling rate wanders: at {time_s[sample]:.6g} s the samples are "
+            f"{abs(stray[sample]) / period:.1f} periods away from a clock of {1 / period:.6g} Hz: "
+            "resample the signals to a uniform rate",
+            sample,
+        )
+
+    uncertainty = float_noise if worst_step <= 1e-6 * period + float_noise else resolution_s
+    relative = 1e-10 + uncertainty / float(elapsed[-1])
+    return Clock(_plain_number(1 / period, relative / period), float(time_s[0]), 1 / period, resolution_s)
+
+
+def _resolution(stamps: FloatArray) -> float:
+    """Return the coarsest decimal or binary step of which the last stamps are multiples.
+
+    The last ones, because in scientific notation and in single precision the large stamps are the coarsest.
+    """
+    block = stamps[-min(max(2, stamps.size // 2), 1000) :]
+    offsets = block - block[0]
+    noise = float(np.spacing(np.abs(block).max()))
+    for step in _RESOLUTIONS:
+        multiples = offsets / step
+        if noise < 1e-4 * step and np.abs(multiples - np.round(multiples)).max() < 1e-6 + 4 * noise / step:
+            return step
+    return 2 * noise
+
+
+def _plain_number(value: float, uncertainty: float) -> float:
+    """Return the number of fewest decimals within the uncertainty of `value`, or `value`."""
+    for decimals in range(7):
+        if abs(round(value, decimals) - value) <= uncertainty:
+            return round(value, decimals)
+    return value
+
+
+def _require_increasing(time_s: FloatArray, steps: FloatArray) -> None:
+    if (steps > 0).all():
+        return
+    sample = int(np.argmax(steps <= 0)) + 1
+    if steps[sample - 1] == 0:
+        pairs = int((steps == 0).sum())
+        raise ClockError(
+            f"the time {time_s[sample]:.9g} s stands twice in a row ({pairs} such pair(s) in the log): "
+            "remove the repeated samples, or write the time with more digits",
+            sample,
+        )
+    raise ClockError(
+        f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
+        "put the samples in order, or split the log here if two were joined",
+        sample,
+    )
+
+
+def _irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:
+    """Return the error that says whether the steps are irregular by gaps or by jitter, and where."""
+    # the median over some steps withstands both gaps and coarse rounding
+    stride = min(8, steps.size)
+    period = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
+    gaps = np.flatnonzero(steps > GAP * period)
+    if gaps.size:
+        first = int(gaps[0])
+        period = float(np.delete(steps, gaps).mean()) if gaps.size < steps.size else period
+        lost = max(1, int(np.round(steps[gaps] / period - 1).sum()))
+        coarse = "" if resolution_s < COARSE_STAMPS * period else ", or write the time with more digits"
+        return ClockError(
+            f"the time jumps from {time_s[first]:.9g} s to {time_s[first + 1]:.9g} s where steps of "
+            f"{period:.6g} s are usual ({gaps.size} gap(s), about {lost} sample(s) lost in the log): "
+            f"split the log at the gaps or resample it to a uniform rate{coarse}",
+            first + 1,
+        )
+    sample = int(np.abs(steps - period).argmax()) + 1
+    off = abs(steps[sample - 1] / period - 1)
+    return ClockError(
+        f"the time stamps are not uniform: the step to {time_s[sample]:.9g} s lasts "
+        f"{steps[sample - 1]:.6g} s, {off:.0%} off the usual {period:.6g} s "
+        f"({JITTER_LIMIT:.0%} or the rounding of the stamps is accepted): "
+        "resample the log to a uniform rate, or write the time with more digits",
+        sample,
+    )

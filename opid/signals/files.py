@@ -1,0 +1,63 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from opid.errors import InputError
+
+
+@contextmanager
+def written_whole(
+    path: str | os.PathLike[str],
+    mode: Literal["w", "wb"] = "w",
+    *,
+    encoding: str = "utf-8",
+    newline: str = "\n",
+) -> Iterator[IO[Any]]:
+    """Open a file that appears under its name only when the block has ended without an error.
+
+    The text goes to a temporary name in the same directory and is moved over `path` at the end; after a
+    failure the temporary file is gone and an older file at `path` is what it was.
+
+    Args:
+        path: the file to write; its directory must exist.
+        mode: "w" for text, "wb" for bytes.
+        encoding: of text.
+        newline: the end of a line of text.
+
+    Raises:
+        InputError: the directory is missing, full or not writable, or `path` is no ordinary file.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     with written_whole(f"{directory}/note.txt") as file:
+    ...         _ = file.write("done")
+    ...     Path(directory, "note.txt").read_text()
+    'done'
+    """
+    target = Path(os.path.realpath(path))  # write through a link, do not replace it
+    if not target.parent.is_dir():
+        raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
+    if target.exists() and not target.is_file():
+        raise InputError(f"cannot write {path}: it is a directory or a device: give the name of a file")
+    temporary = target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
+    text = {"encoding": encoding, "newline": newline} if mode == "w" else {}
+    try:
+        # "x" makes the file with the user's usual permissions, which tempfile would not
+        with open(temporary, mode.replace("w", "x"), **text) as file:  # type: ignore[call-overload]
+            yield file
+        os.replace(temporary, target)
+    except OSError as error:
+        # an error that names another file is the caller's own; a failed write (a full disk) names none
+        if error.filename not in (None, str(temporary), temporary):
+            raise
+        raise InputError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
+    finally:
+        with suppress(FileNotFoundError):
+            os.remove(temporary)

@@ -1,0 +1,168 @@
+"""A recording: what was measured, in SI units, at a uniform rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.errors import InputError, nearest
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity: its name and its SI unit (`m/s^2`, `m`, `N`, ...)."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Samples (time, channel) at a uniform rate, read-only, with names, units and a history.
+
+    Args:
+        samples: (n_samples, n_channels) array in SI units; copied and made read-only.
+        fs: sampling rate, Hz.
+        channels: one `Channel` a column.
+        start_s: time of the first sample, s.
+        history: what was done to the samples since they were read, in order.
+
+    Raises:
+        InputError: fewer than two samples, a column count that does not match the channels,
+            a value that is not finite, a rate that is not positive, or a repeated name.
+
+    >>> import numpy as np
+    >>> run = Recording(np.zeros((100, 1)), fs=50.0, channels=(Channel("upper_z", "m/s^2"),))
+    >>> run.duration_s, run.names
+    (2.0, ('upper_z',))
+    """
+
+    samples: FloatArray
+    fs: float
+    channels: tuple[Channel, ...]
+    start_s: float = 0.0
+    history: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        samples = np.array(self.samples, dtype=np.float64, order="C")
+        channels = tuple(self.channels)
+        if samples.ndim != 2 or samples.shape[1] != len(channels) or not channels:
+            raise InputError(
+                f"samples have shape {samples.shape} for {len(channels)} channel(s): "
+                "give an array (n_samples, n_channels) with one column for each channel"
+            )
+        if samples.shape[0] < 2:
+            raise InputError(f"the recording has {samples.shape[0]} sample(s): at least two are needed")
+        if not (np.isfinite(self.fs) and self.fs > 0):
+            raise InputError(f"fs is {self.fs} Hz: give a positive sampling rate in Hz")
+        names = [channel.name for channel in channels]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"the channel name {name!r} stands {names.count(name)} times: rename one")
+        bad = ~np.isfinite(samples)
+        if bad.any():
+            row, column = np.argwhere(bad)[0]
+            raise InputError(
+                f"channel {names[column]!r} has {int(bad[:, column].sum())} value(s) that are not finite, "
+                f"the first at {self.start_s + row / self.fs:.4f} s: cut the run before it or mend the log"
+            )
+        samples.flags.writeable = False
+        object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "fs", float(self.fs))
+        object.__setattr__(self, "history", tuple(self.history))
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return self.samples.shape[0]
+
+    @property
+    def duration_s(self) -> float:
+        """Number of samples over the rate, s."""
+        return self.n_samples / self.fs
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of each sample, s."""
+        return self.start_s + np.arange(self.n_samples) / self.fs
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channel names in column order."""
+        return tuple(channel.name for channel in self.channels)
+
+    def index(self, name: str) -> int:
+        """Column of the channel called `name`; InputError names the nearest one."""
+        if name not in self.names:
+            raise InputError(f"there is no channel {name!r} in this log: {nearest(name, self.names)}")
+        return self.names.index(name)
+
+    def channel(self, name: str) -> FloatArray:
+        """Samples of the channel called `name`, (n_samples,), read-only."""
+        return self.samples[:, self.index(name)]
+
+    def unit(self, name: str) -> str:
+        """SI unit of the channel called `name`."""
+        return self.channels[self.index(name)].unit
+
+    def section(self, start_s: float | None = None, stop_s: float | None = None) -> Recording:
+        """Return the samples with start_s <= time < stop_s (either may be left out).
+
+        Raises:
+            InputError: fewer than two samples are left.
+        """
+        first = -np.inf if start_s is None else start_s
+        last = np.inf if stop_s is None else stop_s
+        # half a sample of slack: times written with few digits must not lose a sample
+        slack = 0.5 / self.fs
+        time_s = self.time_s
+        keep = (time_s >= first - slack) & (time_s < last - slack)
+        if keep.sum() < 2:
+            raise InputError(
+                f"the section {first:g} s to {last:g} s holds {int(keep.sum())} sample(s) of a log that runs "
+                f"from {time_s[0]:g} s to {time_s[-1]:g} s: choose start and stop inside it"
+            )
+        begin = int(np.argmax(keep))
+        return replace(
+            self,
+            samples=self.samples[keep],
+            start_s=float(time_s[begin]),
+            history=(*self.history, f"section {first:g} s to {last:g} s"),
+        )
+
+
+def recording_from_arrays(
+    arrays: Sequence[ArrayLike],
+    names: Sequence[str],
+    *,
+    fs: float,
+    unit: str = "m/s^2",
+    start_s: float = 0.0,
+) -> Recording:
+    """Return the recording whose channels are the given one-dimensional arrays, all in one SI unit.
+
+    Args:
+        arrays: one (n_samples,) array a channel, all of one length.
+        names: of the channels.
+        fs: sampling rate, Hz.
+        unit: SI unit of all channels.
+        start_s: time of the first sample, s.
+
+    Raises:
+        InputError: arrays of different lengths, or anything that `Recording` refuses.
+
+    >>> recording_from_arrays([[0, 1, 2], [3, 4, 5]], ["lower_z", "upper_z"], fs=10.0).samples.shape
+    (3, 2)
+    """
+    columns = [np.asarray(array, dtype=np.float64) for array in arrays]
+    lengths = sorted({column.shape for column in columns})
+    if len(lengths) != 1 or len(lengths[0]) != 1:
+        raise InputError(f"the arrays have shapes {lengths}: give one-dimensional arrays of one length")
+    channels = tuple(Channel(name, unit) for name in names)
+    return Recording(np.stack(columns, axis=1), fs=fs, channels=channels, start_s=start_s)

@@ -1,0 +1,223 @@
+"""Averaged cross-spectra and the transmissibilities that follow from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.errors import InputError, nearest
+from opid.signals.recording import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+Window = str | tuple[str, float]
+Estimator = Literal["H1", "H2", "Hv"]
+ESTIMATORS: tuple[Estimator, ...] = ("H1", "H2", "Hv")
+
+
+@dataclass(frozen=True, eq=False)
+class CrossSpectra:
+    """Averaged one-sided cross-spectral densities of several signals.
+
+    Args:
+        frequency_hz: (n_lines,) Hz.
+        density: (n_lines, n_signals, n_signals) Hermitian, E[conj(X_i) X_j], unit^2/Hz.
+        n_blocks: blocks averaged.
+        n_averages: independent averages they amount to (overlapping blocks share samples).
+        window: scipy's name of the window.
+        nperseg: samples a block.
+        noverlap: samples shared by neighbouring blocks.
+        fs: sampling rate, Hz.
+    """
+
+    frequency_hz: FloatArray
+    density: ComplexArray
+    n_blocks: int
+    n_averages: float
+    window: Window
+    nperseg: int
+    noverlap: int
+    fs: float
+
+
+@dataclass(frozen=True, eq=False)
+class Transmissibility:
+    """Ratio of two response spectra, T = X_out / X_in, with how far to trust it.
+
+    Args:
+        frequency_hz: (n_lines,) Hz.
+        value: (n_lines,) complex ratio.
+        coherence: (n_lines,) in 0..1; 1 by construction when there is one average.
+        estimator: "H1", "H2" or "Hv".
+        spectra: the cross-spectra it was made from.
+    """
+
+    frequency_hz: FloatArray
+    value: ComplexArray
+    coherence: FloatArray
+    estimator: Estimator
+    spectra: CrossSpectra
+
+    @property
+    def relative_std(self) -> FloatArray:
+        """Standard deviation of |T| over |T|, sqrt((1 - coherence)/(2 coherence n)) (Bendat & Piersol, 9.3)."""
+        coherence = np.maximum(self.coherence, 1e-12)
+        return np.sqrt((1 - self.coherence) / (2 * coherence * self.spectra.n_averages))
+
+
+def cross_spectra(
+    signals: ArrayLike,
+    *,
+    fs: float,
+    window: Window = "hann",
+    nperseg: int | None = None,
+    noverlap: int | None = None,
+) -> CrossSpectra:
+    """Average the cross-spectra of overlapping windowed blocks (Welch 1967).
+
+    Args:
+        signals: (n_samples, n_signals) array.
+        fs: sampling rate, Hz.
+        window: any name that scipy.signal.get_window takes, "flattop" included.
+        nperseg: samples a block; 8 s of them, or the whole run where it is shorter, when left out.
+        noverlap: samples shared by neighbouring blocks; half of a block when left out.
+
+    Raises:
+        InputError: blocks longer than the run, or an overlap that is not below a block.
+
+    >>> rng = np.random.default_rng(0)
+    >>> spectra = cross_spectra(rng.standard_normal((4096, 2)), fs=256.0, nperseg=512)
+    >>> spectra.density.shape, spectra.n_blocks
+    ((257, 2, 2), 15)
+    """
+    from scipy import signal
+
+    samples = np.asarray(signals, dtype=np.float64)
+    if samples.ndim != 2:
+        raise InputError(f"signals have shape {samples.shape}: give an array (n_samples, n_signals)")
+    n_samples = samples.shape[0]
+    block = min(round(8 * fs), n_samples) if nperseg is None else int(nperseg)
+    overlap = block // 2 if noverlap is None else int(noverlap)
+    if not 2 <= block <= n_samples:
+        raise InputError(
+            f"nperseg is {block} ({block / fs:.3g} s) and the run has {n_samples} samples ({n_samples / fs:.3g} s): "
+            "give blocks no longer than the run"
+        )
+    if not 0 <= overlap < block:
+        raise InputError(f"noverlap is {overlap}: give a number from 0 to below nperseg = {block}")
+    columns = samples.T
+    frequency_hz, density = signal.csd(
+        columns[:, np.newaxis], columns[np.newaxis], fs, window=window, nperseg=block, noverlap=overlap
+    )
+    n_blocks = (n_samples - overlap) // (block - overlap)
+    n_averages = _independent_averages(signal.get_window(window, block), n_blocks, block - overlap)
+    return CrossSpectra(
+        frequency_hz, np.moveaxis(density, -1, 0), n_blocks, n_averages, window, block, overlap, float(fs)
+    )
+
+
+def transmissibility(
+    unsprung: ArrayLike,
+    sprung: ArrayLike,
+    *,
+    fs: float,
+    estimator: Estimator = "H1",
+    window: Window = "hann",
+    nperseg: int | None = None,
+    noverlap: int | None = None,
+) -> Transmissibility:
+    """Estimate T = X2/X1 between two accelerations (the same ratio as between displacements).
+
+    H1 = S12/S11 is blind to noise on the sprung channel, H2 = S22/S21 to noise on the unsprung one; Hv takes
+    equal noise on both (the eigenvector of the larger eigenvalue of the 2 x 2 density).
+
+    Args:
+        unsprung: (n,) acceleration x1'', m/s^2.
+        sprung: (n,) acceleration x2'', m/s^2.
+        fs: sampling rate, Hz.
+        estimator: "H1", "H2" or "Hv".
+        window: as in `cross_spectra`.
+        nperseg: as in `cross_spectra`.
+        noverlap: as in `cross_spectra`.
+
+    Raises:
+        InputError: an unknown estimator, arrays of different lengths, or settings that `cross_spectra` refuses.
+
+    >>> rng = np.random.default_rng(0)
+    >>> x = rng.standard_normal(8192)
+    >>> T = transmissibility(x, 0.5 * x, fs=256.0, nperseg=1024)
+    >>> bool(np.allclose(T.value, 0.5))
+    True
+    """
+    lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
+    if lower.shape != upper.shape:
+        raise InputError(
+            f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length"
+        )
+    if estimator not in ESTIMATORS:
+        raise InputError(f"there is no estimator {estimator!r}: {nearest(estimator, ESTIMATORS)}")
+    spectra = cross_spectra(
+        np.stack([lower, upper], axis=1), fs=fs, window=window, nperseg=nperseg, noverlap=noverlap
+    )
+    density = spectra.density
+    s11, s22, s12 = density[:, 0, 0].real, density[:, 1, 1].real, density[:, 0, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coherence = np.abs(s12) ** 2 / (s11 * s22)
+        if estimator == "H1":
+            value = s12 / s11
+        elif estimator == "H2":
+            value = s22 / s12.conj()
+        else:
+            value = s12 / np.abs(s12) * (s22 - s11 + np.hypot(s22 - s11, 2 * np.abs(s12))) / (2 * np.abs(s12))
+    return Transmissibility(
+        spectra.frequency_hz,
+        np.nan_to_num(value),
+        np.clip(np.nan_to_num(coherence), 0, 1),
+        estimator,
+        spectra,
+    )
+
+
+def noise_floor(samples: ArrayLike, *, fs: float) -> float:
+    """Estimate the white-noise level of a channel from the quietest tenth of its spectrum.
+
+    The lowest decile of a Welch spectrum bounds the broadband noise from above: at some frequencies a structure
+    hardly moves, and only the noise is left.
+
+    Args:
+        samples: (n,) one channel.
+        fs: sampling rate, Hz.
+
+    Returns:
+        The standard deviation that white noise of that density would have, in the unit of `samples`.
+
+    >>> rng = np.random.default_rng(0)
+    >>> bool(abs(noise_floor(0.01 * rng.standard_normal(20000), fs=500.0) / 0.01 - 1) < 0.1)
+    True
+    """
+    from scipy import signal, special
+
+    channel = np.asarray(samples, dtype=np.float64)
+    nperseg = min(channel.size, round(2 * fs))
+    frequency_hz, density = signal.welch(channel, fs, nperseg=nperseg)
+    n_blocks = max(1, (channel.size - nperseg // 2) // (nperseg - nperseg // 2))
+    # the last tenth below the Nyquist frequency is often the anti-aliasing filter's, and empty
+    inside = (frequency_hz > 0) & (frequency_hz < 0.4 * fs)
+    # the lowest decile of n averaged periodograms lies this far below their mean (gamma distribution)
+    decile = special.gammaincinv(n_blocks, 0.1) / n_blocks
+    return float(np.sqrt(np.quantile(density[inside], 0.1) / decile * fs / 2))
+
+
+def _independent_averages(window: FloatArray, n_blocks: int, step: int) -> float:
+    """Equivalent number of independent blocks, n / (1 + 2 sum_k (1 - k/n) rho_k) (Welch 1967, eq. 11)."""
+    power = float(window @ window)
+    variance = 1.0
+    for k in range(1, n_blocks):
+        shift = k * step
+        if shift >= window.size:
+            break
+        rho = float(window[shift:] @ window[:-shift] / power) ** 2
+        variance += 2 * (1 - k / n_blocks) * rho
+    return n_blocks / variance

@@ -1,0 +1,165 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from opid.errors import InputError
+from opid.mechanics.kernels import force_kernel, law_arrays
+from opid.mechanics.laws import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
+
+NAMES = list(LAWS)
+SUMS = ["arctan_velocity+cubic_stiffness", "arctan_mixed+quadratic_damping+signed_power_stiffness"]
+Z, V = np.meshgrid(np.linspace(-9e-3, 8e-3, 14), np.linspace(-0.21, 0.19, 14))
+amplitudes = st.floats(-1e4, 1e4, allow_nan=False)
+
+
+def central_difference(function, x, step):
+    return (function(x + step) - function(x - step)) / (2.0 * step)
+
+
+@pytest.mark.parametrize("name", NAMES + SUMS)
+def test_gradient_is_the_derivative_of_the_force(name):
+    subject = default_law(name)
+    by_z, by_v = subject.gradient(Z, V)
+    numeric_z = central_difference(lambda z: subject.force(z, V), Z, 1e-8)
+    numeric_v = central_difference(lambda v: subject.force(Z, v), V, 1e-7)
+    np.testing.assert_allclose(by_z, numeric_z, rtol=2e-6, atol=1e-6 * np.abs(numeric_z).max() + 1e-6)
+    np.testing.assert_allclose(by_v, numeric_v, rtol=2e-6, atol=1e-6 * np.abs(numeric_v).max() + 1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES + SUMS)
+def test_parameter_gradient_is_the_derivative_by_each_parameter(name):
+    subject = default_law(name)
+    gradient = subject.parameter_gradient(Z, V)
+    assert gradient.shape == (*Z.shape, len(subject.parameter_list))
+    for column, value in enumerate(subject.vector):
+        step = 1e-5 * value
+        up, down = subject.vector.copy(), subject.vector.copy()
+        up[column] += step
+        down[column] -= step
+        numeric = (subject.with_vector(up).force(Z, V) - subject.with_vector(down).force(Z, V)) / (2.0 * step)
+        np.testing.assert_allclose(
+            gradient[..., column], numeric, rtol=1e-6, atol=1e-7 * np.abs(numeric).max()
+        )
+
+
+@pytest.mark.parametrize("name", ["linear", *NAMES, *SUMS])
+def test_the_compiled_force_is_the_numpy_force(name):
+    subject = default_law(name)
+    _, codes, values = law_arrays(subject)
+    compiled = force_kernel(codes, values, Z.ravel(), V.ravel())
+    np.testing.assert_allclose(compiled, subject.force(Z, V).ravel(), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_law_is_odd_and_rests_at_rest(name):
+    subject = default_law(name)
+    np.testing.assert_allclose(subject.force(-Z, -V), -subject.force(Z, V), rtol=1e-12)
+    assert subject.force(0.0, 0.0) == 0.0
+    assert np.isfinite(subject.gradient(0.0, 0.0)).all()
+    assert np.isfinite(subject.parameter_gradient(0.0, 0.0)).all()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["arctan_velocity", "coulomb_friction", "quadratic_damping", "cubic_damping", "signed_power_damping"],
+)
+def test_a_damper_takes_energy(name):
+    assert (V * default_law(name).force(Z, V) > 0.0).all()
+
+
+def test_signed_powers_contain_the_whole_powers():
+    cubic = law("cubic_stiffness", stiffness_n_per_m3=2e9)
+    power = law("signed_power_stiffness", stiffness_n_per_mn=2e9, exponent=3.0)
+    np.testing.assert_allclose(power.force(Z, V), cubic.force(Z, V), rtol=1e-12)
+    quadratic = law("quadratic_damping", damping_n_s2_per_m2=3e4)
+    power = law("signed_power_damping", damping_n_sn_per_mn=3e4, exponent=2.0)
+    np.testing.assert_allclose(power.force(Z, V), quadratic.force(Z, V), rtol=1e-12)
+
+
+def test_arctan_mixed_is_equation_3_of_the_paper():
+    a, b, c, d, sprung_mass_kg = -200.0, 30.0, 0.07, 1.2, 1850.0
+    paper = sprung_mass_kg * (a * Z + np.arctan(d * b * (Z + c * V)))
+    subject = law("arctan_mixed", amplitude_n=0.5 * np.pi * sprung_mass_kg, scale_m=1.0 / (d * b), lag_s=c)
+    np.testing.assert_allclose(subject.force(Z, V) + sprung_mass_kg * a * Z, paper, rtol=1e-12, atol=1e-9)
+
+
+def test_a_sum_has_a_canonical_order_and_adds_forces():
+    friction, cubic = default_law("arctan_velocity"), default_law("cubic_stiffness")
+    assert friction + cubic == cubic + friction
+    assert hash(friction + cubic) == hash(cubic + friction)
+    assert (cubic + friction).name == "arctan_velocity+cubic_stiffness"
+    assert default_law("cubic_stiffness + arctan_velocity") == friction + cubic
+    assert friction + LINEAR == friction
+    np.testing.assert_allclose((friction + cubic).force(Z, V), friction.force(Z, V) + cubic.force(Z, V))
+
+
+@given(first=amplitudes, second=amplitudes, factor=st.floats(-1e3, 1e3))
+def test_amplitudes_add_and_scale(first, second, factor):
+    one = law("arctan_velocity", amplitude_n=first, scale_m_per_s=0.02)
+    other = law("arctan_velocity", amplitude_n=second, scale_m_per_s=0.02)
+    assert one + other == law("arctan_velocity", amplitude_n=first + second, scale_m_per_s=0.02)
+    expected = factor * one.force(Z, V)
+    np.testing.assert_allclose(one.scaled(factor).force(Z, V), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["linear", *NAMES, *SUMS])
+def test_a_law_goes_to_json_and_back(name):
+    subject = default_law(name).scaled(1.0 / 3.0)
+    text = json.dumps({"name": subject.name, "parameters": subject.parameters})
+    assert law_from_parameters(**json.loads(text)) == subject
+    assert subject.with_vector(subject.vector) == subject
+    assert subject.latex
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: law("arctan_velocty"), "did you mean 'arctan_velocity'"),
+        (lambda: default_law("cubic_stiffness+cubik_damping"), "did you mean 'cubic_damping'"),
+        (lambda: default_law("cubic_stiffness+linear"), "leave it out"),
+        (lambda: default_law("cubic_stiffness+cubic_stiffness"), "twice"),
+        (lambda: default_law(""), "no law ''"),
+        (lambda: law("cubic_stiffness", stiffness=1.0), "did you mean 'stiffness_n_per_m3'"),
+        (lambda: law("arctan_velocity", amplitude_n=1.0), "needs scale_m_per_s"),
+        (lambda: law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=-0.1), "give a positive number"),
+        (lambda: law("cubic_stiffness", stiffness_n_per_m3=np.nan), "give a finite number"),
+        (lambda: law("cubic_stiffness", stiffness_n_per_m3="stiff"), "give numbers"),
+        (lambda: law("linear", stiffness={}), "has no term 'stiffness'"),
+        (lambda: law("cubic_stiffness+cubic_damping", cubic_stiffness=3.0), "give a dict"),
+        (lambda: Term("cubic_stiffness", (1.0, 2.0)), "it takes stiffness_n_per_m3"),
+        (lambda: Term("cubic", (1.0,)), "no law 'cubic'"),
+        (lambda: default_law("arctan_velocity").with_vector([1.0]), "has 2 parameter"),
+        (
+            lambda: default_law("coulomb_friction") + law("coulomb_friction", amplitude_n=1, scale_m_per_s=1),
+            "different inner parameters",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_every_kind_is_described():
+    for name, kind in LAWS.items():
+        assert name == kind.name
+        assert kind.parameters[0].role == "amplitude"
+        assert all(parameter.role != "amplitude" for parameter in kind.parameters[1:])
+        assert len(kind.by_inner) == len(kind.parameters) - 1
+
+
+def test_laws_load_without_numba():
+    code = "import sys, opid.mechanics.laws; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_linear_law_is_no_force():
+    assert Law() == LINEAR == law("linear") == default_law("linear")
+    assert LINEAR.name == "linear"
+    assert not LINEAR.force(Z, V).any()
+    assert LINEAR.parameter_gradient(Z, V).shape == (*Z.shape, 0)
