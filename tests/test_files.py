@@ -47,9 +47,7 @@ def test_a_failure_leaves_the_old_file_and_no_other(tmp_path):
 def test_the_permissions_are_the_usual_ones(tmp_path):
     (tmp_path / "usual").write_text("")
     write(tmp_path / "ours")
-    assert stat.S_IMODE((tmp_path / "ours").stat().st_mode) == stat.S_IMODE(
-        (tmp_path / "usual").stat().st_mode
-    )
+    assert stat.S_IMODE((tmp_path / "ours").stat().st_mode) == stat.S_IMODE((tmp_path / "usual").stat().st_mode)
 
 
 def test_a_link_stays_a_link(tmp_path):

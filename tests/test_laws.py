@@ -1,12 +1,16 @@
 import json
+import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import opid.mechanics
 from opid.errors import InputError
 from opid.mechanics.kernels import force_kernel, law_arrays
 from opid.mechanics.laws import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
@@ -42,9 +46,7 @@ def test_parameter_gradient_is_the_derivative_by_each_parameter(name):
         up[column] += step
         down[column] -= step
         numeric = (subject.with_vector(up).force(Z, V) - subject.with_vector(down).force(Z, V)) / (2.0 * step)
-        np.testing.assert_allclose(
-            gradient[..., column], numeric, rtol=1e-6, atol=1e-7 * np.abs(numeric).max()
-        )
+        np.testing.assert_allclose(gradient[..., column], numeric, rtol=1e-6, atol=1e-7 * np.abs(numeric).max())
 
 
 @pytest.mark.parametrize("name", ["linear", *NAMES, *SUMS])
@@ -163,3 +165,39 @@ def test_the_linear_law_is_no_force():
     assert LINEAR.name == "linear"
     assert not LINEAR.force(Z, V).any()
     assert LINEAR.parameter_gradient(Z, V).shape == (*Z.shape, 0)
+
+
+def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
+    # numba stamps its cache with kernels.py alone: without the digest of laws.py the old law would run on
+    package = tmp_path / "opid"
+    (package / "mechanics").mkdir(parents=True)
+    (package / "__init__.py").touch()
+    source = Path(opid.mechanics.__file__).parent
+    for name in ("errors.py", "mechanics/__init__.py", "mechanics/laws.py", "mechanics/kernels.py"):
+        shutil.copy(source.parent / name, package / name)
+    code = (
+        "import numpy as np\n"
+        "from opid.mechanics.kernels import force_kernel, law_arrays\n"
+        "from opid.mechanics.laws import law\n"
+        "_, codes, values = law_arrays(law('cubic_stiffness', stiffness_n_per_m3=1.0))\n"
+        "force = force_kernel(codes, values, np.array([2.0]), np.zeros(1))[0]\n"
+        "print(force, force_kernel.stats.cache_hits.total())"
+    )
+
+    def force_and_hits():
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout.split()
+
+    assert force_and_hits() == ["8.0", "0"]
+    assert force_and_hits() == ["8.0", "1"]
+    laws = package / "mechanics" / "laws.py"
+    laws.write_text(laws.read_text().replace("lambda z, v: z * z**2", "lambda z, v: 2.0 * z * z**2"))
+    assert force_and_hits() == ["16.0", "0"]

@@ -34,9 +34,7 @@ def test_a_log_is_read_into_si(log):
     np.testing.assert_array_equal(
         run.channel("lower_z"), [k % 7 - 3 + 0.5 * (1 if k % 7 >= 3 else -1) for k in range(50)]
     )
-    np.testing.assert_allclose(
-        run.channel("upper_z"), [0.980665 * (k % 5 - 2) for k in range(50)], rtol=1e-15
-    )
+    np.testing.assert_allclose(run.channel("upper_z"), [0.980665 * (k % 5 - 2) for k in range(50)], rtol=1e-15)
     assert run.history[0] == "read 50 samples from run.csv"
     assert run.history[1].startswith("rate 512 Hz from the time stamps (512.028")
     assert "upper_z: g -> m/s^2, times 9.80665" in run.history
@@ -159,9 +157,7 @@ def test_a_missing_log_a_directory_and_an_unknown_format(tmp_path, log):
 @given(
     fs=st.floats(1, 20000).map(lambda rate: round(rate, 3)),
     start_s=st.floats(-100, 1000),
-    data=st.lists(
-        st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 2), min_size=3, max_size=40
-    ),
+    data=st.lists(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 2), min_size=3, max_size=40),
     names=st.lists(
         st.text(
             st.characters(codec="utf-8", exclude_categories=["C", "Z"], exclude_characters=";"),

@@ -190,17 +190,13 @@ def test_a_stiffening_law_raises_the_frequency_of_a_free_swing():
     linear_hz = natural_frequencies(oscillator()).frequency_hz[0]
     structure = oscillator(law=law("cubic_stiffness", stiffness_n_per_m3=2e6))
     for amplitude, stiffer in ((1e-4, False), (0.03, True)):
-        motion = time_response(
-            structure, no_force(1), fs=4000.0, duration_s=2.0, initial_displacement=[amplitude]
-        )
+        motion = time_response(structure, no_force(1), fs=4000.0, duration_s=2.0, initial_displacement=[amplitude])
         x = motion.displacement[:, 0]
         rising = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
         found_hz = (rising.size - 1) / ((rising[-1] - rising[0]) / motion.fs)
         if stiffer:
             # harmonic balance: omega^2 = k/m + 3/4 k3/m A^2
-            assert found_hz == pytest.approx(
-                math.sqrt(400.0 + 0.75e6 * amplitude**2) / (2 * math.pi), rel=0.02
-            )
+            assert found_hz == pytest.approx(math.sqrt(400.0 + 0.75e6 * amplitude**2) / (2 * math.pi), rel=0.02)
         else:
             assert found_hz == pytest.approx(linear_hz, rel=2e-3)
 

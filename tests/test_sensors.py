@@ -33,9 +33,7 @@ def test_noise_is_white_and_of_its_level_whatever_the_signal():
     noise = reading - tone(3.0)
     assert np.std(noise) == pytest.approx(0.02, rel=0.03)
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.03
-    np.testing.assert_allclose(
-        read(Sensor(noise_m_per_s2=0.04), tone(3.0)) - tone(3.0), 2.0 * noise, atol=1e-14
-    )
+    np.testing.assert_allclose(read(Sensor(noise_m_per_s2=0.04), tone(3.0)) - tone(3.0), 2.0 * noise, atol=1e-14)
 
 
 def test_gain_acts_on_the_axis_and_on_the_leak():

@@ -55,9 +55,7 @@ def test_stiffness_proportional_damping_has_its_closed_form():
     place=st.integers(0, 2),
     added=positive,
 )
-def test_more_mass_never_raises_a_frequency_and_more_stiffness_never_lowers_one(
-    masses, springs, place, added
-):
+def test_more_mass_never_raises_a_frequency_and_more_stiffness_never_lowers_one(masses, springs, place, added):
     before = natural_frequencies(chain(masses, springs, [0.0] * 3)).frequency_hz
     heavier, stiffer = list(masses), list(springs)
     heavier[place] += added

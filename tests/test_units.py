@@ -74,9 +74,7 @@ def test_case_counts_where_it_carries_meaning():
             to_si(unit)
 
 
-@pytest.mark.parametrize(
-    "unit", ["m/s^2", "m/s", "m", "N", "N/m", "N*m", "kg", "s", "Hz", "rad", "V", "A", "Pa", "1"]
-)
+@pytest.mark.parametrize("unit", ["m/s^2", "m/s", "m", "N", "N/m", "N*m", "kg", "s", "Hz", "rad", "V", "A", "Pa", "1"])
 def test_an_si_unit_is_itself(unit):
     assert to_si(unit) == (1.0, unit)
 

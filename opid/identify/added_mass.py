@@ -126,9 +126,7 @@ def two_peak_mass(
     return TwoPeakMass(mass_ratio, mass, stiffness, stiffness * (1 / static_transmissibility - 1))
 
 
-def match_peaks(
-    reference: Sequence[Peak], changed: Sequence[Peak], *, mass_change_kg: float
-) -> tuple[PeakMatch, ...]:
+def match_peaks(reference: Sequence[Peak], changed: Sequence[Peak], *, mass_change_kg: float) -> tuple[PeakMatch, ...]:
     """Pair the peaks of two runs by nearest frequency ratio and judge each pair.
 
     A frequency that the sprung mass alone governs moves by sqrt(M2/(M2 + dM)), any other one by less; so removing mass
@@ -227,7 +225,8 @@ def _judge(reference: Peak, changed: Peak, mass_change_kg: float) -> tuple[bool,
         return False, f"{said}, and {'removing' if removed > 0 else 'adding'} mass cannot do that"
     share = 1 - shift**-2 if removed > 0 else shift**-2 - 1
     if share > LARGEST_CHANGE:
-        return False, f"{said}: at least {100 * share:.0f} % of the sprung mass would have to be {'removed' if removed > 0 else 'added'}"
+        done = "removed" if removed > 0 else "added"
+        return False, f"{said}: at least {100 * share:.0f} % of the sprung mass would have to be {done}"
     if abs(shift - 1) <= slack:
         return False, f"{said}: less than the spacing of the lines, so nothing can be learned from the shift"
     return True, f"{said}, as {100 * share:.0f} % of the sprung mass would move it"

@@ -32,8 +32,7 @@ from opid.identify.restoring_force import (
 )
 from opid.identify.spectral_equation import EquationFit, EquationLines, equation_lines
 from opid.identify.study import Run, Study
-from opid.identify.transmissibility import Peak, transmissibility_peaks, transmissibility_without_force
-from opid.mechanics.laws import Law
+from opid.identify.transmissibility import WAYS, Peak, transmissibility_peaks, transmissibility_without_force
 from opid.signals.health import Finding, check_pair
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
@@ -42,6 +41,8 @@ from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
 BAND_HZ = (0.5, 12.0)
 HIGH_PASS_HZ = 0.3
 BLOCK_S = 8.0
+# no model of a strut is better than this share of the motion, however quiet the sensor
+LEAST_NOISE = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +126,8 @@ class Evidence:
         joint: the joint fit of all runs, per unit of the reference mass.
         added_mass: absolute parameters, or None where the mass is not determined.
         not_determined: why, or None.
-        noise_floor: rms of the noise floors of all channels, m/s^2.
+        noise_floor: noise of the sprung channel, m/s^2, which dominates the equation above resonance; never taken
+            below `LEAST_NOISE` of its rms.
         mean_static_transmissibility: T(0) read from the lowest lines, for the peak formula.
     """
 
@@ -171,9 +173,7 @@ def classical_chain(
     say("restoring force")
     surfaces = [restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz) for pair in arrays]
     lines = [
-        equation_lines(
-            *pair, fs=fs, band_hz=band, high_pass_hz=high_pass_hz, mass_change_kg=run.mass_change_kg
-        )
+        equation_lines(*pair, fs=fs, band_hz=band, high_pass_hz=high_pass_hz, mass_change_kg=run.mass_change_kg)
         for run, pair in zip(study.runs, arrays, strict=True)
     ]
     say("law")
@@ -196,7 +196,6 @@ def classical_chain(
     say("added mass")
     static = float(np.mean([_static_transmissibility(run.T) for run in runs]))
     added, reason = _added_mass(lines, joint, mu)
-    floors = np.array([run.noise_floor for run in runs])
     return Evidence(
         runs=runs,
         pairs=_peak_pairs(runs, static),
@@ -204,7 +203,7 @@ def classical_chain(
         joint=joint,
         added_mass=added,
         not_determined=reason,
-        noise_floor=float(np.sqrt(np.mean(floors**2))),
+        noise_floor=_sensor_noise(runs),
         mean_static_transmissibility=static,
     )
 
@@ -242,12 +241,11 @@ def _run_evidence(
     law = joint.law.scaled(share)
     inside = motion.settled
     nperseg = min(round(block_s * fs), unsprung[inside].size)
-    settings = {"fs": fs, "nperseg": nperseg}
     force = law.force(motion.displacement, motion.velocity)[inside]
-    T = transmissibility(unsprung[inside], sprung[inside], **settings)
+    T = transmissibility(unsprung[inside], sprung[inside], fs=fs, nperseg=nperseg)
     conditioned, subtracted = (
-        transmissibility_without_force(unsprung[inside], sprung[inside], force, way=way, **settings)
-        for way in ("conditioned", "subtracted")
+        transmissibility_without_force(unsprung[inside], sprung[inside], force, fs=fs, way=way, nperseg=nperseg)
+        for way in WAYS
     )
     complex_fit = complex_least_squares(conditioned, band_hz=(max(band[0], 2 / block_s), band[1]), ground=ground)
     return RunEvidence(
@@ -280,6 +278,11 @@ def _static_transmissibility(T: Transmissibility) -> float:
     """Read |T| at the lowest lines, as the paper read 0.7."""
     low = (T.frequency_hz > 0) & (T.frequency_hz <= max(0.5, 2.5 * T.frequency_hz[1]))
     return float(np.median(np.abs(T.value[low])))
+
+
+def _sensor_noise(runs: Sequence[RunEvidence]) -> float:
+    noise = [max(run.noise_floor[1], LEAST_NOISE * float(run.sprung.std())) for run in runs]
+    return float(np.sqrt(np.mean(np.square(noise))))
 
 
 def _peak_pairs(runs: Sequence[RunEvidence], static: float) -> tuple[PeakPair, ...]:

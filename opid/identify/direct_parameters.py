@@ -82,10 +82,13 @@ def mass_over_stiffness(peak: Peak, *, static_transmissibility: float = 0.7, res
         InputError: a frequency, a magnitude or T(0) that is not positive.
 
     >>> round(mass_over_stiffness(Peak(1.812, 0.490)), 5)
-    -0.00473
+    -0.00472
     """
     if min(peak.frequency_hz, peak.magnitude, static_transmissibility) <= 0:
-        raise InputError(f"the peak is ({peak.frequency_hz} Hz, {peak.magnitude}), T(0) {static_transmissibility}: all must be positive")
+        raise InputError(
+            f"the peak is ({peak.frequency_hz} Hz, {peak.magnitude}) and T(0) {static_transmissibility}: "
+            "all must be positive"
+        )
     ratio = -peak.magnitude if restore_sign else peak.magnitude
     return (1 / static_transmissibility - 1 / ratio) / (2 * np.pi * peak.frequency_hz) ** 2
 
@@ -116,8 +119,9 @@ def complex_least_squares(
     # T(1 - coherence) is the random part of T, and w^2 T magnifies it
     weight = np.sqrt(T.coherence[inside]) / (omega * np.maximum(T.relative_std[inside], 1e-3) * np.abs(ratio))
     columns = np.stack([ratio - 1, 1j * omega * (ratio - 1), ratio], axis=1)[:, : 3 if ground else 2]
-    left = np.concatenate([part for part in ((columns * weight[:, None]).real, (columns * weight[:, None]).imag)])
-    right = np.concatenate([(omega**2 * ratio * weight).real, (omega**2 * ratio * weight).imag])
+    left_lines, right_lines = columns * weight[:, np.newaxis], omega**2 * ratio * weight
+    left = np.concatenate([left_lines.real, left_lines.imag])
+    right = np.concatenate([right_lines.real, right_lines.imag])
     scale = np.sqrt(np.mean(left**2, axis=0))
     solution = np.linalg.lstsq(left / scale, right, rcond=None)[0]
     residual = right - left / scale @ solution
@@ -150,7 +154,11 @@ def errors_in_variables(
         ground: whether K3 is free (else it is 0).
     """
     fit = fit_equation(
-        [run], law, stiffness_per_mass=max(start.value[0], 1.0), damping_per_mass=max(start.value[1], 0.01), ground=ground
+        [run],
+        law,
+        stiffness_per_mass=max(start.value[0], 1.0),
+        damping_per_mass=max(start.value[1], 0.01),
+        ground=ground,
     )
     places = [fit.names.index(name) for name in NAMES if name in fit.names]
     pad = 3 - len(places)

@@ -76,10 +76,10 @@ def _conclude_classical(study: Study, evidence: Evidence, settings: dict[str, An
     unexplained = unexplained_noise(evidence)
     refused = unexplained > UNEXPLAINED_REFUSED
     reason = evidence.not_determined
-    if refused and reason is None:
+    if refused:
         reason = (
-            f"the fitted model leaves {unexplained:.0f} times the sensor noise unexplained, so its mass would be a "
-            "guess: check the channels and mass changes, or try another --law or --band"
+            f"the fitted model leaves {unexplained:.0f} times the sensor noise unexplained, so every number of it "
+            "would be a guess: check channels and mass changes, let the law be searched, or take another band"
         )
     # what the model lacks is no noise: the intervals grow with it
     widening = max(1.0, unexplained / UNEXPLAINED_DOUBTED)
@@ -103,7 +103,10 @@ def _conclude_classical(study: Study, evidence: Evidence, settings: dict[str, An
     stiffness, damping = (
         (joint["stiffness_per_mass"], joint["damping_per_mass"])
         if per_mass
-        else (parameters["suspension_stiffness_n_per_m"].value, parameters["suspension_damping_n_s_per_m"].value)
+        else (
+            parameters["suspension_stiffness_n_per_m"].value,
+            parameters["suspension_damping_n_s_per_m"].value,
+        )
     )
     return Identification(
         method="classical",
@@ -130,9 +133,7 @@ def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) 
     """Report the printed formula on the strongest pair of peaks; the paper gives no damping and no intervals."""
     pair = strongest_pair(evidence.pairs)
     parameters = {name: Estimate() for name in PARAMETERS}
-    ratios = {
-        name: Estimate() for name in ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
-    }
+    ratios = {name: Estimate() for name in ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")}
     reason = evidence.not_determined if len({run.mass_change_kg for run in study.runs}) < 2 else None
     law = evidence.joint.law
     if pair is None or pair.as_printed is None:
@@ -163,7 +164,11 @@ def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) 
         law=law,
         law_estimates=_law_estimates(law, None),
         restoring_force=visited_force(
-            [run.surface for run in evidence.runs], law, stiffness=stiffness, damping=0.0, per_mass=not absolute
+            [run.surface for run in evidence.runs],
+            law,
+            stiffness=stiffness,
+            damping=0.0,
+            per_mass=not absolute,
         ),
         diagnostics=_diagnostics(evidence, settings),
         warnings=tuple(warnings),
@@ -351,7 +356,7 @@ def _amplitude_warnings(evidence: Evidence) -> Iterator[str]:
             ]
             if value > 2 * max(moved):
                 yield (
-                    f"{term.name} is nearly straight over the visited range (scale {value:.3g} {parameter.unit}, motion "
-                    f"{max(moved):.3g} {parameter.unit} rms): only amplitude over scale is determined, and it trades with "
-                    "the linear term"
+                    f"{term.name} is nearly straight over the visited range (scale {value:.3g} {parameter.unit}, "
+                    f"motion {max(moved):.3g} {parameter.unit} rms): only amplitude over scale is determined, and it "
+                    "trades with the linear term"
                 )

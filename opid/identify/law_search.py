@@ -93,7 +93,11 @@ def search_law(
 
 
 def chosen(ladder: Sequence[LadderStep]) -> LadderStep:
-    """Return the step that the search ended on."""
+    """Return the step that the search ended on.
+
+    Args:
+        ladder: of `search_law`.
+    """
     return [step for step in ladder if step.kept][-1]
 
 
@@ -127,9 +131,7 @@ def fit_law(
         mu = before["inverse_mass"] if inverse_mass is not None else None
         starts.append((before["stiffness_per_mass"], before["damping_per_mass"], grown, mu))
     fits = [
-        fit_equation(
-            runs, law, stiffness_per_mass=stiffness, damping_per_mass=damping, ground=ground, inverse_mass=mu
-        )
+        fit_equation(runs, law, stiffness_per_mass=stiffness, damping_per_mass=damping, ground=ground, inverse_mass=mu)
         for stiffness, damping, law, mu in starts
     ]
     return max(fits, key=lambda fit: fit.log_likelihood)

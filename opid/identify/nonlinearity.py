@@ -166,7 +166,12 @@ def sparse_regression(
 
 
 def _fit(
-    straight: dict[str, FloatArray], law: Law, z: FloatArray, v: FloatArray, y: FloatArray, cluster: np.ndarray
+    straight: dict[str, FloatArray],
+    law: Law,
+    z: FloatArray,
+    v: FloatArray,
+    y: FloatArray,
+    cluster: np.ndarray,
 ) -> LawFit:
     """Separable least squares: the inner parameters are searched, everything linear is solved for (VARPRO)."""
     from scipy import optimize
@@ -254,9 +259,7 @@ def _inner_indices(law: Law) -> list[int]:
 
 def _encode(law: Law, free: list[int]) -> FloatArray:
     """Scales as logarithms (they are positive and spread over decades), lags as they are."""
-    return np.array(
-        [np.log(law.vector[k]) if law.parameter_list[k].role == "scale" else law.vector[k] for k in free]
-    )
+    return np.array([np.log(law.vector[k]) if law.parameter_list[k].role == "scale" else law.vector[k] for k in free])
 
 
 def _with_inner(law: Law, free: list[int], inner: FloatArray) -> Law:

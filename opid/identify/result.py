@@ -25,6 +25,11 @@ PARAMETERS = (
 class Estimate:
     """A value with its standard deviation and 95 % interval; None where the method gives none.
 
+    Args:
+        value: in the unit that the name of the parameter carries.
+        std: standard deviation, in the same unit.
+        interval95: lower and upper end of the 95 % interval.
+
     >>> Estimate.normal(10.0, 1.0).interval95
     (8.04, 11.96)
     """
@@ -73,8 +78,8 @@ class Identification:
         method: "classical" or "paper".
         title: title of the study.
         parameters: one `Estimate` for each name in `PARAMETERS`, of the reference run.
-        ratios: estimates of "stiffness_per_mass" (1/s^2), "damping_per_mass" (1/s), "ground_stiffness_per_mass" (1/s^2),
-            "natural_frequency_hz" and "damping_ratio".
+        ratios: estimates of "stiffness_per_mass" (1/s^2), "damping_per_mass" (1/s), "ground_stiffness_per_mass"
+            (1/s^2), "natural_frequency_hz" and "damping_ratio".
         law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
         law_estimates: {kind: {parameter: Estimate}} in the same unit.
         restoring_force: the identified force over the visited plane.
@@ -98,7 +103,13 @@ class Identification:
 
 
 def visited_force(
-    surfaces: list[RestoringForce], law: Law, *, stiffness: float, damping: float, per_mass: bool, n_bins: int = 31
+    surfaces: list[RestoringForce],
+    law: Law,
+    *,
+    stiffness: float,
+    damping: float,
+    per_mass: bool,
+    n_bins: int = 31,
 ) -> VisitedForce:
     """Evaluate an identified restoring force at the visited cells of the plane.
 

@@ -151,8 +151,9 @@ def equation_lines(
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high))
     if keep.size < 20:
         raise InputError(
-            f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {len(motion.acceleration) / fs:.3g} s "
-            f"({2 * motion.settle_s:.3g} s of it settling): give a longer run or a wider band"
+            f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of "
+            f"{len(motion.acceleration) / fs:.3g} s ({2 * motion.settle_s:.3g} s of it settling): give a longer run "
+            "or a wider band"
         )
     lower, upper = (np.asarray(samples, dtype=np.float64)[inside] for samples in (unsprung, sprung))
     return EquationLines(

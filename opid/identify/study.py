@@ -22,6 +22,9 @@ from opid.signals.recording import FloatArray, Recording
 MINIMUM_SAMPLES = 256
 """The shortest run taken: a spectrum of fewer samples does not separate a peak from its neighbours."""
 
+LARGEST_CHANGE_KG = 1e5
+"""No single gear carries more: the heaviest aircraft puts 50 t on one."""
+
 SAME_RATE = 1e-5
 """Relative difference up to which two rates are one: clocks of crystals agree to some parts in a million."""
 
@@ -260,6 +263,11 @@ def _study_faults(study: Study) -> Iterator[str]:
 def _run_faults(study: Study, run: Run) -> Iterator[str]:
     if not math.isfinite(run.mass_change_kg):
         yield f"the mass change is {run.mass_change_kg} kg, give a number"
+    elif abs(run.mass_change_kg) > LARGEST_CHANGE_KG:
+        yield (
+            f"the mass change is {run.mass_change_kg:g} kg, more than any gear carries "
+            f"({LARGEST_CHANGE_KG:g} kg): give it in kg, for this gear alone"
+        )
     if run.recording.n_samples < MINIMUM_SAMPLES:
         yield (
             f"it has {run.recording.n_samples} samples ({run.recording.duration_s:.3g} s) and at least "

@@ -87,7 +87,8 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(error_model="numpy")
+# inlined: as a call, with its seven arrays, it takes longer than what it computes
+@njit(error_model="numpy", inline="always")
 def _accelerate(system, drive, half_step, x, v, out):  # type: ignore[no-untyped-def]
     """out = drive - stiffness x - damping v - sum_j loads_j f_j(directions_j x, directions_j v)."""
     stiffness, damping, directions, loads, firsts, codes, values = system
@@ -116,7 +117,7 @@ def _compiled(laws_digest: int) -> tuple[Callable[..., Any], Callable[..., Any]]
     """Return force_kernel and runge_kutta_4.
 
     numba renews its cache when this file changes, but not when laws.py does, whose functions are compiled in.
-    It does compare closure variables: the digest of laws.py, carried as one, renews the cache.
+    It does compare closure variables: the digest of laws.py (never 0), carried as one, renews the cache.
     """
 
     @njit(cache=True, error_model="numpy")
@@ -156,7 +157,6 @@ def _compiled(laws_digest: int) -> tuple[Callable[..., Any], Callable[..., Any]]
     return force_kernel, runge_kutta_4
 
 
-# bytes of the source, not its time stamp: a fresh checkout of the same laws keeps its cache
 force_kernel, runge_kutta_4 = _compiled(
     1 + int.from_bytes(hashlib.sha256(inspect.getsource(laws_module).encode()).digest()[:7])
 )

@@ -18,7 +18,7 @@ from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 DEFAULT_LAW = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
 DEFAULT_SENSOR = Sensor()
-# the gear forgets its start from rest (2 zeta omega_bounce > 1.2 1/s) and the filters theirs
+# the start from rest decays as exp(-zeta omega t), about exp(-8) for the bounce; the tail serves the filter
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
 _FORE_AFT_BAND_HZ = (0.5, 40.0)
 
@@ -91,7 +91,12 @@ class TaxiRun:
 
 @dataclass(frozen=True, eq=False)
 class TaxiTest:
-    """Two taxi runs of one aircraft at two masses."""
+    """Two taxi runs of one aircraft at two masses.
+
+    Args:
+        heavy: the reference run.
+        light: the run with less sprung mass.
+    """
 
     heavy: TaxiRun
     light: TaxiRun
@@ -188,9 +193,7 @@ def taxi_run(
     (('lower_z', 'upper_z'), 2048)
     """
     if not (0.0 < duration_s < np.inf and 0.0 < fs < np.inf and duration_s * fs >= 2.0):
-        raise InputError(
-            f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more"
-        )
+        raise InputError(f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more")
     road_rng, lower_rng, upper_rng, lower_x_rng, upper_x_rng = rng.spawn(5)
     speed = SpeedProfile(*speed_m_per_s, duration_s)
     lead_in = round(_LEAD_IN_S * fs)
@@ -277,9 +280,7 @@ def _roll(
         return tyre_force(gear, road, place_m, speed.speed_m_per_s(time))
 
     steps = max(1, int(np.ceil(lowest_step_rate_hz / fs)))
-    return time_response(
-        gear_structure(gear), force, fs=steps * fs, duration_s=lead_in_s + speed.duration_s + _TAIL_S
-    )
+    return time_response(gear_structure(gear), force, fs=steps * fs, duration_s=lead_in_s + speed.duration_s + _TAIL_S)
 
 
 def _fore_aft_noise(vertical: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:

@@ -206,9 +206,7 @@ class Term:
             positive = parameter.role in ("scale", "exponent")
             if not math.isfinite(value) or (positive and value <= 0.0):
                 needed = "a positive number" if positive else "a finite number"
-                raise InputError(
-                    f"{parameter.name} of {self.name} is {value:g} {parameter.unit}: give {needed}"
-                )
+                raise InputError(f"{parameter.name} of {self.name} is {value:g} {parameter.unit}: give {needed}")
 
     @property
     def kind(self) -> Kind:
@@ -247,9 +245,7 @@ class Law:
 
     def __post_init__(self) -> None:
         ordered = sorted(self.terms, key=lambda term: _ORDER[term.name])
-        merged = tuple(
-            _added_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name)
-        )
+        merged = tuple(_added_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
         object.__setattr__(self, "terms", merged)
 
     @property
@@ -284,9 +280,7 @@ class Law:
         """Return the law of the same terms with these values, the inverse of `vector`."""
         values = np.asarray(vector, dtype=np.float64)
         if values.shape != self.vector.shape:
-            raise InputError(
-                f"{self.name} has {self.vector.size} parameter(s), got an array of shape {values.shape}"
-            )
+            raise InputError(f"{self.name} has {self.vector.size} parameter(s), got an array of shape {values.shape}")
         rest: Iterator[float] = iter(values.tolist())
         return Law(tuple(Term(term.name, tuple(next(rest) for _ in term.values)) for term in self.terms))
 
@@ -380,9 +374,7 @@ def default_law(name: str) -> Law:
     >>> default_law("arctan_velocity+cubic_stiffness").vector.tolist()
     [400.0, 0.02, 3000000000.0]
     """
-    return Law(
-        tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _kind_names(name))
-    )
+    return Law(tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _kind_names(name)))
 
 
 def _kind_names(name: str) -> list[str]:
@@ -414,9 +406,7 @@ def _term(name: str, given: Mapping[str, float]) -> Term:
 
 def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
     if len({term.inner for term in terms}) > 1:
-        raise InputError(
-            f"a sum has {name!r} twice with different inner parameters: one law has one term of a kind"
-        )
+        raise InputError(f"a sum has {name!r} twice with different inner parameters: one law has one term of a kind")
     return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))
 
 

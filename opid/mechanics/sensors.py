@@ -48,9 +48,7 @@ class Sensor:
         if self.range_m_per_s2 is not None and not self.range_m_per_s2 > 0.0:
             raise InputError(f"range is +-{self.range_m_per_s2} m/s^2: give a positive number")
         if self.bits is not None and (self.bits < 2 or self.range_m_per_s2 is None):
-            raise InputError(
-                f"bits is {self.bits}, range {self.range_m_per_s2}: give two bits or more and the range"
-            )
+            raise InputError(f"bits is {self.bits}, range {self.range_m_per_s2}: give two bits or more and the range")
 
 
 def measure(
@@ -71,7 +69,8 @@ def measure(
         cross_axis_acceleration: (n,) true acceleration across the axis; needed where the sensor leaks.
 
     Raises:
-        InputError: a leaking sensor without the motion across it, or arrays of different length.
+        InputError: a leaking sensor without the motion across it, arrays of different length, or an AC
+            coupling above fs/2.
 
     >>> quiet = Sensor(noise_m_per_s2=0.0, gain=1.01)
     >>> measure([0.0, 1.0, -1.0], fs=512.0, sensor=quiet, rng=np.random.default_rng(1))
@@ -81,13 +80,13 @@ def measure(
     noise = rng.standard_normal(reading.size)
     if sensor.cross_axis != 0.0:
         if cross_axis_acceleration is None or np.shape(cross_axis_acceleration) != reading.shape:
-            raise InputError(
-                "the sensor leaks across its axis: give the acceleration across it, as long as the other"
-            )
+            raise InputError("the sensor leaks across its axis: give the acceleration across it, as long as the other")
         reading = reading + sensor.cross_axis * np.asarray(cross_axis_acceleration)
     reading = sensor.gain * reading
     if sensor.lag_s != 0.0:
         reading = ndimage.shift(reading, sensor.lag_s * fs, order=5, mode="nearest")
+    if sensor.corner_hz >= 0.5 * fs:
+        raise InputError(f"the corner of the AC coupling is {sensor.corner_hz} Hz: give one below fs/2 = {0.5 * fs} Hz")
     if sensor.corner_hz > 0.0:
         reading = signal.lfilter(*signal.butter(1, sensor.corner_hz, "highpass", fs=fs), reading)
     reading = reading + sensor.noise_m_per_s2 * noise
@@ -111,10 +110,15 @@ def decimate(samples: ArrayLike, factor: int) -> FloatArray:
     Returns:
         (ceil(n / factor), ...) samples; the first one keeps its time.
 
+    Raises:
+        InputError: a factor below one.
+
     >>> decimate(np.ones(4000), 8).shape
     (500,)
     """
     array = np.asarray(samples, dtype=np.float64)
+    if factor < 1:
+        raise InputError(f"the decimation factor is {factor}: give a whole number from 1 on")
     if factor == 1:
         return array.copy()
     n_taps, beta = signal.kaiserord(ANTI_ALIAS_STOP_DB, (1.0 - ANTI_ALIAS_PASS) / factor)

@@ -114,7 +114,11 @@ class Modes:
 
 
 def linear_matrices(structure: Structure) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return M, C, K with the linear part of the joints, the nonlinear laws left out, each (n_dof, n_dof)."""
+    """Return M, C, K with the linear part of the joints, the nonlinear laws left out, each (n_dof, n_dof).
+
+    Args:
+        structure: the structure.
+    """
     damping, stiffness = structure.damping.copy(), structure.stiffness.copy()
     for joint in structure.joints:
         along = np.outer(joint.direction, joint.direction)
@@ -125,6 +129,9 @@ def linear_matrices(structure: Structure) -> tuple[FloatArray, FloatArray, Float
 
 def natural_frequencies(structure: Structure) -> Modes:
     """Return natural frequencies, damping ratios and shapes of the linear structure: (K - omega^2 M) phi = 0.
+
+    Args:
+        structure: the structure; its nonlinear laws are left out.
 
     Raises:
         InputError: a stiffness that is negative along some motion.
@@ -138,9 +145,7 @@ def natural_frequencies(structure: Structure) -> Modes:
     # rounding leaves the zero of a rigid-body mode slightly on either side
     zero = 1e-12 * max(abs(squares[0]), abs(squares[-1]))
     if squares[0] < -zero:
-        raise InputError(
-            "the stiffness matrix is negative along some motion: the linear structure is unstable"
-        )
+        raise InputError("the stiffness matrix is negative along some motion: the linear structure is unstable")
     omega = np.sqrt(np.where(squares > zero, squares, 0.0))
     modal_damping = np.einsum("ik,ij,jk->k", shapes, damping, shapes)
     zeta = np.full(omega.shape, np.nan)
@@ -167,9 +172,7 @@ def frequency_response(structure: Structure, frequency_hz: ArrayLike) -> Complex
     try:
         receptance: ComplexArray = np.linalg.inv(dynamic_stiffness)  # type: ignore[assignment]
     except np.linalg.LinAlgError:
-        raise InputError(
-            "an undamped resonance falls on a frequency asked for: add damping or shift it"
-        ) from None
+        raise InputError("an undamped resonance falls on a frequency asked for: add damping or shift it") from None
     return receptance
 
 
@@ -177,6 +180,13 @@ def linear_transmissibility(
     structure: Structure, frequency_hz: ArrayLike, *, response: str, reference: str, load: str
 ) -> ComplexArray:
     """Return T = X_response / X_reference of the linear structure under a force on `load`, (n,).
+
+    Args:
+        structure: the structure; its nonlinear laws are left out.
+        frequency_hz: (n,) frequencies, Hz.
+        response: name of the degree of freedom in the numerator.
+        reference: name of the degree of freedom in the denominator.
+        load: name of the degree of freedom on which the only force acts.
 
     >>> free = Structure(np.eye(2), np.zeros((2, 2)), np.zeros((2, 2)), (Joint("strut", (-1, 1), 40.0, 1.0),))
     >>> T = linear_transmissibility(free, [0.001], response="x2", reference="x1", load="x1")
@@ -197,10 +207,6 @@ def _symmetric(name: str, matrix: ArrayLike) -> FloatArray:
     array = _read_only(matrix)
     if array.ndim != 2 or array.shape[0] != array.shape[1]:
         raise InputError(f"the {name} matrix has shape {array.shape}: give a square matrix")
-    if not np.isfinite(array).all() or np.abs(array - array.T).max(initial=0.0) > 1e-9 * np.abs(array).max(
-        initial=0.0
-    ):
-        raise InputError(
-            f"the {name} matrix is not symmetric and finite: mend it or split off what is not a spring"
-        )
+    if not np.isfinite(array).all() or np.abs(array - array.T).max(initial=0.0) > 1e-9 * np.abs(array).max(initial=0.0):
+        raise InputError(f"the {name} matrix is not symmetric and finite: mend it or split off what is not a spring")
     return array

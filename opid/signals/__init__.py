@@ -1,0 +1,1 @@
+"""What was measured: recordings, their logs, health, motion and spectra."""

@@ -175,9 +175,7 @@ def looks_unsprung(recording: Recording, names: Sequence[str] | None = None) -> 
     return max(chosen, key=lambda name: _rms_above(recording.channel(name), recording.fs, HIGH_FREQUENCY_HZ))
 
 
-def check_pair(
-    unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tuple[str, str]
-) -> tuple[Finding, ...]:
+def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tuple[str, str]) -> tuple[Finding, ...]:
     """Return what speaks against two accelerations being those of a spindle and the airframe above it.
 
     Args:
@@ -195,7 +193,7 @@ def check_pair(
     >>> check_pair(wheel, body, fs=256.0, names=("lower_z", "upper_z"))
     ()
     >>> check_pair(body, wheel, fs=256.0, names=("lower_z", "upper_z"))[0].severity
-    'warning'
+    'fault'
     """
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if np.array_equal(lower, upper):
@@ -221,7 +219,7 @@ def check_pair(
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
             f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung"
         )
-        findings.append(Finding("warning", names[0], message))
+        findings.append(Finding("fault", names[0], message))
     return tuple(findings)
 
 
@@ -346,27 +344,19 @@ def _findings(channel: ChannelHealth, samples: FloatArray, recording: Recording)
         begin_s, moving = _longest_flat(samples, recording.fs, step)
         if moving:
             when = f"for {channel.longest_flat_s:.3g} s from {recording.start_s + begin_s:.3f} s"
-            yield finding(
-                "warning", f"one value is held {when}: leave this dropout out with start_s and stop_s"
-            )
+            yield finding("warning", f"one value is held {when}: leave this dropout out with start_s and stop_s")
     if channel.spikes:
         first = recording.start_s + _spikes(samples, recording.fs, step)[0] / recording.fs
         where = f"{channel.spikes} spike(s) of one sample, the first at {first:.4f} s"
         yield finding("warning", f"{where}: check the cable, or leave them out with start_s and stop_s")
     if step is not None and channel.rms < COARSE_STEPS * step:
-        steps = (
-            f"the rms is only {channel.rms / step:.1f} steps of the resolution ({step:.3g} {channel.unit})"
-        )
+        steps = f"the rms is only {channel.rms / step:.1f} steps of the resolution ({step:.3g} {channel.unit})"
         yield finding("warning", f"{steps}: measure with a smaller range or more bits")
     if channel.unit == "m/s^2":
         if abs(abs(channel.mean) / STANDARD_GRAVITY - 1) < GRAVITY_TOLERANCE:
-            yield finding(
-                "note", f"the mean, {channel.mean:.3f} m/s^2, is gravity: remove it before integrating"
-            )
+            yield finding("note", f"the mean, {channel.mean:.3f} m/s^2, is gravity: remove it before integrating")
         elif abs(abs(channel.mean) - 1) < GRAVITY_TOLERANCE:
-            yield finding(
-                "note", f"the mean, {channel.mean:.3f} m/s^2, would be gravity in g: check the unit"
-            )
+            yield finding("note", f"the mean, {channel.mean:.3f} m/s^2, would be gravity in g: check the unit")
         elif abs(channel.mean) > OFFSET_RMS * channel.rms:
             offset = f"the offset, {channel.mean:.3g} m/s^2, is large beside the rms, {channel.rms:.3g} m/s^2"
             yield finding("note", f"{offset}: remove it before integrating")

@@ -126,9 +126,7 @@ def relative_motion(
     """
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if lower.shape != upper.shape:
-        raise InputError(
-            f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length"
-        )
+        raise InputError(f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length")
     return integrate(upper - lower, fs=fs, method=method, high_pass_hz=high_pass_hz)
 
 
@@ -149,9 +147,7 @@ def filter_like(samples: ArrayLike, motion: Motion) -> FloatArray:
     signal_in = np.asarray(samples, dtype=np.float64)
     if motion.method == "mean_removed":
         return signal_in - signal_in.mean()
-    return integrate(
-        signal_in, fs=motion.fs, method=motion.method, high_pass_hz=motion.high_pass_hz
-    ).acceleration
+    return integrate(signal_in, fs=motion.fs, method=motion.method, high_pass_hz=motion.high_pass_hz).acceleration
 
 
 def _integrate_mean_removed(samples: FloatArray, *, fs: float) -> Motion:

@@ -153,14 +153,10 @@ def transmissibility(
     """
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if lower.shape != upper.shape:
-        raise InputError(
-            f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length"
-        )
+        raise InputError(f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length")
     if estimator not in ESTIMATORS:
         raise InputError(f"there is no estimator {estimator!r}: {nearest(estimator, ESTIMATORS)}")
-    spectra = cross_spectra(
-        np.stack([lower, upper], axis=1), fs=fs, window=window, nperseg=nperseg, noverlap=noverlap
-    )
+    spectra = cross_spectra(np.stack([lower, upper], axis=1), fs=fs, window=window, nperseg=nperseg, noverlap=noverlap)
     density = spectra.density
     s11, s22, s12 = density[:, 0, 0].real, density[:, 1, 1].real, density[:, 0, 1]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -96,9 +96,7 @@ def _load_formats() -> None:
 def _format(table: dict[str, _Function], file: Path, verb: str) -> _Function:
     ending = file.suffix.lower()
     if ending not in table:
-        raise InputError(
-            f"cannot {verb} {file}: no format has the ending {ending!r}: {nearest(ending, table)}"
-        )
+        raise InputError(f"cannot {verb} {file}: no format has the ending {ending!r}: {nearest(ending, table)}")
     return table[ending]
 
 

@@ -120,9 +120,7 @@ def _read_header(path: Path) -> _Header:
                 # numpy.savetxt and others write the header as a comment
                 if "[" in comment or "(" in comment:
                     return _parse_header(path, comment, number - 1, number - 1)
-                raise InputError(
-                    f"{path} line {number} is numbers, there is no header: begin with {_EXAMPLE}"
-                )
+                raise InputError(f"{path} line {number} is numbers, there is no header: begin with {_EXAMPLE}")
     raise InputError(f"{path} has no header and no samples: begin with {_EXAMPLE}")
 
 
@@ -155,9 +153,7 @@ def _time_column(where: str, columns: tuple[_Column, ...]) -> int:
             return found[0]
     if columns[0].unit == "s":
         return 0
-    raise InputError(
-        f"{where}: there is no time column (the first is in {columns[0].unit}): write {_EXAMPLE}"
-    )
+    raise InputError(f"{where}: there is no time column (the first is in {columns[0].unit}): write {_EXAMPLE}")
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -178,9 +174,7 @@ def _split(cell: str) -> tuple[str, str | None]:
 def _column(where: str, number: int, cell: str) -> _Column:
     name, written_unit = _split(cell)
     if not name:
-        raise InputError(
-            f"{where}: column {number} has no name: write one, or remove the separator before it"
-        )
+        raise InputError(f"{where}: column {number} has no name: write one, or remove the separator before it")
     if not written_unit:
         example = "time [s]" if name.casefold() in ("time", "t") else f"{name} [m/s^2]"
         raise InputError(f"{where}: column {name!r} has no unit: write it in brackets, like `{example}`")

@@ -1,0 +1,31 @@
+# The public names, one line a room.
+from .errors import InputError, NotDeterminedError
+from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
+from .identify.classical import classical_chain
+from .identify.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
+from .identify.identification import identify
+from .identify.law_search import chosen, fit_law, search_law
+from .identify.nonlinearity import fit_slice, fit_surface, sparse_regression
+from .identify.restoring_force import binned_surface, restoring_force, slice_curve
+from .identify.result import Estimate, Identification
+from .identify.spectral_equation import equation_lines, fit_equation
+from .identify.study import Run, Study, read_study, study_from_logs, write_study
+from .identify.transmissibility import (
+    suspension_transmissibility,
+    transmissibility_peaks,
+    transmissibility_without_force,
+)
+from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
+from .mechanics.laws import LAWS, Law, default_law, law
+from .mechanics.response import time_response
+from .mechanics.sensors import Sensor
+from .mechanics.structure import Joint, Structure
+from .report import result_text, write_report
+from .signals.health import inspect
+from .signals.logs import read_log, write_log
+from .signals.motion import integrate, relative_motion
+from .signals.recording import Channel, Recording, recording_from_arrays
+from .signals.spectra import cross_spectra, transmissibility
+
+__version__: str
+__all__: list[str]

@@ -1,0 +1,28 @@
+"""Results -> Axes: one function a figure, each takes a result (and Axes, if you have some) and computes nothing.
+
+The only room with matplotlib. Without Axes a function draws on a figure of its own, which no backend holds:
+`opid.plots.figure_of(axes).savefig("slices.png")`.
+"""
+
+from opid.plots.answer import estimates, law_ladder
+from opid.plots.force import law_curves, restoring_force_map, restoring_force_surface, slices
+from opid.plots.runs import accelerations, integration, recording
+from opid.plots.spectra import equation_residual, transmissibilities
+from opid.plots.style import figure_of, house_style, png
+
+__all__ = [
+    "accelerations",
+    "equation_residual",
+    "estimates",
+    "figure_of",
+    "house_style",
+    "integration",
+    "law_curves",
+    "law_ladder",
+    "png",
+    "recording",
+    "restoring_force_map",
+    "restoring_force_surface",
+    "slices",
+    "transmissibilities",
+]

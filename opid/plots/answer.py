@@ -1,0 +1,229 @@
+"""Figures of the answer: the laws that were tried, and the estimates of every method side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from opid.identify.classical import Evidence, PeakPair
+from opid.identify.direct_parameters import NAMES
+from opid.identify.result import Estimate, Identification
+from opid.plots.style import GREEN, GREY, INK, PALE, RUN_COLORS, house_style, panels, run_colors
+
+__all__ = ["estimates", "law_ladder"]
+
+# one for each pair of peaks that is shown
+_PAIR_MARKERS = ("D", "s", "^")
+
+
+def law_ladder(result: Identification, ax: Any = None) -> Axes:
+    """Draw the noise that each tried law leaves unexplained, against the noise floor of the sensors.
+
+    Args:
+        result: the identification.
+        ax: one Axes, or None for a new figure.
+    """
+    evidence: Evidence = result.evidence
+    ladder = evidence.ladder
+    last = max(i for i, step in enumerate(ladder) if step.kept)
+    with house_style():
+        ax = panels(ax, 1, height_in=0.9 + 0.32 * len(ladder))[0, 0]
+        for row, step in enumerate(ladder):
+            noise = 1e3 * step.fit.noise_m_per_s2
+            color = RUN_COLORS[1] if row == last else GREY if step.kept else PALE
+            ax.plot([noise], [row], marker="o", markersize=8, color=color, linestyle="none")
+            ax.annotate(f"{noise:.3g}", (noise, row), (8, 0), textcoords="offset points", va="center", fontsize=8.5)
+        floor = 1e3 * evidence.noise_floor
+        ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
+        ax.annotate(
+            f"sensor noise floor {floor:.2g}",
+            (floor, 1),
+            (4, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=8.5,
+        )
+        ax.set_xscale("log")
+        ax.margins(x=0.12)
+        ax.set_yticks(range(len(ladder)), [step.law_name for step in ladder])
+        ax.get_yticklabels()[last].set_fontweight("bold")
+        ax.get_yticklabels()[last].set_color(RUN_COLORS[1])
+        ax.set_ylim(len(ladder) - 0.5, -0.5)
+        ax.grid(True, axis="x", which="major")
+        ax.set_xlabel("unexplained noise [mm/s² rms]")
+        ax.set_title("Laws tried, the chosen one in colour", pad=18)
+    return ax
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """One estimate in the figure of all methods."""
+
+    row: int
+    column: int
+    color: str
+    shift: float
+    estimate: Estimate
+    marker: str = "o"
+    filled: bool = True
+
+
+_METHODS = (
+    "peak formula,\nas printed",
+    "peak formula,\nsign restored",
+    "complex\nleast squares",
+    "errors in variables,\none run",
+    "errors in variables,\nall runs",
+)
+_COLUMNS = ("M₂ [kg]", "K₂/M₂ [1/s²]", "C₂/M₂ [1/s]", "K₃/M₂ [1/s²]")
+
+
+def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+    """Draw mass and ratios to it as every method of the chain finds them, with 95 % intervals.
+
+    A value beyond the frame is written at its edge. The peak formula has one mark for each of the strongest matched
+    pairs, hollow where the match is not credible.
+
+    Args:
+        result: the identification.
+        axes: four Axes, or None for a new figure.
+        truth: of a simulated run, as in truth.json: drawn as lines.
+
+    Returns:
+        (1, 4) Axes.
+    """
+    evidence: Evidence = result.evidence
+    marks = list(_marks(evidence))
+    lines = _true_lines(evidence, truth)
+    with house_style():
+        grid = panels(axes, 1, 4, height_in=4.2, width_in=8.6, sharey=True)
+        for column, ax in enumerate(grid[0]):
+            mine = [mark for mark in marks if mark.column == column]
+            low, high = _limits(mine, [value for value, _ in lines[column]])
+            ax.set_xlim(low, high)
+            ax.locator_params(axis="x", nbins=4)
+            for value, color in lines[column]:
+                ax.axvline(value, color=color, linewidth=4, alpha=0.25)
+            for mark in mine:
+                _draw(ax, mark, low, high)
+            ax.set_title(_COLUMNS[column])
+            ax.set_ylim(len(_METHODS) - 0.5, -0.5)
+            ax.grid(False, axis="y")
+            for row in range(len(_METHODS) - 1):
+                ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
+        grid[0, 0].set_yticks(range(len(_METHODS)), _METHODS)
+        _legend(grid[0, 0].get_figure(), evidence, bool(truth))
+    return grid
+
+
+def _marks(evidence: Evidence) -> Iterator[_Mark]:
+    runs = evidence.runs
+    colors = run_colors(len(runs))
+    shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
+    for i, pair in enumerate(_shown_pairs(evidence)):
+        for row, mass in enumerate((pair.as_printed, pair.sign_restored)):
+            if mass is None:
+                continue
+            values = (
+                mass.sprung_mass_kg,
+                mass.stiffness_n_per_m / mass.sprung_mass_kg,
+                None,
+                mass.ground_stiffness_n_per_m / mass.sprung_mass_kg,
+            )
+            for column, value in enumerate(values):
+                shift, look = 0.27 * (i - 1), (_PAIR_MARKERS[i], pair.match.credible)
+                yield _Mark(row, column, GREY, shift, Estimate(value), *look)
+    joint = evidence.joint
+    for run, color, shift in zip(runs, colors, shifts, strict=True):
+        for row, fit in ((2, run.complex_fit), (3, run.spectral_fit)):
+            for k in range(3):
+                yield _Mark(row, k + 1, color, float(shift), Estimate.normal(fit.value[k], fit.std[k]))
+        share = 1 / (1 + joint["inverse_mass"] * run.mass_change_kg)
+        std = dict(zip(joint.names, joint.std, strict=True))
+        for k, name in enumerate(NAMES):
+            spread = share * std.get(name, 0.0)
+            yield _Mark(4, k + 1, color, float(shift), Estimate.normal(share * joint[name], spread))
+    if evidence.added_mass is not None:
+        added = evidence.added_mass
+        yield _Mark(4, 0, INK, 0.0, Estimate.normal(added["sprung_mass_kg"], added.std[0]))
+
+
+def _shown_pairs(evidence: Evidence) -> list[PeakPair]:
+    """Return the pairs with the largest |T|, credible ones first: with few averages there are dozens by chance."""
+    by_weight = sorted(
+        evidence.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True
+    )
+    return by_weight[: len(_PAIR_MARKERS)]
+
+
+def _true_lines(evidence: Evidence, truth: Mapping[str, Any] | None) -> list[list[tuple[float, str]]]:
+    """Return value and colour of the true lines of each column, one a run for the ratios."""
+    if truth is None:
+        return [[], [], [], []]
+    true = truth["parameters"]
+    mass = true["sprung_mass_kg"]
+    names = ("suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m", "ground_stiffness_n_per_m")
+    colors = run_colors(len(evidence.runs))
+    ratios = [
+        [(true[name] / (mass + run.mass_change_kg), color) for run, color in zip(evidence.runs, colors, strict=True)]
+        for name in names
+    ]
+    return [[(mass, GREEN)], *ratios]
+
+
+def _limits(marks: list[_Mark], truths: list[float]) -> tuple[float, float]:
+    """Frame what the sound methods find; the peak formula may lie outside."""
+    sound = [mark.estimate for mark in marks if mark.row >= 2]
+    ends = [*truths, *(v for e in sound for v in (e.interval95 or (e.value,)) if v is not None)]
+    ends = ends or [mark.estimate.value for mark in marks if mark.estimate.value is not None] or [0.0]
+    low, high = min(ends), max(ends)
+    margin = max(0.25 * (high - low), 0.15 * max(abs(low), abs(high)), 1e-3)
+    return low - margin, high + margin
+
+
+def _draw(ax: Axes, mark: _Mark, low: float, high: float) -> None:
+    value = mark.estimate.value
+    if value is None or not np.isfinite(value):
+        return
+    row = mark.row + mark.shift
+    style: dict[str, Any] = {"color": mark.color, "markerfacecolor": mark.color if mark.filled else "white"}
+    if low <= value <= high:
+        if mark.estimate.interval95 is not None:
+            ax.plot(mark.estimate.interval95, [row, row], color=mark.color, linewidth=2)
+        ax.plot([value], [row], marker=mark.marker, markersize=4.5, linestyle="none", **style)
+        return
+    edge, marker, side, align = (low, "<", 6, "left") if value < low else (high, ">", -6, "right")
+    ax.plot([edge], [row], marker=marker, markersize=5, clip_on=False, linestyle="none", **style)
+    ax.annotate(_short(value), (edge, row), (side, 0), textcoords="offset points", va="center", ha=align, fontsize=7.5)
+
+
+def _short(value: float) -> str:
+    """Three digits, without a power of ten where a reader can do without."""
+    if abs(value) >= 1e6:
+        return f"{value:.1e}".replace("-", "−")
+    rounded = float(f"{value:.3g}")
+    return (f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}").replace("-", "−")
+
+
+def _legend(figure: Any, evidence: Evidence, has_truth: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    dot: dict[str, Any] = {"marker": "o", "linewidth": 2, "markersize": 4.5}
+    handles = [
+        Line2D([], [], color=color, label=f"run {run.name!r}", **dot)
+        for run, color in zip(evidence.runs, run_colors(len(evidence.runs)), strict=True)
+    ]
+    handles.append(Line2D([], [], color=INK, label="all runs", **dot))
+    for pair, marker in zip(_shown_pairs(evidence), _PAIR_MARKERS, strict=False):
+        match = pair.match
+        label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"
+        face, doubt = (GREY, "") if match.credible else ("white", " (not credible)")
+        look: dict[str, Any] = {"marker": marker, "linestyle": "none", "markersize": 5, "markerfacecolor": face}
+        handles.append(Line2D([], [], color=GREY, label=label + doubt, **look))
+    if has_truth:
+        handles.append(Line2D([], [], color=GREEN, linewidth=4, alpha=0.35, label="truth"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), fontsize=8.5)

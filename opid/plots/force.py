@@ -1,0 +1,233 @@
+"""Figures of the restoring force: the surface, its two slices, and the law that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from opid.identify.classical import RunEvidence
+from opid.identify.nonlinearity import LawFit
+from opid.identify.restoring_force import SliceCurve
+from opid.identify.result import Identification
+from opid.mechanics.laws import Law, law_from_parameters
+from opid.plots.style import (
+    COUNT_MAP,
+    GREEN,
+    GREY,
+    INK,
+    PALE,
+    RUN_COLORS,
+    SURFACE_MAP,
+    every,
+    house_style,
+    panels,
+    run_title,
+    thick,
+)
+
+__all__ = ["law_curves", "restoring_force_map", "restoring_force_surface", "slices"]
+
+_FORCE = "force per mass −x₂″ [m/s²]"
+_TRAVEL, _VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
+
+
+def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
+    """Draw the averaged restoring-force surface in three dimensions.
+
+    Args:
+        run: one run of the evidence.
+        ax: three-dimensional Axes, or None for a new figure.
+    """
+    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    with house_style():
+        if ax is None:
+            ax = Figure(figsize=(6.4, 4.6)).add_axes((0.02, 0.02, 0.94, 0.98), projection="3d")
+        assert isinstance(ax, Axes3D)
+        travel, velocity = run.binned.centres
+        faces = _faces(np.stack([1e3 * travel, velocity, run.binned.mean], axis=-1))
+        limit = float(np.nanmax(np.abs(run.binned.mean)))
+        surface = Poly3DCollection(faces, cmap=SURFACE_MAP, edgecolor=GREY, linewidth=0.3)
+        surface.set_array(faces[..., 2].mean(axis=1))
+        surface.set_clim(-limit, limit)
+        ax.add_collection3d(surface, autolim=False)
+        ax.set(xlim=(1e3 * travel.min(), 1e3 * travel.max()), ylim=(velocity.min(), velocity.max()))
+        ax.set(zlim=(-limit, limit), xlabel=_TRAVEL, ylabel=_VELOCITY, zlabel="−x₂″ [m/s²]")
+        ax.view_init(elev=24, azim=-125)
+        ax.set_box_aspect((4, 4, 3), zoom=0.9)
+        ax.set_title(f"Mean restoring force, {run_title(run)}", loc="center", y=0.98)
+    return ax
+
+
+def _faces(points: np.ndarray) -> np.ndarray:
+    """Quadrangles (n, 4, 3) between neighbouring points (rows, columns, 3), where all four are known."""
+    corners = [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]]
+    faces = np.stack(corners, axis=2).reshape(-1, 4, 3)
+    return faces[np.isfinite(faces).all(axis=(1, 2))]
+
+
+def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
+    """Draw the averaged restoring-force surface from above, and how many points stand behind each cell.
+
+    Args:
+        run: one run of the evidence.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    binned = run.binned
+    edges = (1e3 * binned.travel_edges, binned.velocity_edges)
+    limit = float(np.nanmax(np.abs(binned.mean)))
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.5, sharex=True, sharey=True)
+        force_ax, count_ax = grid[0]
+        color = force_ax.pcolormesh(*edges, binned.mean.T, cmap=SURFACE_MAP, vmin=-limit, vmax=limit)
+        travel, velocity = binned.centres
+        levels = force_ax.contour(
+            1e3 * travel, velocity, np.ma.masked_invalid(binned.mean), levels=9, colors=INK, linewidths=0.6
+        )
+        force_ax.clabel(levels, fontsize=7, fmt="%g")
+        force_ax.figure.colorbar(color, ax=force_ax, label=_FORCE)
+        counts = np.ma.masked_equal(binned.counts, 0)
+        color = count_ax.pcolormesh(*edges, counts.T, cmap=COUNT_MAP, norm=LogNorm(1, max(2.0, float(counts.max()))))
+        count_ax.figure.colorbar(color, ax=count_ax, label="samples in the cell")
+        force_ax.set_title(f"Mean force, {run_title(run)}")
+        count_ax.set_title(f"Samples; {binned.coverage:.0%} of the cells hold ≥ {binned.min_count}")
+        for ax in grid[0]:
+            ax.set_xlabel(_TRAVEL)
+            ax.grid(False)
+        force_ax.set_ylabel(_VELOCITY)
+    return grid
+
+
+def slices(run: RunEvidence, axes: Any = None) -> np.ndarray:
+    """Draw stiffness curve and damping curve with the arctangents fitted to them, and the residuals below.
+
+    As Figs. 6 and 7 of Iwaniec & Uhl (2007).
+
+    Args:
+        run: one run of the evidence.
+        axes: four Axes, or None for a new figure.
+
+    Returns:
+        (2, 2) Axes.
+    """
+    with house_style():
+        grid = panels(axes, 2, 2, height_in=4.8, sharex="col", sharey="row", height_ratios=[2, 1])
+        for column, curve, fit in zip(grid.T, run.slices, run.slice_fits, strict=True):
+            _slice(column, curve, fit)
+        grid[0, 0].set_ylabel(_FORCE)
+        grid[1, 0].set_ylabel("residual [m/s²]")
+    return grid
+
+
+def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
+    along_travel = curve.along == "travel"
+    scale, label = (1e3, _TRAVEL) if along_travel else (1.0, _VELOCITY)
+    shown = every(curve.position.size)
+    line = np.linspace(curve.position.min(), curve.position.max(), 400)
+    zero = np.zeros_like(line)
+    straight = next(value for name, value in fit.straight.items() if name != "offset") * line + fit.straight["offset"]
+    arctangent = fit.law.force(line, zero) if along_travel else fit.law.force(zero, line)
+    other = f"|z′| ≤ {curve.half_width:.2g} m/s" if along_travel else f"|z| ≤ {1e3 * curve.half_width:.2g} mm"
+    above, below = column
+    dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
+    position = scale * curve.position[shown]
+    above.plot(position, curve.force_per_mass[shown], color=PALE, label=f"measured, {other}", **dots)
+    above.plot(scale * line, straight, color=RUN_COLORS[0], linewidth=1.1, linestyle="--", label="its straight part")
+    above.plot(scale * line, straight + arctangent, color=RUN_COLORS[1], label="slope + arctangent")
+    above.set_title("Stiffness curve" if along_travel else "Damping curve")
+    above.text(0.97, 0.05, _verdict(curve, fit), ha="right", va="bottom", fontsize=8.5, transform=above.transAxes)
+    thick(above.legend(loc="upper left"))
+    below.plot(position, fit.residual[shown], color=GREY, **dots)
+    below.axhline(0, color=INK, linewidth=0.8)
+    below.set_title(f"{fit.residual_rms:.2g} m/s² rms", fontweight="normal", fontsize=8.5)
+    below.set_xlabel(label)
+
+
+def _verdict(curve: SliceCurve, fit: LawFit) -> str:
+    amplitude, inner = fit.law.vector
+    unit, beside = ("mm", "stiffness") if curve.along == "travel" else ("m/s", "damping")
+    if not fit.verdicts[0].distinguishable:
+        return f"the arctangent cannot\nbe told from {beside}"
+    return f"amplitude {amplitude:.3g} m/s²\nscale {1e3 * inner if unit == 'mm' else inner:.3g} {unit}"
+
+
+def law_curves(result: Identification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+    """Draw the identified force over velocity (at z = 0) and over travel (at z' = 0), with its linear share.
+
+    Args:
+        result: the identification.
+        axes: two Axes, or None for a new figure.
+        truth: of a simulated run, as in truth.json: its law is drawn too.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    visited = result.restoring_force
+    surfaces = [run.surface for run in result.evidence.runs]
+    if visited.per_mass:
+        stiffness, damping = (result.ratios[name].value for name in ("stiffness_per_mass", "damping_per_mass"))
+    else:
+        names = ("suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m")
+        stiffness, damping = (result.parameters[name].value for name in names)
+    true_law = None
+    if truth is not None and not visited.per_mass:
+        true_law = law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
+    velocity, travel = (
+        np.linspace(-1, 1, 401) * np.abs(positions).max() for positions in (visited.velocity, visited.travel)
+    )
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.4)
+        rms = [float(np.sqrt(np.mean(np.concatenate(part) ** 2))) for part in _motions(surfaces)]
+        _law(grid[0, 0], velocity, 1.0, damping, result.law, true_law, "velocity", rms[1])
+        _law(grid[0, 1], travel, 1e3, stiffness, result.law, true_law, "travel", rms[0])
+        grid[0, 0].set_ylabel("force per sprung mass [m/s²]" if visited.per_mass else "force [N]")
+    return grid
+
+
+def _motions(surfaces: list[Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    return [surface.travel for surface in surfaces], [surface.velocity for surface in surfaces]
+
+
+def _law(
+    ax: Axes,
+    position: np.ndarray,
+    scale: float,
+    slope: float | None,
+    law: Law,
+    true_law: Law | None,
+    along: str,
+    rms: float,
+) -> None:
+    zero = np.zeros_like(position)
+    place = (position, zero) if along == "travel" else (zero, position)
+    nonlinear = law.force(*place)
+    coefficient, at, label = ("K₂ z", "z′ = 0", _TRAVEL) if along == "travel" else ("C₂ z′", "z = 0", _VELOCITY)
+    ax.axvspan(-scale * rms, scale * rms, color="#F1F1F1", zorder=0, label="± rms of the motion")
+    if slope is not None:
+        linear = slope * position
+        ax.plot(scale * position, linear, color=GREY, linewidth=1.1, linestyle="--", label=coefficient)
+        ax.plot(scale * position, linear + nonlinear, color=RUN_COLORS[0], label=f"{coefficient} + f")
+    ax.plot(scale * position, nonlinear, color=RUN_COLORS[1], linewidth=2.2, label="nonlinear force f")
+    if true_law is not None:
+        ax.plot(
+            scale * position,
+            true_law.force(*place),
+            color=GREEN,
+            linewidth=3.5,
+            alpha=0.45,
+            label="f, truth",
+            zorder=1.5,
+        )
+    ax.set_title(f"Force over {along}, {at}")
+    ax.set_xlabel(label)
+    ax.margins(x=0)
+    ax.legend(loc="upper left")

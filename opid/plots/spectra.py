@@ -1,0 +1,158 @@
+"""Figures in the frequency domain: transmissibility, and what the fitted equation leaves over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from opid.identify.classical import Evidence, RunEvidence
+from opid.identify.result import Identification
+from opid.identify.spectral_equation import EquationFit
+from opid.identify.transmissibility import suspension_transmissibility
+from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, run_colors, run_title, thick
+
+__all__ = ["equation_residual", "transmissibilities"]
+
+# width over which the residual spectrum is averaged, Hz
+SMOOTHING_HZ = 0.25
+LOWEST_HZ, HIGHEST_HZ = 0.25, 40.0
+
+
+def transmissibilities(result: Identification, axes: Any = None) -> np.ndarray:
+    """Draw |T|, its phase and its coherence, one column a run (Iwaniec & Uhl 2007, Figs. 8 and 9).
+
+    Args:
+        result: the identification.
+        axes: 3 Axes a run, or None for a new figure.
+
+    Returns:
+        (3, n_runs) Axes.
+    """
+    evidence: Evidence = result.evidence
+    n_runs = len(evidence.runs)
+    with house_style():
+        grid = panels(
+            axes,
+            3,
+            n_runs,
+            height_in=6.8,
+            width_in=max(5.4, 3.7 * n_runs),
+            sharex=True,
+            sharey="row",
+            height_ratios=[3, 1.4, 1.1],
+        )
+        for column, run, color in zip(grid.T, evidence.runs, run_colors(n_runs), strict=True):
+            _transmissibility(column, run, evidence, color)
+        grid[0, 0].set_ylabel("|T| = |X₂/X₁|")
+        grid[1, 0].set_ylabel("phase [°]")
+        grid[2, 0].set_ylabel("coherence")
+    return grid
+
+
+def _transmissibility(column: np.ndarray, run: RunEvidence, evidence: Evidence, color: str) -> None:
+    magnitude, phase, coherence = column
+    measured, beneath = run.T, run.T_without_force
+    highest = min(HIGHEST_HZ, 0.4 * run.fs)
+    shown = (measured.frequency_hz >= LOWEST_HZ) & (measured.frequency_hz <= highest)
+    frequency_hz = measured.frequency_hz[shown]
+    fitted_at = np.geomspace(LOWEST_HZ, highest, 400)
+    fitted = _fitted(evidence.joint, run.mass_change_kg, fitted_at)
+    averages = f"{measured.spectra.n_averages:.1f} averages"
+    lines: list[tuple[str, np.ndarray, np.ndarray, dict[str, Any]]] = [
+        (f"measured, {averages}", frequency_hz, measured.value[shown], {"color": GREY, "linewidth": 0.9}),
+        (
+            "force subtracted (the paper)",
+            frequency_hz,
+            run.T_subtracted.value[shown],
+            {"color": color, "linewidth": 1.0, "alpha": 0.45},
+        ),
+        (
+            "force taken out (conditioned)",
+            frequency_hz,
+            beneath.value[shown],
+            {"color": color, "linewidth": 1.6},
+        ),
+        ("fitted suspension", fitted_at, fitted, {"color": INK, "linestyle": "--", "linewidth": 1.0}),
+    ]
+    for label, frequency, value, style in lines:
+        magnitude.plot(frequency, np.abs(value), label=label, **style)
+        if "paper" not in label:
+            # from 0 down to -180 degrees: cut at +90, where nothing is
+            phase.plot(frequency, np.degrees(np.angle(1j * value)) - 90, **style)
+    magnitude.plot(
+        [peak.frequency_hz for peak in run.peaks],
+        [peak.magnitude for peak in run.peaks],
+        marker="v",
+        linestyle="none",
+        color=GREEN,
+        markersize=5,
+        label="peaks of the measured |T|",
+    )
+    coherence.plot(frequency_hz, measured.coherence[shown], color=GREY, linewidth=0.9, label="spindle alone (ordinary)")
+    coherence.plot(frequency_hz, beneath.coherence[shown], color=color, label="spindle and force (multiple)")
+    magnitude.set_xscale("log")
+    magnitude.set_yscale("log")
+    magnitude.set_title(run_title(run))
+    magnitude.legend(loc="lower left")
+    phase.set_yticks([-180, -90, 0])
+    phase.set_ylim(-225, 45)
+    coherence.set_ylim(0, 1.05)
+    coherence.set_xlabel("frequency [Hz]")
+    coherence.set_xlim(LOWEST_HZ, highest)
+    ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 40) if tick <= highest]
+    coherence.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+    coherence.legend(loc="lower left")
+    for ax in column:
+        ax.axvspan(*evidence.joint.band_hz, color="#F6F6F6", zorder=0)
+
+
+def _fitted(joint: EquationFit, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
+    """Transmissibility of the jointly fitted suspension at the mass of one run."""
+    share = 1 / (1 + joint["inverse_mass"] * mass_change_kg)
+    return suspension_transmissibility(
+        frequency_hz,
+        stiffness_per_mass=share * joint["stiffness_per_mass"],
+        damping_per_mass=share * joint["damping_per_mass"],
+        ground_stiffness_per_mass=share * joint["ground_stiffness_per_mass"],
+    )
+
+
+def equation_residual(result: Identification, ax: Any = None) -> Axes:
+    """Draw the residual of the fitted equation, as the white sensor noise that would explain it, line by line.
+
+    Args:
+        result: the identification.
+        ax: one Axes, or None for a new figure.
+    """
+    evidence: Evidence = result.evidence
+    linear = next((step.fit for step in evidence.ladder if step.law_name == "linear"), None)
+    with house_style():
+        ax = panels(ax, 1, height_in=3.4)[0, 0]
+        runs, colors = evidence.runs, run_colors(len(evidence.runs))
+        if linear is not None and evidence.joint.law.terms:
+            for i, run in enumerate(runs):
+                label = "linear law" if i == 0 else None
+                ax.plot(*_noise_lines(linear, run, i), color=PALE, linewidth=1.1, label=label)
+        for i, (run, color) in enumerate(zip(runs, colors, strict=True)):
+            label = f"{evidence.joint.law.name}, {run.name}"
+            ax.plot(*_noise_lines(evidence.joint, run, i), color=color, linewidth=1.3, label=label)
+        floor = 1e3 * evidence.noise_floor
+        ax.axhline(floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {floor:.2g} mm/s²")
+        ax.set_yscale("log")
+        ax.margins(x=0)
+        ax.set_xlabel("frequency [Hz]")
+        ax.set_ylabel("unexplained [mm/s² rms]")
+        ax.set_title("What the equation of the sprung mass leaves over")
+        thick(ax.legend(loc="best", ncols=2))
+    return ax
+
+
+def _noise_lines(fit: EquationFit, run: RunEvidence, place: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency and rms of the white noise on each channel, mm/s^2, that would make the residual of each line."""
+    frequency_hz, residual = fit.frequency_hz[place], fit.residual[place]
+    n = max(1, round(SMOOTHING_HZ / float(frequency_hz[1] - frequency_hz[0])))
+    power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
+    middle = np.convolve(frequency_hz, np.ones(n), "valid") / n
+    return middle, 1e3 * np.sqrt(power / run.lines.travel.size) * run.fs

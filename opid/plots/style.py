@@ -1,0 +1,185 @@
+"""The one style of all figures: colours that every reader can tell apart, and nothing global."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+
+from opid.identify.classical import RunEvidence
+
+# the palette of Okabe & Ito (2008), told apart by colour-blind readers
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+INK, GREY, PALE = "#222222", "#7A7A7A", "#C4C4C4"
+RUN_COLORS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+SURFACE_MAP, COUNT_MAP = "RdBu_r", "cividis"
+WIDTH_IN = 7.4
+# points drawn in a scatter: more only make a blot
+N_POINTS = 4000
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.7,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "text.color": INK,
+    "lines.linewidth": 1.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": True,
+    "legend.framealpha": 0.85,
+    "legend.edgecolor": "none",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "agg.path.chunksize": 20000,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw in the house style while the block lasts; the user's own settings come back after it."""
+    with rc_context(STYLE):
+        yield
+
+
+def panels(
+    axes: Any, rows: int, columns: int = 1, *, height_in: float, width_in: float = WIDTH_IN, **settings: Any
+) -> np.ndarray:
+    """Return a (rows, columns) array of the given Axes, or of those of a new figure that no backend holds.
+
+    Args:
+        axes: an Axes, or Axes in any shape, or None for a new figure.
+        rows: of panels.
+        columns: of panels.
+        height_in: of a new figure, inches.
+        width_in: likewise.
+        settings: keyword arguments of `matplotlib.figure.Figure.subplots`.
+
+    Raises:
+        ValueError: another number of Axes.
+
+    >>> panels(None, 2, 1, height_in=3).shape
+    (2, 1)
+    """
+    if axes is None:
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        return figure.subplots(rows, columns, squeeze=False, **settings)
+    given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
+    if given.size != rows * columns:
+        raise ValueError(f"{given.size} Axes are given and the figure has {rows} x {columns}")
+    return given.reshape(rows, columns)
+
+
+def png(figure: Figure, *, dpi: int = 150) -> bytes:
+    """Return a figure as the bytes of a PNG file.
+
+    Args:
+        figure: any figure.
+        dpi: dots per inch.
+
+    >>> png(Figure(figsize=(1, 1)))[1:4]
+    b'PNG'
+    """
+    buffer = io.BytesIO()
+    # some parts, such as ticks, are made only when a figure is drawn
+    with house_style():
+        figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
+
+
+def figure_of(axes: Axes | np.ndarray) -> Figure:
+    """Return the figure that holds the Axes of a plot function.
+
+    Args:
+        axes: what a plot function returned.
+
+    >>> figure_of(panels(None, 1, height_in=2)).get_figwidth()
+    7.4
+    """
+    figure = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()[0].get_figure(root=True)
+    assert isinstance(figure, Figure)
+    return figure
+
+
+def every(n_samples: int, n_points: int = N_POINTS) -> slice:
+    """Return the slice that thins `n_samples` to at most `n_points` or a little less than twice as many.
+
+    Args:
+        n_samples: number of samples.
+        n_points: to keep.
+
+    >>> len(range(10000)[every(10000, 4000)])
+    5000
+    """
+    return slice(None, None, max(1, n_samples // n_points))
+
+
+def run_colors(n_runs: int) -> list[str]:
+    """Return one colour a run, from the palette over and over.
+
+    Args:
+        n_runs: number of runs.
+
+    >>> run_colors(2) == [BLUE, VERMILION]
+    True
+    """
+    return [RUN_COLORS[i % len(RUN_COLORS)] for i in range(n_runs)]
+
+
+def run_title(run: RunEvidence) -> str:
+    """Return the name of a run with its mass against the reference.
+
+    Args:
+        run: one run of the evidence.
+    """
+    change = "reference mass" if run.mass_change_kg == 0 else f"{run.mass_change_kg:+g} kg".replace("-", "−")
+    return f"run {run.name!r}, {change}"
+
+
+def thick(legend: Legend) -> None:
+    """Show the colours of thin lines and small dots in a legend.
+
+    Args:
+        legend: to be changed.
+    """
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set_linewidth(max(handle.get_linewidth(), 2.0))
+            handle.set_markersize(max(handle.get_markersize(), 5.0))
+            handle.set_alpha(1)
+
+
+def pretty(unit: str) -> str:
+    """Return a unit in print, with raised digits.
+
+    Args:
+        unit: as in `opid.signals.units`.
+
+    >>> pretty("N s^2/m^2")
+    'N s²/m²'
+    """
+    for written, printed in (("^2", "²"), ("^3", "³"), ("^5", "⁵"), ("^n", "ⁿ"), ("*", "·")):
+        unit = unit.replace(written, printed)
+    return unit

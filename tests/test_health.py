@@ -1,0 +1,207 @@
+"""What is wrong with a recording: seeded faults are found, sound signals are left in peace."""
+
+import numpy as np
+import pytest
+
+from opid.errors import InputError
+from opid.signals.health import check_pair, inspect, looks_unsprung
+from opid.signals.recording import Channel, Recording, recording_from_arrays
+
+FS = 512.0
+N = 10240
+NAMES = ("lower_z", "upper_z")
+
+
+def vibration(seed=0, n_samples=N):
+    """Return a resonance at 15 Hz with rms 1 under noise whose level falls to a tenth, like a braking run."""
+    drive = np.random.default_rng(seed).standard_normal(n_samples + 512)
+    motion = np.zeros(drive.size)
+    pole = np.exp((-0.1 + 1j) * 2 * np.pi * 15.0 / FS)
+    for k in range(2, drive.size):
+        motion[k] = 2 * pole.real * motion[k - 1] - abs(pole) ** 2 * motion[k - 2] + drive[k]
+    motion = motion[512:] / motion[512:].std() * np.linspace(1.0, 0.1, n_samples)
+    return motion / motion.std()
+
+
+SOUND = vibration()
+
+
+def health_of(samples, unit="m/s^2", start_s=0.0):
+    return inspect(Recording(samples[:, None], fs=FS, channels=(Channel("upper_z", unit),), start_s=start_s))
+
+
+def messages(health):
+    return [finding.message for finding in health.findings]
+
+
+def test_figures_in_closed_form():
+    phase = 2 * np.pi * 16.0 * np.arange(N) / FS
+    health = health_of(0.25 + 2.0 * np.sin(phase))
+    (channel,) = health.channels
+    assert (health.fs, health.n_samples, health.duration_s) == (FS, N, 20.0)
+    assert channel.mean == pytest.approx(0.25)
+    assert channel.rms == pytest.approx(np.sqrt(2))
+    assert channel.peak == pytest.approx(2.0)
+    assert channel.crest_factor == pytest.approx(np.sqrt(2))
+    assert channel.high_frequency_rms == pytest.approx(np.sqrt(2), rel=1e-6)
+    assert (channel.clipped_fraction, channel.spikes, channel.mute) == (0.0, 0, False)
+
+
+def test_the_high_frequency_rms_leaves_out_what_lies_below_5_hz():
+    time_s = np.arange(N) / FS
+    slow, fast = 3.0 * np.sin(2 * np.pi * 2.0 * time_s), 0.1 * np.sin(2 * np.pi * 20.0 * time_s)
+    assert health_of(slow + fast).channels[0].high_frequency_rms == pytest.approx(0.1 / np.sqrt(2), rel=1e-3)
+
+
+@pytest.mark.parametrize("bits", [None, 24, 16, 12, 10])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sound_signal_of_any_resolution_has_no_findings(bits, seed):
+    samples = vibration(seed)
+    if bits is not None:
+        step = 40.0 / 2**bits
+        samples = step * np.round(samples / step)
+    assert messages(health_of(samples)) == []
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+@pytest.mark.parametrize("gain", [1.0, 9.80665])
+def test_the_quantisation_step_is_found(bits, gain):
+    step = 40.0 / 2**bits
+    channel = health_of(gain * (step * np.round(SOUND / step))).channels[0]
+    assert channel.quantisation_step == pytest.approx(gain * step, rel=1e-6)
+
+
+def test_no_quantisation_step_is_invented():
+    assert health_of(SOUND).channels[0].quantisation_step is None
+
+
+def test_a_coarse_resolution_is_reported():
+    health = health_of(0.5 * np.round(SOUND / 0.5))
+    assert any("steps of the resolution (0.5 m/s^2)" in message for message in messages(health))
+
+
+@pytest.mark.parametrize("step", [None, 40 / 2**12, 40 / 2**16])
+@pytest.mark.parametrize("limits", [(-2.0, 2.0), (-100.0, 1.5)])
+def test_clipping_is_found_and_measured(limits, step):
+    clipped = np.clip(SOUND if step is None else step * np.round(SOUND / step), *limits)
+    health = health_of(clipped)
+    beyond = np.mean((clipped == limits[0]) | (clipped == limits[1]))
+    # peaks that were cut for one or two samples are not counted
+    assert 0.5 * beyond < health.channels[0].clipped_fraction <= beyond
+    assert "clipped" in messages(health)[0]
+    assert health.findings[0].severity == "warning"
+
+
+def test_the_rounded_tops_of_a_coarse_sine_are_not_clipping():
+    sine = np.round(50 * np.sin(2 * np.pi * 2.0 * np.arange(N) / FS + 0.1))
+    assert health_of(sine, unit="m").channels[0].clipped_fraction == 0.0
+
+
+def test_spikes_are_counted_and_placed():
+    samples = SOUND.copy()
+    samples[[1000, 5000, 9000]] += [20.0, -20.0, 5.0]
+    health = health_of(samples, start_s=10.0)
+    assert health.channels[0].spikes == 3
+    assert f"3 spike(s) of one sample, the first at {10 + 1000 / FS:.4f} s" in messages(health)[0]
+
+
+def test_an_impact_that_rings_is_no_spike():
+    samples = SOUND.copy()
+    time_s = np.arange(N - 5000) / FS
+    samples[5000:] += 30 * np.exp(-20 * time_s) * np.sin(2 * np.pi * 15 * time_s)
+    assert health_of(samples).channels[0].spikes == 0
+
+
+def test_a_dropout_is_found_and_placed():
+    samples = SOUND.copy()
+    samples[2048:2304] = samples[2048]
+    health = health_of(samples)
+    assert health.channels[0].longest_flat_s == pytest.approx(255 / FS)
+    assert "one value is held for 0.498 s from 4.000 s" in messages(health)[0]
+
+
+def test_a_channel_that_dies_during_the_run_is_found():
+    samples = SOUND.copy()
+    samples[N // 2 :] = 0.0
+    assert f"one value is held for {(N // 2 - 1) / FS:.3g} s from 10.000 s" in messages(health_of(samples))[0]
+
+
+def test_a_standstill_below_the_resolution_is_no_dropout():
+    step = 40 / 2**12
+    samples = SOUND * np.exp(-np.arange(N) / (2 * FS))
+    assert health_of(step * np.round(samples / step)).channels[0].longest_flat_s > 1.0
+    assert messages(health_of(step * np.round(samples / step))) == []
+
+
+@pytest.mark.parametrize("samples", [np.zeros(N), np.full(N, 9.81), np.arange(N) % 2 * 1e-3])
+def test_a_mute_channel_is_a_fault(samples):
+    health = health_of(samples)
+    assert health.channels[0].mute
+    assert [finding.severity for finding in health.findings] == ["fault"]
+    assert messages(health)[0].startswith("mute")
+
+
+@pytest.mark.parametrize(
+    ("offset", "words"),
+    [(9.79, "is gravity"), (-9.85, "is gravity"), (1.01, "in g: check the unit"), (3.0, "offset")],
+)
+def test_offsets_are_noted(offset, words):
+    health = health_of(SOUND + offset)
+    assert words in messages(health)[0]
+    assert health.findings[0].severity == "note"
+    assert messages(health_of(SOUND + offset, unit="m")) == []
+
+
+def test_faults_stand_first_and_two_samples_are_enough():
+    run = recording_from_arrays([SOUND + 9.8, np.zeros(N)], ["a", "b"], fs=FS)
+    assert [finding.severity for finding in inspect(run).findings] == ["fault", "note"]
+    assert health_of(np.array([0.0, 1.0])).n_samples == 2
+
+
+# ---- which side is which -------------------------------------------------------------------------
+
+
+def airframe(wheel):
+    """Return what a suspension at 2 Hz lets through: the mean over a tenth of a second."""
+    return np.convolve(wheel, np.ones(51) / 51, mode="same")
+
+
+def test_the_wheel_side_is_recognised():
+    run = recording_from_arrays([airframe(SOUND), SOUND], ["a", "b"], fs=FS)
+    assert looks_unsprung(run) == inspect(run).looks_unsprung == "b"
+    assert looks_unsprung(run, ["a"]) is None
+    assert inspect(recording_from_arrays([SOUND], ["a"], fs=FS)).looks_unsprung is None
+    assert inspect(recording_from_arrays([SOUND, SOUND], ["a", "b"], fs=FS, unit="m")).looks_unsprung is None
+
+
+def test_a_sound_pair_passes_and_a_swapped_one_is_told():
+    assert check_pair(SOUND, airframe(SOUND), fs=FS, names=NAMES) == ()
+    (finding,) = check_pair(airframe(SOUND), SOUND, fs=FS, names=NAMES)
+    assert finding.severity == "fault"
+    assert "'lower_z'" in finding.message
+    assert "exchange sprung and unsprung" in finding.message
+
+
+def test_a_strut_locked_by_friction_is_not_called_swapped():
+    noise = 0.005 * np.random.default_rng(1).standard_normal((2, N))
+    assert check_pair(SOUND + noise[0], SOUND + noise[1], fs=FS, names=NAMES) == ()
+
+
+@pytest.mark.parametrize("dead", [np.zeros(N), np.full(N, 0.3), 1e-4 * np.random.default_rng(2).standard_normal(N)])
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_mute_side_is_refused(dead, side):
+    pair = [dead, SOUND] if side == 0 else [SOUND, dead]
+    with pytest.raises(InputError, match=f"the channel '{NAMES[side]}' is mute"):
+        check_pair(*pair, fs=FS, names=NAMES)
+
+
+def test_a_nearly_mute_side_is_told():
+    hiss = 0.005 * np.random.default_rng(2).standard_normal(N)
+    (finding,) = check_pair(SOUND, hiss, fs=FS, names=NAMES)
+    assert finding.channel == "upper_z"
+    assert "noise alone" in finding.message
+
+
+def test_one_signal_twice_is_refused():
+    with pytest.raises(InputError, match="the same signal"):
+        check_pair(SOUND, SOUND, fs=FS, names=NAMES)

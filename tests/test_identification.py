@@ -1,0 +1,185 @@
+"""From a study to an answer: right when the data tell, and silent when they do not."""
+
+import numpy as np
+import pytest
+
+from opid.errors import InputError
+from opid.identify.identification import METHODS, identify, strongest_pair, unexplained_noise
+from opid.identify.result import PARAMETERS
+from opid.identify.study import Run, Study
+from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.mechanics.laws import default_law
+from opid.signals.recording import recording_from_arrays
+
+TRUTH = dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
+
+
+def _study(test, change=None, names=("lower_z", "upper_z")):
+    runs = (
+        Run("heavy", test.heavy.recording, 0.0),
+        Run("light", test.light.recording, test.mass_change_kg if change is None else change),
+    )
+    return Study("taxi", sprung=names[1], unsprung=names[0], runs=runs)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return _study(taxi_test(LandingGear(), rng=np.random.default_rng(0), duration_s=30, fs=256))
+
+
+@pytest.fixture(scope="module")
+def result(study):
+    return identify(study)
+
+
+def test_every_parameter_is_within_its_interval_or_near(result):
+    assert result.method == "classical"
+    assert result.not_determined is None
+    for name, truth in TRUTH.items():
+        estimate = result.parameters[name]
+        assert abs(estimate.value - truth) < 4 * estimate.std
+        assert estimate.interval95[0] < estimate.value < estimate.interval95[1]
+    assert result.parameters["sprung_mass_kg"].std < 10
+    assert result.law.name == "arctan_velocity"
+    friction = result.law_estimates["arctan_velocity"]
+    assert abs(friction["amplitude_n"].value - 400) < 4 * friction["amplitude_n"].std
+    assert abs(friction["scale_m_per_s"].value - 0.02) < 4 * friction["scale_m_per_s"].std
+
+
+def test_the_restoring_force_is_the_true_one_where_the_runs_went(result):
+    force = result.restoring_force
+    true = 3.9e5 * force.travel + 6e3 * force.velocity + LandingGear().law.force(force.travel, force.velocity)
+    assert not force.per_mass
+    assert np.std(force.force - true) < 0.01 * np.std(true)
+    np.testing.assert_allclose(force.nonlinear_force, result.law.force(force.travel, force.velocity))
+
+
+def test_ratios_are_those_of_the_parameters(result):
+    mass = result.parameters["sprung_mass_kg"].value
+    np.testing.assert_allclose(
+        result.ratios["stiffness_per_mass"].value * mass, result.parameters["suspension_stiffness_n_per_m"].value
+    )
+    np.testing.assert_allclose(result.ratios["natural_frequency_hz"].value, 2.311, rtol=0.01)
+    np.testing.assert_allclose(result.ratios["damping_ratio"].value, 0.1117, rtol=0.02)
+    # a ratio is known far better than the mass
+    relative = result.ratios["stiffness_per_mass"].std / result.ratios["stiffness_per_mass"].value
+    assert relative < result.parameters["sprung_mass_kg"].std / mass
+
+
+def test_the_same_study_gives_the_same_answer_to_the_last_digit(study, result):
+    again = identify(study)
+    assert again.parameters == result.parameters
+    assert again.law == result.law
+
+
+def test_channel_order_and_time_shift_change_nothing(study, result):
+    flipped = []
+    for run in study.runs:
+        log = run.recording
+        arrays = [log.channel("upper_z"), log.channel("lower_z")]
+        shifted = recording_from_arrays(arrays, ["upper_z", "lower_z"], fs=log.fs, start_s=100.0)
+        flipped.append(Run(run.name, shifted, run.mass_change_kg))
+    again = identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(flipped)))
+    assert again.parameters == result.parameters
+
+
+def test_the_order_of_the_runs_changes_little(study, result):
+    again = identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=study.runs[::-1]))
+    for name in PARAMETERS:
+        assert abs(again.parameters[name].value - result.parameters[name].value) < 0.2 * result.parameters[name].std
+
+
+def test_three_runs_are_better_than_two():
+    rng = np.random.default_rng(3)
+    runs = [
+        Run(
+            f"minus_{-change:g}",
+            taxi_run(LandingGear(sprung_mass_kg=1850 + change), rng=rng, **SHORT).recording,
+            change,
+        )
+        for change in (0.0, -110.0, -220.0, -330.0)
+    ]
+    pair, all_four = (
+        identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(chosen))) for chosen in (runs[:2], runs)
+    )
+    assert all_four.parameters["sprung_mass_kg"].std < 0.6 * pair.parameters["sprung_mass_kg"].std
+    assert abs(all_four.parameters["sprung_mass_kg"].value - 1850) < 4 * all_four.parameters["sprung_mass_kg"].std
+
+
+SHORT = {"duration_s": 20, "fs": 256}
+
+
+def test_equal_masses_give_ratios_only():
+    test = taxi_test(LandingGear(), rng=np.random.default_rng(1), mass_removed_kg=0.0, **SHORT)
+    result = identify(_study(test, change=0.0))
+    assert "only ratios to the mass" in result.not_determined
+    assert all(result.parameters[name].value is None for name in PARAMETERS)
+    np.testing.assert_allclose(result.ratios["stiffness_per_mass"].value, 3.9e5 / 1850, rtol=0.01)
+    assert result.restoring_force.per_mass
+    np.testing.assert_allclose(result.law.vector, [400 / 1850, 0.02], rtol=0.05)
+
+
+def test_a_mass_change_that_did_not_happen_gives_no_mass():
+    test = taxi_test(LandingGear(), rng=np.random.default_rng(1), mass_removed_kg=0.0, **SHORT)
+    result = identify(_study(test, change=-220.0))
+    assert result.not_determined is not None
+    assert result.parameters["sprung_mass_kg"].value is None
+    assert result.ratios["stiffness_per_mass"].value is not None
+
+
+def test_a_wrong_law_is_refused_or_its_intervals_hold_the_truth(study):
+    result = identify(study, law="linear")
+    assert unexplained_noise(result.evidence) > 3
+    assert result.not_determined is not None or result.parameters["sprung_mass_kg"].holds(1850.0)
+    assert any("times the sensor noise" in warning for warning in result.warnings)
+
+
+def test_swapped_and_mute_channels_are_refused(study):
+    swapped = Study("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs)
+    with pytest.raises(InputError, match="run 'heavy'.*exchange sprung and unsprung"):
+        identify(swapped)
+    log = study.runs[0].recording
+    mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
+    with pytest.raises(InputError, match="run 'heavy'.*mute"):
+        identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("heavy", mute, 0.0),)))
+
+
+def test_an_implausible_mass_change_is_seen(study):
+    # grams for kilograms
+    runs = (study.runs[0], Run("light", study.runs[1].recording, -220_000.0))
+    with pytest.raises(InputError, match="more than any gear carries"):
+        Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+
+
+def test_the_papers_formula_is_shown_with_its_error(study, result):
+    printed = identify(study, method="paper")
+    assert printed.method == "paper"
+    assert all(estimate.std is None for estimate in printed.parameters.values())
+    assert printed.parameters["suspension_damping_n_s_per_m"].value is None
+    assert any("printed formula" in warning for warning in printed.warnings)
+    mass = printed.parameters["sprung_mass_kg"].value
+    error = abs(result.parameters["sprung_mass_kg"].value - 1850)
+    assert mass is None or abs(mass - 1850) > error
+
+
+def test_the_strongest_credible_pair_is_taken(result):
+    pair = strongest_pair(result.evidence.pairs)
+    assert pair is not None
+    assert strongest_pair(()) is None
+
+
+@pytest.mark.parametrize("name", ["arctan_displacement", "quadratic_damping", "cubic_stiffness"])
+def test_a_given_law_is_fitted(name):
+    gear = LandingGear(law=default_law(name))
+    test = taxi_test(gear, rng=np.random.default_rng(2), **SHORT)
+    result = identify(_study(test), law=name)
+    assert result.law.name == name
+    np.testing.assert_allclose(result.law.vector, gear.law.vector, rtol=0.1)
+
+
+def test_bad_arguments_are_named(study):
+    with pytest.raises(InputError, match="did you mean 'classical'"):
+        identify(study, method="clasical")
+    with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
+        identify(study, law="cubic_stifness")
+    assert set(METHODS) == {"classical", "paper"}
