@@ -136,11 +136,11 @@ def test_a_wrong_law_is_refused_or_its_intervals_hold_the_truth(study):
 
 def test_swapped_and_mute_channels_are_refused(study):
     swapped = Study("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs)
-    with pytest.raises(InputError, match="run 'heavy'.*exchange sprung and unsprung"):
+    with pytest.raises(InputError, match=r"run 'heavy'.*exchange sprung and unsprung"):
         identify(swapped)
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
-    with pytest.raises(InputError, match="run 'heavy'.*mute"):
+    with pytest.raises(InputError, match=r"run 'heavy'.*mute"):
         identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("heavy", mute, 0.0),)))
 
 

@@ -59,8 +59,9 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         ax.add_collection3d(surface, autolim=False)
         ax.set(xlim=(1e3 * travel.min(), 1e3 * travel.max()), ylim=(velocity.min(), velocity.max()))
         ax.set(zlim=(-limit, limit), xlabel=_TRAVEL, ylabel=_VELOCITY, zlabel="−x₂″ [m/s²]")
+        ax.locator_params(nbins=5)
         ax.view_init(elev=24, azim=-125)
-        ax.set_box_aspect((4, 4, 3), zoom=0.9)
+        ax.set_box_aspect((4, 4, 3), zoom=0.95)
         ax.set_title(f"Mean restoring force, {run_title(run)}", loc="center", y=0.98)
     return ax
 
