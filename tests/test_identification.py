@@ -9,6 +9,7 @@ from opid.identify.result import PARAMETERS
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from opid.mechanics.laws import default_law
+from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
 
 TRUTH = dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
@@ -183,3 +184,21 @@ def test_bad_arguments_are_named(study):
     with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
         identify(study, law="cubic_stifness")
     assert set(METHODS) == {"classical", "paper"}
+
+
+def test_a_gain_error_is_suspected_and_the_intervals_hold_it():
+    test = taxi_test(
+        LandingGear(), rng=np.random.default_rng(0), upper_sensor=Sensor(gain=1.01), lower_sensor=Sensor(), **SHORT
+    )
+    result = identify(_study(test))
+    assert any("gain error" in warning for warning in result.warnings)
+    assert result.parameters["suspension_stiffness_n_per_m"].holds(3.9e5)
+    assert result.parameters["suspension_damping_n_s_per_m"].holds(6e3)
+
+
+def test_a_real_ground_spring_is_found_and_doubted():
+    gear = LandingGear(ground_stiffness_n_per_m=1.67e5)
+    result = identify(_study(taxi_test(gear, rng=np.random.default_rng(0), **SHORT)))
+    ground = result.parameters["ground_stiffness_n_per_m"]
+    np.testing.assert_allclose(ground.value, 1.67e5, rtol=0.02)
+    assert any("AC-coupling" in warning for warning in result.warnings)

@@ -22,6 +22,9 @@ UNEXPLAINED_NOTED = 1.5
 UNEXPLAINED_DOUBTED = 3.0
 UNEXPLAINED_REFUSED = 20.0
 FEW_AVERAGES = 10
+# a ground spring below this share of K2 is what a gain error of a per cent or two looks like
+GAIN_LIKE = 0.03
+NEGLIGIBLE_GROUND = 0.002
 
 
 def identify(
@@ -97,6 +100,8 @@ def _conclude_classical(study: Study, evidence: Evidence, settings: dict[str, An
         assert added is not None
         law, law_std = added.law, (added.std[4:] * widening).tolist()
         std = added.std * widening
+        # the same gain error that would explain the ground spring moved stiffness and damping by as much
+        std[1:3] = np.hypot(std[1:3], gain_like_share(evidence) * np.abs(added.value[1:3]))
         parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
         if not settings["ground"]:
             parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
@@ -184,6 +189,22 @@ def unexplained_noise(evidence: Evidence) -> float:
         evidence: of `classical_chain`.
     """
     return evidence.joint.noise_m_per_s2 / max(evidence.noise_floor, 1e-12)
+
+
+def gain_like_share(evidence: Evidence) -> float:
+    """Return |K3|/K2 where a gain error is the likelier reason for it than a spring to the ground, else 0.
+
+    One gain off by e turns the equation of a free mass into one with K3 of about -e K2, and K2 off by as much.
+
+    Args:
+        evidence: of `classical_chain`.
+    """
+    joint = evidence.joint
+    if "ground_stiffness_per_mass" not in joint.names:
+        return 0.0
+    ground, std = joint["ground_stiffness_per_mass"], joint.std[joint.names.index("ground_stiffness_per_mass")]
+    share = abs(ground / joint["stiffness_per_mass"])
+    return share if abs(ground) > 3 * std and NEGLIGIBLE_GROUND < share < GAIN_LIKE else 0.0
 
 
 def strongest_pair(pairs: tuple[PeakPair, ...]) -> PeakPair | None:
@@ -318,13 +339,26 @@ def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterato
             f"each transmissibility rests on {averages:.1f} independent averages: read its peaks and coherence with "
             "care (the parameters do not come from it)"
         )
-    yield from _ground_warning(parameters["ground_stiffness_n_per_m"])
+    yield from _ground_warning(evidence, parameters)
     yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
     yield from _amplitude_warnings(evidence)
 
 
-def _ground_warning(ground: Estimate) -> Iterator[str]:
-    if ground.interval95 and (ground.interval95[0] > 0 or ground.interval95[1] < 0):
+def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    ground, stiffness = (parameters[name] for name in ("ground_stiffness_n_per_m", "suspension_stiffness_n_per_m"))
+    share = gain_like_share(evidence)
+    if share:
+        sign = np.sign(evidence.joint["ground_stiffness_per_mass"])
+        yield (
+            f"the ground spring is {100 * sign * share:.1f} % of the suspension: a gain error of about "
+            f"{100 * share:.1f} % between the two sensors does that, so the intervals of stiffness and damping hold it"
+        )
+    elif (
+        ground.value is not None
+        and stiffness.value is not None
+        and abs(ground.value) > NEGLIGIBLE_GROUND * abs(stiffness.value)
+        and not ground.holds(0.0)
+    ):
         yield (
             f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: sensors "
             "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it"

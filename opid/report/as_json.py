@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -95,40 +96,12 @@ def json_text(document: Mapping[str, Any]) -> str:
     '{\\n  "a": [1, null]\\n}\\n'
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    return _on_one_line(text) + "\n"
+    # a list of numbers on one line: thousands of lines with one number each help nobody
+    return re.sub(r"\[[^\[\]{}\"]*\]", _joined, text) + "\n"
 
 
-def _on_one_line(text: str) -> str:
-    """Join the lines of each list of numbers: thousands of lines with one number each help nobody."""
-    lines: list[str] = []
-    numbers: list[str] | None = None
-    for line in text.split("\n"):
-        content = line.strip()
-        if line.endswith("["):
-            lines += [] if numbers is None else numbers
-            numbers = [line]
-        elif numbers is None:
-            lines.append(line)
-        elif content in ("]", "],"):
-            lines.append(numbers[0] + " ".join(part.strip() for part in numbers[1:]) + content)
-            numbers = None
-        elif _is_number(content):
-            numbers.append(line)
-        else:
-            lines += [*numbers, line]
-            numbers = None
-    return "\n".join(lines)
-
-
-def _is_number(content: str) -> bool:
-    word = content.removesuffix(",")
-    if word == "null":
-        return True
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+def _joined(found: re.Match[str]) -> str:
+    return re.sub(r"\n\s*", "", re.sub(r",\n\s*", ", ", found[0]))
 
 
 def _estimates(estimates: Mapping[str, Estimate]) -> dict[str, Any]:

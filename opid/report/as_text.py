@@ -1,0 +1,253 @@
+"""Results as plain text for a terminal of 80 columns."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from opid.identify.result import Estimate, Identification
+from opid.mechanics.laws import LAWS
+from opid.signals.health import Health
+
+WIDTH = 80
+PARAMETER_LABELS = {
+    "sprung_mass_kg": ("sprung mass M2", "kg"),
+    "suspension_stiffness_n_per_m": ("stiffness K2", "N/m"),
+    "suspension_damping_n_s_per_m": ("damping C2", "N s/m"),
+    "ground_stiffness_n_per_m": ("ground spring K3", "N/m"),
+}
+RATIO_LABELS = {
+    "stiffness_per_mass": ("K2/M2", "1/s^2"),
+    "damping_per_mass": ("C2/M2", "1/s"),
+    "ground_stiffness_per_mass": ("K3/M2", "1/s^2"),
+    "natural_frequency_hz": ("natural frequency", "Hz"),
+    "damping_ratio": ("damping ratio", "1"),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table of numbers; a heading has no cells.
+
+    Args:
+        label: what it is.
+        cells: value, standard deviation, 95 % interval, unit, then with a truth the truth, the error of the value in
+            percent, and whether the interval holds the truth.
+    """
+
+    label: str
+    cells: tuple[str, ...] = ()
+
+
+def columns(truth: Mapping[str, Any] | None) -> tuple[str, ...]:
+    """Return the heads of the columns of `rows`.
+
+    Args:
+        truth: as in truth.json, or None.
+
+    >>> columns(None)
+    ('', 'value', '±', '95 % interval', 'unit')
+    """
+    return ("", "value", "±", "95 % interval", "unit", *(("truth", "error", "held") if truth else ()))
+
+
+def rows(result: Identification, truth: Mapping[str, Any] | None = None) -> list[Row]:
+    """Return the table of numbers: parameters, law, ratios to the mass.
+
+    Args:
+        result: the identification.
+        truth: as in truth.json, or None.
+    """
+    true = truth["parameters"] if truth else {}
+    table = [
+        _row(*PARAMETER_LABELS[name], estimate, true.get(name), truth is not None)
+        for name, estimate in result.parameters.items()
+    ]
+    table += _law_rows(result, truth)
+    table.append(Row("Ratios to the mass of the reference run"))
+    table += [
+        _row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
+        for name, estimate in result.ratios.items()
+    ]
+    return table
+
+
+def result_text(result: Identification, truth: Mapping[str, Any] | None = None) -> str:
+    """Return an identification as text: the numbers, what limits them, and what to doubt.
+
+    Args:
+        result: the identification.
+        truth: of a simulated run, as in truth.json: shown beside each estimate.
+    """
+    parts = [f"{result.title or 'Identification'} ({result.method})", ""]
+    if result.not_determined:
+        parts += [*wrapped("Not determined: " + result.not_determined), ""]
+    parts += [*_table(rows(result, truth), columns(truth)), "", *wrapped(limits(result))]
+    if result.warnings:
+        parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
+    return "\n".join(parts) + "\n"
+
+
+def limits(result: Identification) -> str:
+    """Return the sentences that say what the answer rests on.
+
+    Args:
+        result: the identification.
+    """
+    known = result.diagnostics
+    noise, floor = known["unexplained_noise_m_per_s2"], known["sensor_noise_floor_m_per_s2"]
+    band = known["settings"]["band_hz"]
+    return (
+        f"From {len(known['runs'])} run(s), {band[0]:g} to {band[1]:g} Hz: the fitted equation leaves "
+        f"{1e3 * noise:.2g} mm/s^2 rms unexplained, the noise floor of the sensors is {1e3 * floor:.2g} mm/s^2."
+    )
+
+
+def health_text(name: str, health: Health) -> str:
+    """Return the health of a recording as text: its figures, then what is wrong and what to do.
+
+    Args:
+        name: of the log.
+        health: from `opid.signals.health.inspect`.
+    """
+    head = ("channel", "unit", "mean", "rms", "peak", "rms > 5 Hz", "step")
+    lines = [
+        (
+            c.name,
+            c.unit,
+            *(f"{x:.3g}" for x in (c.mean, c.rms, c.peak, c.high_frequency_rms)),
+            _step(c.quantisation_step),
+        )
+        for c in health.channels
+    ]
+    parts = [f"{name}: {health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples", ""]
+    parts += [*_aligned([head, *lines], n_left=2), ""]
+    if health.looks_unsprung:
+        parts.append(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz).")
+    for finding in health.findings:
+        where = f"{finding.channel}: " if finding.channel else ""
+        parts += wrapped(where + finding.message, f"{finding.severity.capitalize()}: ")
+    if not health.findings:
+        parts.append("Nothing is wrong.")
+    return "\n".join(parts) + "\n"
+
+
+def wrapped(text: str, head: str = "") -> list[str]:
+    """Return a paragraph as lines of at most 80 characters, `head` before the first.
+
+    Args:
+        text: the paragraph.
+        head: the lines after the first are indented by its length.
+
+    >>> wrapped("a " * 50, "Note: ")[1][:8]
+    '      a '
+    """
+    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
+
+
+def rounded(value: float | None, std: float | None = None) -> str:
+    """Return a value with the digits that its standard deviation leaves, or four where there is none.
+
+    Args:
+        value: None gives a dash.
+        std: two digits of it count.
+
+    >>> rounded(390297.5, 358.4), rounded(0.019941, 5.1e-05), rounded(1234.56), rounded(None)
+    ('390300', '0.019941', '1235', '-')
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    if std is not None and std > 0 and math.isfinite(std):
+        decimals = 1 - math.floor(math.log10(std))
+    elif value:
+        decimals = 3 - math.floor(math.log10(abs(value)))
+    else:
+        decimals = 0
+    number = round(value, decimals) + 0.0  # no -0
+    if abs(number) >= 1e7 or 0 < abs(number) < 1e-4:
+        digits = max(0, decimals + math.floor(math.log10(abs(number))))
+        return f"{number:.{min(digits, 6)}e}"
+    return f"{number:.{max(0, decimals)}f}"
+
+
+def _row(label: str, unit: str, estimate: Estimate, true: float | None, with_truth: bool) -> Row:
+    std = estimate.std
+    interval = estimate.interval95
+    between = f"{rounded(interval[0], std)} .. {rounded(interval[1], std)}" if interval else "-"
+    cells = [rounded(estimate.value, std), rounded(std, std), between, unit]
+    if with_truth:
+        cells.append("-" if true is None else f"{true:.6g}")
+        known = true is not None and estimate.value is not None
+        error = estimate.value - true if known and true is not None and estimate.value is not None else 0.0
+        cells.append(f"{100 * error / true:+.2f} %" if known and true else "-")
+        cells.append("-" if not known or interval is None else "yes" if estimate.holds(float(true or 0)) else "no")
+    return Row(label, tuple(cells))
+
+
+def _law_rows(result: Identification, truth: Mapping[str, Any] | None) -> Iterator[Row]:
+    per_mass = result.restoring_force.per_mass
+    true_law = truth["law"]["parameters"] if truth else {}
+    name = result.law.name
+    told = f" (true law: {truth['law']['name']})" if truth and truth["law"]["name"] != name else ""
+    yield Row(f"Law: {name}{', per unit of sprung mass' if per_mass and result.law.terms else ''}{told}")
+    for kind, estimates in result.law_estimates.items():
+        for parameter in LAWS[kind].parameters:
+            scaled = parameter.role == "amplitude" and per_mass
+            true = true_law.get(kind, {}).get(parameter.name)
+            # the truth is in N: no number to put beside a force per unit of mass
+            yield _row(
+                _law_label(kind, parameter.name, parameter.role, many=len(result.law_estimates) > 1),
+                f"{parameter.unit}/kg" if scaled else parameter.unit,
+                estimates[parameter.name],
+                None if scaled else true,
+                truth is not None,
+            )
+
+
+def _law_label(kind: str, name: str, role: str, *, many: bool) -> str:
+    word = role if role != "amplitude" else name.split("_n")[0]
+    return f"{kind} {word}" if many else word
+
+
+def _true_ratio(name: str, true: Mapping[str, float]) -> float | None:
+    if not true:
+        return None
+    mass = true["sprung_mass_kg"]
+    stiffness, damping = true["suspension_stiffness_n_per_m"], true["suspension_damping_n_s_per_m"]
+    ground = true["ground_stiffness_n_per_m"]
+    omega = math.sqrt((stiffness + ground) / mass)
+    return {
+        "stiffness_per_mass": stiffness / mass,
+        "damping_per_mass": damping / mass,
+        "ground_stiffness_per_mass": ground / mass,
+        "natural_frequency_hz": omega / (2 * math.pi),
+        "damping_ratio": damping / (2 * mass * omega),
+    }.get(name)
+
+
+def _table(table: Sequence[Row], head: Sequence[str]) -> list[str]:
+    """Align the rows that have cells; headings stand between them."""
+    lines = iter(_aligned([head, *((row.label, *row.cells) for row in table if row.cells)], n_left=1))
+    text = [next(lines)]
+    for row in table:
+        text += [next(lines)] if row.cells else ["", row.label]
+    return text
+
+
+def _aligned(table: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
+    """Align columns, the first `n_left` to the left and the others to the right."""
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    return [
+        "  ".join(
+            cell.ljust(width) if i < n_left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in table
+    ]
+
+
+def _step(step: float | None) -> str:
+    return "-" if step is None else f"{step:.2g}"

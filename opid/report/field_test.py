@@ -1,0 +1,95 @@
+"""A simulated field test on disk: its logs, the study that names them, and the truth behind them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from opid.errors import InputError
+from opid.identify.result import PARAMETERS
+from opid.identify.study import Run, Study, write_study
+from opid.mechanics.landing_gear import TaxiTest
+from opid.mechanics.laws import law_from_parameters
+from opid.report.as_json import json_text, plain
+from opid.report.directory import made_directory
+from opid.signals.files import written_whole
+
+TRUTH_SCHEMA = "opid.truth/1"
+
+
+def truth_json(test: TaxiTest, *, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return what is true of a simulated field test, under the names of result.json.
+
+    Args:
+        test: the field test; the heavy run is the reference.
+        settings: what it was simulated with, kept as they are.
+
+    Returns:
+        `schema`, `parameters` {name: value}, `law` {name, parameters}, `mass_change_kg`, `settings`.
+    """
+    gear = test.heavy.gear
+    return plain(
+        {
+            "schema": TRUTH_SCHEMA,
+            "parameters": {name: getattr(gear, name) for name in PARAMETERS},
+            "law": {"name": gear.law.name, "parameters": gear.law.parameters},
+            "mass_change_kg": test.mass_change_kg,
+            "settings": dict(settings or {}),
+        }
+    )
+
+
+def write_field_test(
+    test: TaxiTest, directory: str | os.PathLike[str], *, title: str, settings: Mapping[str, Any] | None = None
+) -> Path:
+    """Write heavy.csv, light.csv, study.toml and truth.json, and return the path of the study.
+
+    Args:
+        test: the field test.
+        directory: made if it is not there.
+        title: of the study.
+        settings: as in `truth_json`.
+
+    Raises:
+        InputError: a place that cannot be written to.
+    """
+    runs = (
+        Run("heavy", test.heavy.recording, 0.0),
+        Run("light", test.light.recording, test.mass_change_kg),
+    )
+    study = Study(title, sprung="upper_z", unsprung="lower_z", runs=runs)
+    target = made_directory(directory)
+    write_study(study, target / "study.toml")
+    with written_whole(target / "truth.json") as file:
+        file.write(json_text(truth_json(test, settings=settings)))
+    return target / "study.toml"
+
+
+def read_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read a truth.json.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: no such file, or none of `truth_json`'s making.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        truth = json.loads(text)
+        if truth["schema"] != TRUTH_SCHEMA:
+            raise InputError(f"{path} has the schema {truth['schema']!r} where {TRUTH_SCHEMA!r} is needed")
+        truth["parameters"] = {name: float(truth["parameters"][name]) for name in PARAMETERS}
+        law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
+    except InputError:
+        raise
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        raise InputError(
+            f"{path} is no truth of a simulated field test: give the truth.json of `opid simulate`"
+        ) from error
+    return truth

@@ -1,0 +1,198 @@
+"""The report: result.json, a page that opens offline, and its figures, all written or none."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from opid.identify.classical import RunEvidence
+from opid.identify.result import Identification
+from opid.report.as_json import json_text, result_json
+from opid.report.as_text import columns, limits, rows
+from opid.report.directory import write_together
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.axes import Axes
+
+Truth = Mapping[str, Any]
+Draw = Callable[[Identification, Truth | None], "Axes | np.ndarray"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure of the report.
+
+    Args:
+        name: of its PNG file, without the ending.
+        heading: what it is about.
+        text: what to see in it.
+        draw: makes it from the result and the truth of a simulated run.
+    """
+
+    name: str
+    heading: str
+    text: str
+    draw: Draw
+
+
+def write_report(
+    result: Identification,
+    directory: str | os.PathLike[str],
+    truth: Truth | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Path:
+    """Write result.json, report.html and the figures as PNG, and return the path of the page.
+
+    Everything is made before the first file is written, and the files appear together. Files of an older report are
+    replaced, any other file in the directory stays.
+
+    Args:
+        result: the identification.
+        directory: made if it is not there.
+        truth: of a simulated run, as in truth.json: shown beside the estimates.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a place that cannot be written to.
+    """
+    from opid.plots.style import figure_of, png
+
+    say = progress or (lambda step: None)
+    images: dict[str, bytes] = {}
+    for picture in pictures():
+        say(f"figure {picture.name}")
+        images[picture.name] = png(figure_of(picture.draw(result, truth)))
+    contents = {f"{name}.png": image for name, image in images.items()}
+    contents["report.html"] = _page(result, truth, images).encode()
+    # last, so that a result.json is never there without its report
+    contents["result.json"] = json_text(result_json(result)).encode()
+    write_together(directory, contents)
+    return Path(directory) / "report.html"
+
+
+def pictures() -> tuple[Picture, ...]:
+    """Return the figures of the report in the order of the chain."""
+    from opid import plots
+
+    return (
+        Picture(
+            "accelerations",
+            "What was recorded",
+            "The spindle (grey) follows the road; the airframe above the strut (in colour) moves less and slower. If "
+            "the grey signal is the quieter one, the sensors are swapped.",
+            lambda result, truth: plots.accelerations(result),
+        ),
+        Picture(
+            "integration",
+            "From acceleration to motion",
+            "Removing the mean before each integration leaves a parabola that hides the motion, for the mean of a "
+            "velocity over a finite run is not its constant of integration. Everything below rests on the other "
+            "curve, which keeps only the band in which the motion can be known.",
+            lambda result, truth: plots.integration(reference_run(result)),
+        ),
+        Picture(
+            "restoring_force_surface",
+            "Restoring force",
+            "The force on the sprung mass over travel and velocity, averaged over cells, before any law is assumed. "
+            "A linear suspension gives a plane; a step or a bend is the nonlinearity.",
+            lambda result, truth: plots.restoring_force_surface(reference_run(result)),
+        ),
+        Picture(
+            "restoring_force_map",
+            "The same from above, and where the data are",
+            "Left, straight and evenly spaced contours mean a linear law; a kink at zero velocity is friction. Right, "
+            "no law is known where no samples are.",
+            lambda result, truth: plots.restoring_force_map(reference_run(result)),
+        ),
+        Picture(
+            "slices",
+            "Stiffness curve and damping curve",
+            "Slices through the surface near zero velocity and near zero travel, with an arctangent fitted to each "
+            "and what it leaves over (Figs. 6 and 7 of the paper).",
+            lambda result, truth: plots.slices(reference_run(result)),
+        ),
+        Picture(
+            "law_ladder",
+            "Which law",
+            "Each law is fitted to all runs at once. A good one comes down to the noise floor of the sensors (dashed); "
+            "a further term is kept only if it lowers the noise.",
+            lambda result, truth: plots.law_ladder(result),
+        ),
+        Picture(
+            "law_curves",
+            "The law that was found",
+            "The nonlinear force beside the linear one. Beyond the shaded range, and above all beyond the drawn one, "
+            "the law is an extrapolation.",
+            lambda result, truth: plots.law_curves(result, truth=truth),
+        ),
+        Picture(
+            "transmissibility",
+            "Transmissibility",
+            "Ratio of airframe to spindle. With the nonlinear force taken out it should follow the dashed curve of the "
+            "fitted suspension, which has one resonance; other peaks of the measured ratio are friction and chance.",
+            lambda result, truth: plots.transmissibilities(result),
+        ),
+        Picture(
+            "equation_residual",
+            "What is left over",
+            "The misfit of the equation of motion, expressed as the sensor noise that would cause it. Near the dashed "
+            "line the model explains all that the sensors can show; a hump names the band in which it does not.",
+            lambda result, truth: plots.equation_residual(result),
+        ),
+        Picture(
+            "estimates",
+            "Every method side by side",
+            "Mass from two runs of known mass difference, and the ratios to it, with 95 % intervals. Values beyond the "
+            "frame stand at its edge. The peak formula is the paper's; hollow marks come from peaks that the mass "
+            "change cannot have moved so.",
+            lambda result, truth: plots.estimates(result, truth=truth),
+        ),
+    )
+
+
+def reference_run(result: Identification) -> RunEvidence:
+    """Return the run without a mass change, or the first one.
+
+    Args:
+        result: the identification.
+    """
+    runs = result.evidence.runs
+    return next((run for run in runs if run.mass_change_kg == 0), runs[0])
+
+
+def _page(result: Identification, truth: Truth | None, images: Mapping[str, bytes]) -> str:
+    from jinja2 import Environment, StrictUndefined
+
+    template = resources.files("opid.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(template).render(
+        title=result.title or "Identification",
+        result=result,
+        truth=truth,
+        columns=columns(truth),
+        rows=rows(result, truth),
+        limits=limits(result),
+        runs=result.diagnostics["runs"],
+        pictures=pictures(),
+        source={name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()},
+        command=_command(result),
+        version=version("opid"),
+    )
+
+
+def _command(result: Identification) -> str:
+    """The command that gives this result from a study file."""
+    settings = result.diagnostics["settings"]
+    low, high = settings["band_hz"]
+    law = "" if settings["law"] == "searched" else f" --law {settings['law']}"
+    ground = "" if settings["ground"] else " --no-ground"
+    options = f"--method {result.method} --band {low:g} {high:g} --high-pass {settings['high_pass_hz']:g}"
+    return f"opid identify study.toml {options}{law}{ground}"

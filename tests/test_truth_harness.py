@@ -1,0 +1,60 @@
+"""The truth harness: a table of laws times a table of identifiers; simulate, identify, compare with the truth.
+
+A new method of identification is one more row of `IDENTIFIERS`, a new law one more of `LAW_NAMES`.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from opid.identify.identification import identify
+from opid.identify.study import Run, Study
+from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.mechanics.laws import default_law
+
+LAW_NAMES = (
+    "linear",
+    "arctan_velocity",
+    "arctan_displacement",
+    "quadratic_damping",
+    "cubic_stiffness",
+    "arctan_velocity+cubic_stiffness",
+)
+IDENTIFIERS = {
+    "classical, law given": lambda study, law_name: identify(study, law=law_name),
+    "classical, law searched": lambda study, law_name: identify(study),
+}
+LINEAR_PARAMETERS = (
+    "sprung_mass_kg",
+    "suspension_stiffness_n_per_m",
+    "suspension_damping_n_s_per_m",
+    "ground_stiffness_n_per_m",
+)
+# a normal error exceeds this once in 16 000 times
+WITHIN_STD = 4.0
+WITHIN_SHARE = {"sprung_mass_kg": 0.01, "suspension_stiffness_n_per_m": 0.01, "suspension_damping_n_s_per_m": 0.05}
+
+
+@cache
+def taxi(law_name):
+    """Two 40 s runs of a gear with this law; the seed is its place in the table."""
+    gear = LandingGear(law=default_law(law_name))
+    test = taxi_test(gear, rng=np.random.default_rng(LAW_NAMES.index(law_name)), fs=256.0)
+    runs = (Run("heavy", test.heavy.recording, 0.0), Run("light", test.light.recording, test.mass_change_kg))
+    return gear, Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+
+
+@pytest.mark.parametrize("identifier", IDENTIFIERS)
+@pytest.mark.parametrize("law_name", LAW_NAMES)
+def test_the_truth_is_found(law_name, identifier):
+    gear, study = taxi(law_name)
+    found = IDENTIFIERS[identifier](study, law_name)
+    assert found.not_determined is None
+    assert found.law.name == law_name
+    estimates = {name: (found.parameters[name], getattr(gear, name)) for name in LINEAR_PARAMETERS}
+    for kind, values in gear.law.parameters.items():
+        estimates |= {f"{kind}.{key}": (found.law_estimates[kind][key], true) for key, true in values.items()}
+    for name, (estimate, true) in estimates.items():
+        assert abs(estimate.value - true) < WITHIN_STD * estimate.std, name
+        assert abs(estimate.value - true) <= WITHIN_SHARE.get(name, np.inf) * true, name
