@@ -84,6 +84,8 @@ def median(values: Iterable[float]) -> str:
 
 
 def short(percent: float) -> str:
+    if percent < 0.01:
+        return "<0.01"
     return f"{percent:.2f}" if percent < 1 else f"{percent:.1f}" if percent < 10 else f"{percent:.0f}"
 
 
@@ -145,9 +147,7 @@ def print_table(header: list[str], rows: list[list[str]]) -> None:
 def write_each(path: str, trials: dict[str, list[Trial]]) -> None:
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(
-            ["case", "seed", "law", "law_right", "unexplained", "parameter", "percent", "score", "reason"]
-        )
+        writer.writerow(["case", "seed", "law", "law_right", "unexplained", "parameter", "percent", "score", "reason"])
         for label, each in ((label, each) for label, cell in trials.items() for each in cell):
             for name, truth in each.truth.items():
                 percent = each.percent(name) if truth else np.nan
@@ -182,9 +182,7 @@ def main() -> None:
     print("Sprung mass M2, absolute error in %: median / worst.\n")
     table = []
     for f, n in product(frictions, noises):
-        table.append(
-            [f"{f:.0f} N", f"{n:.0f}", *(worst(t.percent("M2") for t in trials[f, n, z]) for z in zetas)]
-        )
+        table.append([f"{f:.0f} N", f"{n:.0f}", *(worst(t.percent("M2") for t in trials[f, n, z]) for z in zetas)])
     print_table(["friction", "noise, mm/s2", *(f"zeta {z:g}" for z in zetas)], table)
 
     print("The other parameters, all damping ratios together: median / worst.\n")
@@ -193,9 +191,7 @@ def main() -> None:
         table.append([f"{f:.0f} N", f"{n:.0f}", *columns([each for z in zetas for each in trials[f, n, z]])])
     print_table(["friction", "noise, mm/s2", *COLUMNS], table)
 
-    print(
-        "Other conditions, each one change of the nominal run (zeta 0.11, friction 400 N, noise 5 mm/s2).\n"
-    )
+    print("Other conditions, each one change of the nominal run (zeta 0.11, friction 400 N, noise 5 mm/s2).\n")
     print_table(["condition", *COLUMNS], [[label, *columns(trials[label])] for label in others])
 
 

@@ -65,9 +65,7 @@ def mass_bound(case: Case, seed: int) -> float:
     """
     gear, sensor = case.gear, case.run["lower_sensor"]
     silent = {"lower_sensor": Sensor(0.0), "upper_sensor": Sensor(0.0)}
-    test = taxi_test(
-        gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run | silent
-    )
+    test = taxi_test(gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run | silent)
     study = study_of(test)
     mu = 1 / gear.sprung_mass_kg
     rows = []
@@ -75,9 +73,7 @@ def mass_bound(case: Case, seed: int) -> float:
         lines = equation_lines(*study.accelerations(run), fs=study.fs, band_hz=BAND_HZ)
         omega, share = lines.omega, 1 / (1 + mu * run.mass_change_kg)
         moved = lines.unsprung - lines.sprung
-        spring = (
-            share * mu * (gear.suspension_stiffness_n_per_m + 1j * omega * gear.suspension_damping_n_s_per_m)
-        )
+        spring = share * mu * (gear.suspension_stiffness_n_per_m + 1j * omega * gear.suspension_damping_n_s_per_m)
         ground = share * mu * gear.ground_stiffness_n_per_m
         by_share = spring * moved - ground * lines.sprung
         ends = np.zeros((omega.size, len(study.runs) * N_END_TERMS), dtype=complex)
@@ -107,26 +103,20 @@ def print_coverage(title: str, trials: list[Trial], *, one_truth: bool) -> None:
     print(f"law right in {sum(each.law_right for each in trials)}")
     wrong = Counter(f"{each.seed}: {each.law_name}" for each in trials if not each.law_right)
     print(f"  other laws found (seed: law): {', '.join(wrong) or 'none'}")
-    print(
-        f"  {'parameter':42s} {'n':>4s} {'spread/std':>10s} {'mean/its std':>12s} {'coverage':>9s} {'worst':>6s}  (seed)"
-    )
+    header = ("n", "spread/std", "mean/its std", "coverage", "worst")
+    print(f"  {'parameter':38s} " + " ".join(f"{word:>12s}" for word in header) + "  (seed)")
     for name in dict.fromkeys(name for each in trials for name in each.truth):
         shown = [each for each in given if np.isfinite(each.std.get(name, np.nan))]
         if len(shown) < 2:
             continue
         score = np.array([each.score(name) for each in shown])
         error = np.array([each.error[name] for each in shown])
-        spread = (
-            error.std(ddof=1) / np.mean([each.std[name] for each in shown])
-            if one_truth
-            else score.std(ddof=1)
-        )
+        spread = error.std(ddof=1) / np.mean([each.std[name] for each in shown]) if one_truth else score.std(ddof=1)
         mean = score.mean() / (score.std(ddof=1) / sqrt(score.size))
         worst = shown[int(np.abs(score).argmax())]
-        print(
-            f"  {name:42s} {score.size:4d} {spread:10.2f} {mean:12.1f} {100 * np.mean(np.abs(score) < 1.96):7.1f} % "
-            f"{worst.score(name):6.1f}  ({worst.seed})"
-        )
+        inside = 100 * np.mean(np.abs(score) < 1.96)
+        figures = f"{score.size:12d} {spread:12.2f} {mean:12.1f} {inside:10.1f} % {worst.score(name):12.1f}"
+        print(f"  {name:38s} {figures}  ({worst.seed})")
     print()
 
 
@@ -149,13 +139,10 @@ def main() -> None:
     trials = [trial(replace(linear, law="linear"), seed) for seed in progress("linear")]
     print_coverage("linear gear, law given", trials, one_truth=True)
     error = np.array([each.error["M2"] for each in trials])
-    stated = np.array([each.std["M2"] for each in trials])
-    print(
-        f"linear gear, mass: Cramer-Rao bound {np.mean(bounds):.2f} kg, stated standard deviation {stated.mean():.2f} kg,"
-    )
-    print(
-        f"  rms error {sqrt(np.mean(error**2)):.2f} kg, rms of error over bound {sqrt(np.mean((error / bounds) ** 2)):.2f}"
-    )
+    print(f"linear gear, mass: Cramer-Rao bound          {np.mean(bounds):.2f} kg")
+    print(f"                   stated standard deviation {np.mean([each.std['M2'] for each in trials]):.2f} kg")
+    print(f"                   rms error                 {sqrt(np.mean(error**2)):.2f} kg")
+    print(f"                   rms of error over bound   {sqrt(np.mean((error / bounds) ** 2)):.2f}")
 
 
 if __name__ == "__main__":

@@ -31,11 +31,7 @@ def force(time_s):
 def equations(state, tyre_n):
     x1, x2, v1, v2 = state
     friction = GEAR.law.terms[0].amplitude * 2.0 / math.pi * math.atan((v2 - v1) / GEAR.law.terms[0].inner[0])
-    strut = (
-        GEAR.suspension_stiffness_n_per_m * (x2 - x1)
-        + GEAR.suspension_damping_n_s_per_m * (v2 - v1)
-        + friction
-    )
+    strut = GEAR.suspension_stiffness_n_per_m * (x2 - x1) + GEAR.suspension_damping_n_s_per_m * (v2 - v1) + friction
     tyre = tyre_n - GEAR.tyre_stiffness_n_per_m * x1 - GEAR.tyre_damping_n_s_per_m * v1
     return v1, v2, (strut + tyre) / GEAR.unsprung_mass_kg, -strut / GEAR.sprung_mass_kg
 
@@ -58,13 +54,9 @@ def reference(time_s):
     def rate(t, state):
         place, speed = 18.0 * t - 17.5 / 80.0 * t**2, 18.0 - 17.5 / 40.0 * t
         height, slope = float(ROAD.elevation(place)), float(ROAD.slope(place))
-        return equations(
-            state, GEAR.tyre_stiffness_n_per_m * height + GEAR.tyre_damping_n_s_per_m * slope * speed
-        )
+        return equations(state, GEAR.tyre_stiffness_n_per_m * height + GEAR.tyre_damping_n_s_per_m * slope * speed)
 
-    return solve_ivp(
-        rate, (0.0, time_s[-1]), np.zeros(4), "DOP853", time_s, rtol=1e-11, atol=1e-15, max_step=5e-3
-    ).y.T
+    return solve_ivp(rate, (0.0, time_s[-1]), np.zeros(4), "DOP853", time_s, rtol=1e-11, atol=1e-15, max_step=5e-3).y.T
 
 
 def timed(function: Callable[[], Any]) -> tuple[float, Any]:
@@ -92,9 +84,7 @@ def main():
     after_mib = peak_mib()
 
     n_short = round(SHORT_S * FS)
-    short_s, motion = best_of(
-        5, lambda: time_response(structure, forces[: 2 * n_short - 1], fs=FS, duration_s=SHORT_S)
-    )
+    short_s, motion = best_of(5, lambda: time_response(structure, forces[: 2 * n_short - 1], fs=FS, duration_s=SHORT_S))
     python_s, python_state = timed(lambda: plain_runge_kutta(forces[: 2 * n_short - 1, 0].tolist()))
     scipy_s, scipy_state = timed(lambda: reference(motion.time_s))
     state = np.hstack([motion.displacement, motion.velocity])

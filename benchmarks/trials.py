@@ -71,9 +71,7 @@ def study_of(test: TaxiTest) -> Study:
 
 def trial(case: Case, seed: int) -> Trial:
     """Simulate and identify one seed of a case."""
-    test = taxi_test(
-        case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run
-    )
+    test = taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
     found = identify(study_of(test), law=case.law)
     truth = _truth(case.gear)
     value, std = _found(found, truth)

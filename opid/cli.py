@@ -22,15 +22,23 @@ if TYPE_CHECKING:
     from opid.mechanics.landing_gear import LandingGear, TaxiTest
     from opid.mechanics.laws import Law
 
-NOT_DETERMINED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+class BadInput(click.ClickException):
+    """What was given cannot be used."""
+
+    exit_code = 2
 
 
-class Refusal(click.ClickException):
-    """An error that ends the command with one sentence and its exit status."""
+class NotDetermined(click.ClickException):
+    """The data do not determine the answer."""
 
-    def __init__(self, message: str, exit_code: int) -> None:
-        super().__init__(message)
-        self.exit_code = exit_code
+    exit_code = 1
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C."""
+
+    exit_code = 130
 
 
 class Commands(click.Group):
@@ -41,18 +49,16 @@ class Commands(click.Group):
         try:
             return super().invoke(context)
         except InputError as error:
-            raise Refusal(str(error), BAD_INPUT) from error
+            raise BadInput(str(error)) from error
         except NotDeterminedError as error:
-            raise Refusal(str(error), NOT_DETERMINED) from error
-        except BrokenPipeError:
-            # the reader has gone (`opid inspect log.csv | head`); click ends quietly
-            raise
+            raise NotDetermined(str(error)) from error
         except OSError as error:
+            # without a name it is no file of the user's (a pipe whose reader has gone: click ends quietly)
             if error.filename is None:
                 raise
-            raise Refusal(f"{error.filename}: {error.strerror}", BAD_INPUT) from error
+            raise BadInput(f"{error.filename}: {error.strerror}") from error
         except KeyboardInterrupt as error:
-            raise Refusal("interrupted, nothing was written", INTERRUPTED) from error
+            raise Interrupted("interrupted") from error
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -65,7 +71,14 @@ def main() -> None:
 
 
 @main.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("demo_taxi"), show_default=True, metavar="DIR")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("demo_taxi"),
+    show_default=True,
+    metavar="DIR",
+    help="For the runs and the report.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
 def demo(out: Path, seed: int) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
@@ -87,9 +100,9 @@ def demo(out: Path, seed: int) -> None:
         truth = read_truth(out / "truth.json")
         page = write_report(result, out / "report", truth, progress=say)
     click.echo(result_text(result, truth))
-    click.echo(f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}, named by {study}")
+    click.echo(f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}")
+    click.echo(f"The study:  {study}")
     click.echo(f"The report: {page} (open it in a browser)")
-    click.echo(f"Next:       opid identify {study}")
     _end(result)
 
 
@@ -154,6 +167,7 @@ def inspect(logs: tuple[Path, ...], as_json: bool, out: Path | None) -> None:
     from opid.signals.health import inspect as inspect_recording
     from opid.signals.logs import read_log
 
+    logs = tuple(dict.fromkeys(logs))
     recordings = {str(log): read_log(log) for log in logs}
     health = {log: inspect_recording(recording) for log, recording in recordings.items()}
     if out is not None:
@@ -173,7 +187,7 @@ def inspect(logs: tuple[Path, ...], as_json: bool, out: Path | None) -> None:
 
 @main.command()
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | LOG...")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: STUDY_result]")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
 @click.option("--method", default="classical", show_default=True, help="classical, or paper for its printed formula.")
 @click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
 @click.option("--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.5 12]")
@@ -205,12 +219,15 @@ def identify(
     unsprung: str | None,
     mass_changes: tuple[float, ...],
 ) -> None:
-    """Identify mass, springs, damping and law from a study file, or from logs, the reference run first."""
+    """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
+
+    The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
+    """
     from opid.identify.identification import identify as identify_study
     from opid.report import read_truth, result_text, write_report
     from opid.report.directory import require_directory
 
-    target = require_directory(out or Path(f"{paths[0].stem}_result"))
+    target = require_directory(out or Path(f"{_name(paths[0])}_result"))
     known = None if truth is None else read_truth(truth)
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground}
     settings |= {} if band is None else {"band_hz": band}
@@ -228,7 +245,12 @@ def identify(
 def _end(result: Identification) -> None:
     """Leave with status 1 and the reason if something is not determined."""
     if result.not_determined:
-        raise Refusal(f"not determined: {result.not_determined}", NOT_DETERMINED)
+        raise NotDetermined(f"not determined: {result.not_determined}")
+
+
+def _name(path: Path) -> str:
+    """Name a result after its study; every other study is called study.toml, so after the directory of such a one."""
+    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
 
 
 def _study(paths: tuple[Path, ...], sprung: str | None, unsprung: str | None, mass_changes: tuple[float, ...]) -> Study:
@@ -243,6 +265,8 @@ def _study(paths: tuple[Path, ...], sprung: str | None, unsprung: str | None, ma
                 f"{studies[0]} names the channels and mass changes: leave out --sprung, --unsprung and --mass-change"
             )
         return read_study(studies[0])
+    if paths[0].is_dir():
+        raise click.UsageError(f"{paths[0]} is a directory: name a study file in it, or logs")
     if not (sprung and unsprung):
         raise click.UsageError("name the channels of the logs: --sprung NAME --unsprung NAME, or give a study file")
     title = " and ".join(path.name for path in paths)

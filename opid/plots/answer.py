@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from opid.identify.classical import Evidence, PeakPair
 from opid.identify.direct_parameters import NAMES
 from opid.identify.result import Estimate, Identification
-from opid.plots.style import GREEN, GREY, INK, PALE, RUN_COLORS, house_style, panels, run_colors
+from opid.plots.style import GREEN, GREY, INK, PALE, RUN_COLORS, house_style, panels, plain_numbers, run_colors
 
 __all__ = ["estimates", "law_ladder"]
 
@@ -48,6 +48,7 @@ def law_ladder(result: Identification, ax: Any = None) -> Axes:
             fontsize=8.5,
         )
         ax.set_xscale("log")
+        plain_numbers(ax.xaxis)
         ax.margins(x=0.12)
         ax.set_yticks(range(len(ladder)), [step.law_name for step in ladder])
         ax.get_yticklabels()[last].set_fontweight("bold")
@@ -97,7 +98,7 @@ def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, A
         (1, 4) Axes.
     """
     evidence: Evidence = result.evidence
-    marks = list(_marks(evidence))
+    marks = list(_marks(result))
     lines = _true_lines(evidence, truth)
     with house_style():
         grid = panels(axes, 1, 4, height_in=4.2, width_in=8.6, sharey=True)
@@ -105,28 +106,34 @@ def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, A
             mine = [mark for mark in marks if mark.column == column]
             low, high = _limits(mine, [value for value, _ in lines[column]])
             ax.set_xlim(low, high)
-            ax.locator_params(axis="x", nbins=4)
+            ax.locator_params(axis="x", nbins=3)
             for value, color in lines[column]:
                 ax.axvline(value, color=color, linewidth=4, alpha=0.25)
             for mark in mine:
                 _draw(ax, mark, low, high)
+            if not any(mark.estimate.value is not None for mark in mine):
+                ax.set_xticks([])
+                ax.text(
+                    0.5, 0.5, "not determined", color=GREY, ha="center", transform=ax.transAxes, backgroundcolor="white"
+                )
             ax.set_title(_COLUMNS[column])
             ax.set_ylim(len(_METHODS) - 0.5, -0.5)
             ax.grid(False, axis="y")
             for row in range(len(_METHODS) - 1):
                 ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
         grid[0, 0].set_yticks(range(len(_METHODS)), _METHODS)
-        _legend(grid[0, 0].get_figure(), evidence, bool(truth))
+        _legend(grid[0, 0].get_figure(), evidence, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
     return grid
 
 
-def _marks(evidence: Evidence) -> Iterator[_Mark]:
+def _marks(result: Identification) -> Iterator[_Mark]:
+    evidence: Evidence = result.evidence
     runs = evidence.runs
     colors = run_colors(len(runs))
     shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
     for i, pair in enumerate(_shown_pairs(evidence)):
         for row, mass in enumerate((pair.as_printed, pair.sign_restored)):
-            if mass is None:
+            if mass is None or mass.sprung_mass_kg == 0:
                 continue
             values = (
                 mass.sprung_mass_kg,
@@ -137,19 +144,29 @@ def _marks(evidence: Evidence) -> Iterator[_Mark]:
             for column, value in enumerate(values):
                 shift, look = 0.27 * (i - 1), (_PAIR_MARKERS[i], pair.match.credible)
                 yield _Mark(row, column, GREY, shift, Estimate(value), *look)
-    joint = evidence.joint
+    mass_estimate, ratios = _of_all_runs(result)
     for run, color, shift in zip(runs, colors, shifts, strict=True):
         for row, fit in ((2, run.complex_fit), (3, run.spectral_fit)):
             for k in range(3):
                 yield _Mark(row, k + 1, color, float(shift), Estimate.normal(fit.value[k], fit.std[k]))
-        share = 1 / (1 + joint["inverse_mass"] * run.mass_change_kg)
-        std = dict(zip(joint.names, joint.std, strict=True))
-        for k, name in enumerate(NAMES):
-            spread = share * std.get(name, 0.0)
-            yield _Mark(4, k + 1, color, float(shift), Estimate.normal(share * joint[name], spread))
-    if evidence.added_mass is not None:
-        added = evidence.added_mass
-        yield _Mark(4, 0, INK, 0.0, Estimate.normal(added["sprung_mass_kg"], added.std[0]))
+        share = 1 / (1 + evidence.joint["inverse_mass"] * run.mass_change_kg)
+        for k, ratio in enumerate(ratios):
+            if ratio.value is not None:
+                spread = None if ratio.std is None else share * ratio.std
+                yield _Mark(4, k + 1, color, float(shift), Estimate.normal(share * ratio.value, spread))
+    if mass_estimate.value is not None:
+        yield _Mark(4, 0, INK, 0.0, mass_estimate)
+
+
+def _of_all_runs(result: Identification) -> tuple[Estimate, list[Estimate]]:
+    """Return mass and ratios of the joint fit: as the result gives them, or from the evidence of another method."""
+    if result.method == "classical":
+        return result.parameters["sprung_mass_kg"], [result.ratios[name] for name in NAMES]
+    evidence: Evidence = result.evidence
+    joint, added = evidence.joint, evidence.added_mass
+    std = dict(zip(joint.names, joint.std, strict=True))
+    mass = Estimate() if added is None else Estimate.normal(added["sprung_mass_kg"], added.std[0])
+    return mass, [Estimate.normal(joint[name], std.get(name)) for name in NAMES]
 
 
 def _shown_pairs(evidence: Evidence) -> list[PeakPair]:
@@ -209,7 +226,7 @@ def _short(value: float) -> str:
     return (f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}").replace("-", "−")
 
 
-def _legend(figure: Any, evidence: Evidence, has_truth: bool) -> None:
+def _legend(figure: Any, evidence: Evidence, *, has_mass: bool, has_truth: bool) -> None:
     from matplotlib.lines import Line2D
 
     dot: dict[str, Any] = {"marker": "o", "linewidth": 2, "markersize": 4.5}
@@ -217,7 +234,8 @@ def _legend(figure: Any, evidence: Evidence, has_truth: bool) -> None:
         Line2D([], [], color=color, label=f"run {run.name!r}", **dot)
         for run, color in zip(evidence.runs, run_colors(len(evidence.runs)), strict=True)
     ]
-    handles.append(Line2D([], [], color=INK, label="all runs", **dot))
+    if has_mass:
+        handles.append(Line2D([], [], color=INK, label="all runs", **dot))
     for pair, marker in zip(_shown_pairs(evidence), _PAIR_MARKERS, strict=False):
         match = pair.match
         label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"

@@ -217,7 +217,13 @@ def _law(
         linear = slope * position
         ax.plot(scale * position, linear, color=GREY, linewidth=1.1, linestyle="--", label=coefficient)
         ax.plot(scale * position, linear + nonlinear, color=RUN_COLORS[0], label=f"{coefficient} + f")
-    ax.plot(scale * position, nonlinear, color=RUN_COLORS[1], linewidth=2.2, label="nonlinear force f")
+    ax.plot(
+        scale * position,
+        nonlinear,
+        color=RUN_COLORS[1],
+        linewidth=2.2,
+        label="nonlinear force f" if law.terms else "no nonlinear force",
+    )
     if true_law is not None:
         ax.plot(
             scale * position,
@@ -231,4 +237,4 @@ def _law(
     ax.set_title(f"Force over {along}, {at}")
     ax.set_xlabel(label)
     ax.margins(x=0)
-    ax.legend(loc="upper left")
+    ax.legend(loc="best")

@@ -11,7 +11,7 @@ from opid.identify.classical import Evidence, RunEvidence
 from opid.identify.result import Identification
 from opid.identify.spectral_equation import EquationFit
 from opid.identify.transmissibility import suspension_transmissibility
-from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, run_colors, run_title, thick
+from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, plain_numbers, run_colors, run_title, thick
 
 __all__ = ["equation_residual", "transmissibilities"]
 
@@ -94,6 +94,7 @@ def _transmissibility(column: np.ndarray, run: RunEvidence, evidence: Evidence, 
     coherence.plot(frequency_hz, beneath.coherence[shown], color=color, label="spindle and force (multiple)")
     magnitude.set_xscale("log")
     magnitude.set_yscale("log")
+    plain_numbers(magnitude.yaxis)
     magnitude.set_title(run_title(run))
     magnitude.legend(loc="lower left")
     phase.set_yticks([-180, -90, 0])
@@ -141,6 +142,7 @@ def equation_residual(result: Identification, ax: Any = None) -> Axes:
         floor = 1e3 * evidence.noise_floor
         ax.axhline(floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {floor:.2g} mm/s²")
         ax.set_yscale("log")
+        plain_numbers(ax.yaxis)
         ax.margins(x=0)
         ax.set_xlabel("frequency [Hz]")
         ax.set_ylabel("unexplained [mm/s² rms]")

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from opid.identify.classical import RunEvidence
 
@@ -115,8 +117,8 @@ def figure_of(axes: Axes | np.ndarray) -> Figure:
     Args:
         axes: what a plot function returned.
 
-    >>> figure_of(panels(None, 1, height_in=2)).get_figwidth()
-    7.4
+    >>> float(figure_of(panels(None, 1, height_in=2)).get_figheight())
+    2.0
     """
     figure = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()[0].get_figure(root=True)
     assert isinstance(figure, Figure)
@@ -183,3 +185,14 @@ def pretty(unit: str) -> str:
     for written, printed in (("^2", "²"), ("^3", "³"), ("^5", "⁵"), ("^n", "ⁿ"), ("*", "·")):
         unit = unit.replace(written, printed)
     return unit
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Write the numbers at a logarithmic axis without powers of ten, at 1, 2 and 5 of each decade.
+
+    Args:
+        axis: `ax.xaxis` or `ax.yaxis`.
+    """
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())

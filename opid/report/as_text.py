@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from opid.identify.result import Estimate, Identification
-from opid.mechanics.laws import LAWS
 from opid.signals.health import Health
 
 WIDTH = 80
@@ -17,15 +16,24 @@ PARAMETER_LABELS = {
     "sprung_mass_kg": ("sprung mass M2", "kg"),
     "suspension_stiffness_n_per_m": ("stiffness K2", "N/m"),
     "suspension_damping_n_s_per_m": ("damping C2", "N s/m"),
-    "ground_stiffness_n_per_m": ("ground spring K3", "N/m"),
+    "ground_stiffness_n_per_m": ("ground K3", "N/m"),
 }
 RATIO_LABELS = {
     "stiffness_per_mass": ("K2/M2", "1/s^2"),
     "damping_per_mass": ("C2/M2", "1/s"),
     "ground_stiffness_per_mass": ("K3/M2", "1/s^2"),
-    "natural_frequency_hz": ("natural frequency", "Hz"),
+    "natural_frequency_hz": ("natural freq.", "Hz"),
     "damping_ratio": ("damping ratio", "1"),
 }
+# what stands in the LaTeX of `opid.mechanics.laws`, in plain text
+_PLAIN = (
+    (r"\tfrac{2}{\pi}", "(2/pi)"),
+    (r"\operatorname{sgn}", "sgn"),
+    (r"\dot z", "z'"),
+    (r"\arctan", "arctan"),
+    (r"\tanh", "tanh"),
+    (r"\,", ""),
+)
 
 
 @dataclass(frozen=True)
@@ -34,8 +42,7 @@ class Row:
 
     Args:
         label: what it is.
-        cells: value, standard deviation, 95 % interval, unit, then with a truth the truth, the error of the value in
-            percent, and whether the interval holds the truth.
+        cells: in the order of `columns`.
     """
 
     label: str
@@ -51,7 +58,10 @@ def columns(truth: Mapping[str, Any] | None) -> tuple[str, ...]:
     >>> columns(None)
     ('', 'value', '±', '95 % interval', 'unit')
     """
-    return ("", "value", "±", "95 % interval", "unit", *(("truth", "error", "held") if truth else ()))
+    if truth is None:
+        return ("", "value", "±", "95 % interval", "unit")
+    # the interval tells the ± too, and 80 characters are few
+    return ("", "value", "95 % interval", "unit", "truth", "error", "inside")
 
 
 def rows(result: Identification, truth: Mapping[str, Any] | None = None) -> list[Row]:
@@ -100,9 +110,11 @@ def limits(result: Identification) -> str:
     known = result.diagnostics
     noise, floor = known["unexplained_noise_m_per_s2"], known["sensor_noise_floor_m_per_s2"]
     band = known["settings"]["band_hz"]
+    n_runs = len(known["runs"])
     return (
-        f"From {len(known['runs'])} run(s), {band[0]:g} to {band[1]:g} Hz: the fitted equation leaves "
-        f"{1e3 * noise:.2g} mm/s^2 rms unexplained, the noise floor of the sensors is {1e3 * floor:.2g} mm/s^2."
+        f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:g} to {band[1]:g} Hz: the fitted equation leaves "
+        f"{_two_digits(1e3 * noise)} mm/s^2 rms unexplained, the noise floor of the sensors is "
+        f"{_two_digits(1e3 * floor)} mm/s^2."
     )
 
 
@@ -167,9 +179,9 @@ def rounded(value: float | None, std: float | None = None) -> str:
     else:
         decimals = 0
     number = round(value, decimals) + 0.0  # no -0
-    if abs(number) >= 1e7 or 0 < abs(number) < 1e-4:
+    if abs(number) >= 1e8 or 0 < abs(number) < 1e-6:
         digits = max(0, decimals + math.floor(math.log10(abs(number))))
-        return f"{number:.{min(digits, 6)}e}"
+        return f"{number:.{digits}e}"
     return f"{number:.{max(0, decimals)}f}"
 
 
@@ -177,39 +189,45 @@ def _row(label: str, unit: str, estimate: Estimate, true: float | None, with_tru
     std = estimate.std
     interval = estimate.interval95
     between = f"{rounded(interval[0], std)} .. {rounded(interval[1], std)}" if interval else "-"
-    cells = [rounded(estimate.value, std), rounded(std, std), between, unit]
-    if with_truth:
-        cells.append("-" if true is None else f"{true:.6g}")
-        known = true is not None and estimate.value is not None
-        error = estimate.value - true if known and true is not None and estimate.value is not None else 0.0
-        cells.append(f"{100 * error / true:+.2f} %" if known and true else "-")
-        cells.append("-" if not known or interval is None else "yes" if estimate.holds(float(true or 0)) else "no")
-    return Row(label, tuple(cells))
+    value = rounded(estimate.value, std)
+    if not with_truth:
+        return Row(label, (value, rounded(std, std), between, unit))
+    if true is None or estimate.value is None:
+        return Row(label, (value, between, unit, "-" if true is None else f"{true:.6g}", "-", "-"))
+    error = f"{round(100 * (estimate.value / true - 1), 2) + 0.0:+.2f}%" if true else "-"
+    held = "-" if interval is None else "yes" if estimate.holds(true) else "no"
+    return Row(label, (value, between, unit, f"{true:.6g}", error, held))
 
 
 def _law_rows(result: Identification, truth: Mapping[str, Any] | None) -> Iterator[Row]:
     per_mass = result.restoring_force.per_mass
-    true_law = truth["law"]["parameters"] if truth else {}
-    name = result.law.name
-    told = f" (true law: {truth['law']['name']})" if truth and truth["law"]["name"] != name else ""
-    yield Row(f"Law: {name}{', per unit of sprung mass' if per_mass and result.law.terms else ''}{told}")
-    for kind, estimates in result.law_estimates.items():
-        for parameter in LAWS[kind].parameters:
-            scaled = parameter.role == "amplitude" and per_mass
-            true = true_law.get(kind, {}).get(parameter.name)
-            # the truth is in N: no number to put beside a force per unit of mass
+    terms = result.law.terms
+    formula = f", {'f/M2' if per_mass else 'f'} = {_formula(result.law.latex)}" if len(terms) == 1 else ""
+    told = f"; truth: {truth['law']['name']}" if truth and truth["law"]["name"] != result.law.name else ""
+    yield Row(f"Law: {result.law.name}{formula}{told}")
+    for term in terms:
+        if len(terms) > 1:
+            yield Row(f"Term {term.name}: {_formula(term.kind.latex)}")
+        for parameter in term.kind.parameters:
+            amplitude = parameter.role == "amplitude"
+            true = truth["law"]["parameters"].get(term.name, {}).get(parameter.name) if truth else None
+            if truth and true is not None and amplitude and per_mass:
+                true /= truth["parameters"]["sprung_mass_kg"]
             yield _row(
-                _law_label(kind, parameter.name, parameter.role, many=len(result.law_estimates) > 1),
-                f"{parameter.unit}/kg" if scaled else parameter.unit,
-                estimates[parameter.name],
-                None if scaled else true,
+                # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
+                parameter.name.split("_n")[0] if amplitude else parameter.role,
+                f"{parameter.unit}/kg" if amplitude and per_mass else parameter.unit,
+                result.law_estimates[term.name][parameter.name],
+                true,
                 truth is not None,
             )
 
 
-def _law_label(kind: str, name: str, role: str, *, many: bool) -> str:
-    word = role if role != "amplitude" else name.split("_n")[0]
-    return f"{kind} {word}" if many else word
+def _formula(latex: str) -> str:
+    """Return the LaTeX of a law as plain text."""
+    for written, plain in _PLAIN:
+        latex = latex.replace(written, plain)
+    return latex
 
 
 def _true_ratio(name: str, true: Mapping[str, float]) -> float | None:
@@ -247,6 +265,10 @@ def _aligned(table: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
         ).rstrip()
         for row in table
     ]
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _step(step: float | None) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from opid.identify.classical import RunEvidence
 from opid.identify.result import Identification
@@ -17,12 +17,9 @@ from opid.report.as_json import json_text, result_json
 from opid.report.as_text import columns, limits, rows
 from opid.report.directory import write_together
 
-if TYPE_CHECKING:
-    import numpy as np
-    from matplotlib.axes import Axes
-
 Truth = Mapping[str, Any]
-Draw = Callable[[Identification, Truth | None], "Axes | np.ndarray"]
+# returns Axes
+Draw = Callable[[Identification, Truth | None], Any]
 
 
 @dataclass(frozen=True)
@@ -171,8 +168,11 @@ def reference_run(result: Identification) -> RunEvidence:
 def _page(result: Identification, truth: Truth | None, images: Mapping[str, bytes]) -> str:
     from jinja2 import Environment, StrictUndefined
 
+    from opid.plots.style import pretty
+
     template = resources.files("opid.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["pretty"] = pretty
     return environment.from_string(template).render(
         title=result.title or "Identification",
         result=result,
@@ -184,6 +184,7 @@ def _page(result: Identification, truth: Truth | None, images: Mapping[str, byte
         pictures=pictures(),
         source={name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()},
         command=_command(result),
+        python=_python(result),
         version=version("opid"),
     )
 
@@ -196,3 +197,19 @@ def _command(result: Identification) -> str:
     ground = "" if settings["ground"] else " --no-ground"
     options = f"--method {result.method} --band {low:g} {high:g} --high-pass {settings['high_pass_hz']:g}"
     return f"opid identify study.toml {options}{law}{ground}"
+
+
+def _python(result: Identification) -> str:
+    """The lines of Python that give this result from a study file."""
+    settings = result.diagnostics["settings"]
+    law = "" if settings["law"] == "searched" else f'    law="{settings["law"]}",\n'
+    return f"""from opid.identify.identification import identify
+from opid.identify.study import read_study
+
+result = identify(
+    read_study("study.toml"),
+    method="{result.method}",
+{law}    band_hz={tuple(settings["band_hz"])},
+    high_pass_hz={settings["high_pass_hz"]},
+    ground={settings["ground"]},
+)"""

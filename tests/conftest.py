@@ -1,0 +1,28 @@
+"""What several test files share: one short simulated field test on disk, and its identification."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from opid.identify.identification import identify
+from opid.identify.study import read_study
+from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.report import read_truth, write_field_test
+
+
+@pytest.fixture(scope="session")
+def field_test(tmp_path_factory):
+    """A directory with heavy.csv, light.csv, study.toml and truth.json of 20 s at 256 Hz; not to be changed."""
+    directory = tmp_path_factory.mktemp("field_test")
+    test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=20.0, fs=256.0)
+    write_field_test(test, directory, title="A short field test", settings={"seed": 1})
+    return directory
+
+
+@pytest.fixture(scope="session")
+def identified(field_test):
+    """The identification of the field test, with its truth: `.result`, `.truth`."""
+    return SimpleNamespace(
+        result=identify(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
+    )

@@ -1,0 +1,379 @@
+"""The report: valid JSON that says what the result says, text of 80 columns, a page that needs no network."""
+
+import base64
+import json
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from opid.errors import InputError
+from opid.identify.identification import identify
+from opid.identify.result import PARAMETERS, Estimate
+from opid.identify.study import Study, read_study
+from opid.mechanics.laws import law_from_parameters
+from opid.report import (
+    health_json,
+    health_text,
+    read_truth,
+    result_json,
+    result_text,
+    write_report,
+)
+from opid.report import page as page_module
+from opid.report.as_json import json_text, plain
+from opid.report.as_text import rounded, rows
+from opid.report.directory import made_directory, require_directory, write_together
+from opid.signals import files
+from opid.signals.health import inspect
+from opid.signals.logs import read_log
+
+KEYS = {
+    "schema",
+    "method",
+    "title",
+    "parameters",
+    "ratios",
+    "law",
+    "restoring_force",
+    "diagnostics",
+    "warnings",
+    "not_determined",
+}
+PICTURES = page_module.pictures()
+
+
+@pytest.fixture(scope="module")
+def document(identified):
+    return result_json(identified.result)
+
+
+@pytest.fixture(scope="module")
+def one_run(field_test):
+    study = read_study(field_test / "study.toml")
+    return identify(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
+
+
+@pytest.fixture(scope="module")
+def report(identified, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("report")
+    write_report(identified.result, directory, identified.truth)
+    return directory
+
+
+# ---- JSON ----------------------------------------------------------------------------------------
+
+
+def test_json_has_the_promised_keys(document):
+    assert set(document) == KEYS
+    assert document["schema"] == "opid.identification/1"
+    assert set(document["parameters"]) == set(PARAMETERS)
+    for estimate in [*document["parameters"].values(), *document["ratios"].values()]:
+        assert set(estimate) == {"value", "std", "interval95"}
+        assert estimate["interval95"][0] <= estimate["value"] <= estimate["interval95"][1]
+    assert document["not_determined"] is None
+    assert json.loads(json_text(document)) == document
+
+
+def test_the_law_of_json_gives_the_force_of_json(document):
+    values = {
+        kind: {name: estimate["value"] for name, estimate in parameters.items()}
+        for kind, parameters in document["law"]["parameters"].items()
+    }
+    law = law_from_parameters(document["law"]["name"], values)
+    force = document["restoring_force"]
+    assert len({len(force[name]) for name in ("travel", "velocity", "force", "nonlinear_force")}) == 1
+    travel, velocity = np.array(force["travel"]), np.array(force["velocity"])
+    assert np.allclose(law.force(travel, velocity), force["nonlinear_force"])
+    stiffness, damping = (
+        document["parameters"][name]["value"]
+        for name in ("suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m")
+    )
+    linear = np.array(force["force"]) - np.array(force["nonlinear_force"])
+    assert np.allclose(linear, stiffness * travel + damping * velocity)
+    assert force["units"]["force"] == "N"
+
+
+def test_without_a_mass_json_has_nulls_and_a_reason(one_run):
+    document = result_json(one_run)
+    assert document["parameters"]["sprung_mass_kg"] == {"value": None, "std": None, "interval95": None}
+    assert "same sprung mass" in document["not_determined"]
+    assert document["law"]["per_mass"] is True
+    assert document["restoring_force"]["units"]["force"] == "m/s^2"
+    assert document["ratios"]["stiffness_per_mass"]["value"] == pytest.approx(3.9e5 / 1850, rel=0.01)
+
+
+def test_json_has_null_where_a_number_is_not_finite(identified):
+    broken = replace(
+        identified.result,
+        parameters={"sprung_mass_kg": Estimate(math.nan, math.inf, (-math.inf, 1.0))},
+        diagnostics={"a": np.float64("nan"), "b": np.array([1, 2]), "c": np.bool_(True)},
+    )
+    document = json.loads(json_text(result_json(broken)))
+    assert document["parameters"]["sprung_mass_kg"] == {"value": None, "std": None, "interval95": [None, 1.0]}
+    assert document["diagnostics"] == {"a": None, "b": [1, 2], "c": True}
+
+
+leaves = st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats() | st.text()
+
+
+@given(st.recursive(leaves, lambda each: st.lists(each) | st.dictionaries(st.text(), each), max_leaves=20))
+def test_json_text_reads_back(value):
+    document = plain({"content": value})
+    assert json.loads(json_text(document)) == document
+
+
+def test_lists_of_numbers_stand_on_one_line(document):
+    longest = max(json_text(document).splitlines(), key=len)
+    assert longest.count(",") >= len(document["restoring_force"]["travel"]) - 1
+
+
+# ---- text ----------------------------------------------------------------------------------------
+
+
+def test_text_shows_each_parameter_within_80_columns(identified):
+    text = result_text(identified.result)
+    for label in ("sprung mass M2", "stiffness K2", "damping C2", "ground K3", "amplitude", "scale"):
+        assert label in text
+    assert "arctan_velocity, f = A (2/pi) arctan(z' / s)" in text
+    assert max(map(len, text.splitlines())) <= 80
+    for warning in identified.result.warnings:
+        assert warning.split(":")[0][:40] in " ".join(text.split())
+
+
+def test_text_compares_with_the_truth(identified):
+    table = {row.label: row.cells for row in rows(identified.result, identified.truth)}
+    value, _, unit, true, error, inside = table["sprung mass M2"]
+    assert (unit, true, inside) == ("kg", "1850", "yes")
+    assert float(error.rstrip("%")) == pytest.approx(100 * (float(value) / 1850 - 1), abs=0.02)
+    other = json.loads(json.dumps(identified.truth))
+    other["parameters"]["sprung_mass_kg"] = 2000.0
+    table = {row.label: row.cells for row in rows(identified.result, other)}
+    assert table["sprung mass M2"][-1] == "no"
+    assert max(map(len, result_text(identified.result, identified.truth).splitlines())) <= 80
+
+
+def test_text_says_another_true_law(identified):
+    other = json.loads(json.dumps(identified.truth))
+    other["law"] = {"name": "cubic_stiffness", "parameters": {"cubic_stiffness": {"stiffness_n_per_m3": 3e9}}}
+    assert "truth: cubic_stiffness" in result_text(identified.result, other)
+
+
+def test_text_without_a_mass_says_why_and_gives_ratios(one_run, identified):
+    text = result_text(one_run, identified.truth)
+    assert "Not determined: all runs have the same sprung mass" in text
+    table = {row.label: row.cells for row in rows(one_run, identified.truth)}
+    assert table["sprung mass M2"][0] == "-"
+    assert table["amplitude"][2] == "N/kg"
+    # the true law per unit of the true mass
+    assert float(table["amplitude"][3]) == pytest.approx(400 / 1850, rel=1e-5)
+    assert table["K2/M2"][-1] in ("yes", "no")
+
+
+@given(
+    st.floats(-1e9, 1e9).filter(lambda x: x == 0 or abs(x) > 1e-9),
+    st.floats(1e-9, 1e9),
+)
+def test_rounding_keeps_what_the_uncertainty_leaves(value, std):
+    text = rounded(value, std)
+    assert abs(float(text) - value) <= 0.051 * std + 1e-12 * abs(value)
+    assert not text.startswith("-0") or float(text) != 0
+
+
+def test_health_is_told_in_words_and_json(field_test):
+    health = inspect(read_log(field_test / "heavy.csv"))
+    text = health_text("heavy.csv", health)
+    assert "256 Hz" in text
+    assert "'lower_z' looks like the unsprung channel" in text
+    assert "Nothing is wrong." in text
+    document = health_json({"heavy.csv": health})
+    assert document["logs"][0]["channels"][0]["name"] == "lower_z"
+    assert json.loads(json_text(document)) == document
+
+
+# ---- page ----------------------------------------------------------------------------------------
+
+
+class Links(HTMLParser):
+    """Collects whatever a page may load, its text and its open tags."""
+
+    def __init__(self):
+        super().__init__()
+        self.sources, self.tags, self.open = [], set(), []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.sources += [value for name, value in attrs if name in ("src", "href", "data", "srcset")]
+        if tag not in ("meta", "img", "link", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_the_page_is_self_contained_and_well_formed(report):
+    html = (report / "report.html").read_text(encoding="utf-8")
+    parser = Links()
+    parser.feed(html)
+    assert parser.open == []
+    assert len(parser.sources) == 10
+    assert all(source.startswith("data:image/png;base64,") for source in parser.sources)
+    assert not parser.tags & {"script", "link", "iframe"}
+    assert not re.search(r"url\(|@import|https?://", html)
+
+
+def test_the_figures_of_the_page_are_the_files_beside_it(report):
+    html = (report / "report.html").read_text(encoding="utf-8")
+    embedded = {base64.b64decode(image) for image in re.findall(r"data:image/png;base64,([^\"]+)", html)}
+    assert embedded == {path.read_bytes() for path in report.glob("*.png")}
+    assert len(embedded) == 10
+
+
+def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identified):
+    html = (report / "report.html").read_text(encoding="utf-8")
+    assert "sprung mass M2" in html
+    assert "What to doubt" in html
+    assert "opid identify study.toml --method classical --band 0.5 12 --high-pass 0.3" in html
+    result = json.loads((report / "result.json").read_text(encoding="utf-8"))
+    assert result == result_json(identified.result)
+
+
+def test_a_title_is_text_on_the_page_and_never_markup(identified, tmp_path, monkeypatch):
+    monkeypatch.setattr(page_module, "pictures", lambda: PICTURES[:1])
+    write_report(replace(identified.result, title="<script>alert(1)</script>"), tmp_path)
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<script>" not in html
+    assert "&lt;script&gt;" in html
+
+
+def test_a_reason_and_missing_values_are_on_the_page(one_run, tmp_path, monkeypatch):
+    monkeypatch.setattr(page_module, "pictures", lambda: PICTURES[-1:])
+    write_report(one_run, tmp_path)
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Not determined:</strong>" in html
+    assert "same sprung mass" in html
+
+
+# ---- whole or not at all -------------------------------------------------------------------------
+
+
+class _FullDisk:
+    """A file that takes no more."""
+
+    def __init__(self, file):
+        self.file = file
+
+    def write(self, content):
+        self.file.write(content[: len(content) // 2])
+        raise OSError(28, "No space left on device")
+
+    def __getattr__(self, name):
+        return getattr(self.file, name)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.file.close()
+
+
+@pytest.fixture
+def full_at_the_third_file(monkeypatch):
+    opened = []
+
+    def opening(path, *args, **kwargs):
+        file = open(path, *args, **kwargs)  # noqa: SIM115
+        opened.append(file)
+        return _FullDisk(file) if len(opened) == 3 else file
+
+    monkeypatch.setattr(files, "open", opening, raising=False)
+
+
+@pytest.mark.usefixtures("full_at_the_third_file")
+def test_a_full_disk_leaves_nothing(tmp_path):
+    with pytest.raises(InputError, match="No space left"):
+        write_together(tmp_path / "new" / "report", dict.fromkeys("abcd", b"content"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("full_at_the_third_file")
+def test_a_full_disk_leaves_an_older_report_as_it_was(tmp_path):
+    for name in "abcd":
+        (tmp_path / name).write_bytes(b"old")
+    with pytest.raises(InputError, match="No space left"):
+        write_together(tmp_path, dict.fromkeys("abcd", b"new"))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == dict.fromkeys("abcd", b"old")
+
+
+def test_a_figure_that_fails_leaves_nothing(identified, tmp_path, monkeypatch):
+    def broken(result, truth):
+        raise RuntimeError("no figure")
+
+    failing = replace(PICTURES[0], draw=broken)
+    monkeypatch.setattr(page_module, "pictures", lambda: (PICTURES[5], failing))
+    with pytest.raises(RuntimeError, match="no figure"):
+        write_report(identified.result, tmp_path / "report")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_report_replaces_the_first_and_nothing_else(identified, tmp_path, monkeypatch):
+    monkeypatch.setattr(page_module, "pictures", lambda: PICTURES[5:6])
+    (tmp_path / "mine.txt").write_text("mine")
+    for title in ("first", "second"):
+        write_report(replace(identified.result, title=title), tmp_path)
+    assert json.loads((tmp_path / "result.json").read_text())["title"] == "second"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "law_ladder.png",
+        "mine.txt",
+        "report.html",
+        "result.json",
+    ]
+
+
+@pytest.mark.parametrize("inside", ["", "deeper/still"])
+def test_a_file_in_the_way_is_named(tmp_path, inside):
+    (tmp_path / "taken").write_text("")
+    for make in (require_directory, made_directory):
+        with pytest.raises(InputError, match="taken is no directory: choose another place"):
+            make(tmp_path / "taken" / inside)
+
+
+# ---- truth ---------------------------------------------------------------------------------------
+
+
+def test_truth_has_the_names_of_the_result(field_test):
+    truth = read_truth(field_test / "truth.json")
+    assert truth["schema"] == "opid.truth/1"
+    assert truth["parameters"] == dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
+    assert truth["law"]["name"] == "arctan_velocity"
+    assert truth["mass_change_kg"] == -220.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{}", "is no truth"),
+        ("[1]", "is no truth"),
+        ("not JSON", "is no truth"),
+        ('{"schema": "opid.identification/1"}', "'opid.truth/1' is needed"),
+        ('{"schema": "opid.truth/1", "parameters": {}}', "is no truth"),
+        (
+            '{"schema": "opid.truth/1", "parameters": {"sprung_mass_kg": 1, "suspension_stiffness_n_per_m": 1, '
+            '"suspension_damping_n_s_per_m": 1, "ground_stiffness_n_per_m": 0}, "law": {"name": "cubc_stiffness", '
+            '"parameters": {}}}',
+            "did you mean 'cubic_stiffness'",
+        ),
+    ],
+)
+def test_a_file_that_is_no_truth_is_refused(tmp_path, text, message):
+    path = tmp_path / "truth.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_truth(path)
+    with pytest.raises(InputError, match="cannot read"):
+        read_truth(tmp_path / "missing.json")
