@@ -16,7 +16,7 @@ from scipy import integrate, optimize, signal
 from trials import study_of
 
 from opid.identify.classical import classical_chain
-from opid.identify.identification import identify
+from opid.identify.identification import identify_study
 from opid.identify.result import Identification
 from opid.identify.study import Study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
@@ -87,8 +87,8 @@ def main() -> None:
     studies = [study_of(taxi_test(GEAR, rng=np.random.default_rng(seed))) for seed in range(N_SEEDS)]
     first = studies[0]
     ways: dict[str, Callable[[Study], tuple[float, float, float]]] = {
-        "identify, law searched": lambda study: answer(identify(study)),
-        "identify, law given": lambda study: answer(identify(study, law=LAW_NAME)),
+        "identify, law searched": lambda study: answer(identify_study(study)),
+        "identify, law given": lambda study: answer(identify_study(study, law=LAW_NAME)),
         "plain reference, law given": reference,
     }
     errors = {

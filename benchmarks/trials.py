@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.identify.identification import identify, strongest_pair
+from opid.identify.identification import identify_study, strongest_pair
 from opid.identify.result import PARAMETERS, Identification
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
@@ -72,7 +72,7 @@ def study_of(test: TaxiTest) -> Study:
 def trial(case: Case, seed: int) -> Trial:
     """Simulate and identify one seed of a case."""
     test = taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
-    found = identify(study_of(test), law=case.law)
+    found = identify_study(study_of(test), law=case.law)
     truth = _truth(case.gear)
     value, std = _found(found, truth)
     mass = truth["M2"]

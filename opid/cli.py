@@ -84,7 +84,7 @@ def demo(out: Path, seed: int) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.identify.identification import identify as identify_study
+    from opid.identify.identification import identify_study
     from opid.identify.study import read_study
     from opid.mechanics.landing_gear import LandingGear, taxi_test
     from opid.report import read_truth, result_text, write_field_test, write_report
@@ -223,7 +223,7 @@ def identify(
 
     The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
     """
-    from opid.identify.identification import identify as identify_study
+    from opid.identify.identification import identify_study
     from opid.report import read_truth, result_text, write_report
     from opid.report.directory import require_directory
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from opid.identify.identification import identify
+from opid.identify.identification import identify_study
 from opid.identify.study import read_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.report import read_truth, write_field_test
@@ -24,5 +24,5 @@ def field_test(tmp_path_factory):
 def identified(field_test):
     """The identification of the field test, with its truth: `.result`, `.truth`."""
     return SimpleNamespace(
-        result=identify(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
+        result=identify_study(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
     )

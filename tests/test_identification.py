@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.identification import METHODS, identify, strongest_pair, unexplained_noise
+from opid.identify.identification import METHODS, identify_study, strongest_pair, unexplained_noise
 from opid.identify.result import PARAMETERS
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
@@ -30,7 +30,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def result(study):
-    return identify(study)
+    return identify_study(study)
 
 
 def test_every_parameter_is_within_its_interval_or_near(result):
@@ -68,7 +68,7 @@ def test_ratios_are_those_of_the_parameters(result):
 
 
 def test_the_same_study_gives_the_same_answer_to_the_last_digit(study, result):
-    again = identify(study)
+    again = identify_study(study)
     assert again.parameters == result.parameters
     assert again.law == result.law
 
@@ -80,12 +80,12 @@ def test_channel_order_and_time_shift_change_nothing(study, result):
         arrays = [log.channel("upper_z"), log.channel("lower_z")]
         shifted = recording_from_arrays(arrays, ["upper_z", "lower_z"], fs=log.fs, start_s=100.0)
         flipped.append(Run(run.name, shifted, run.mass_change_kg))
-    again = identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(flipped)))
+    again = identify_study(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(flipped)))
     assert again.parameters == result.parameters
 
 
 def test_the_order_of_the_runs_changes_little(study, result):
-    again = identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=study.runs[::-1]))
+    again = identify_study(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=study.runs[::-1]))
     for name in PARAMETERS:
         assert abs(again.parameters[name].value - result.parameters[name].value) < 0.2 * result.parameters[name].std
 
@@ -101,7 +101,8 @@ def test_three_runs_are_better_than_two():
         for change in (0.0, -110.0, -220.0, -330.0)
     ]
     pair, all_four = (
-        identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(chosen))) for chosen in (runs[:2], runs)
+        identify_study(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(chosen)))
+        for chosen in (runs[:2], runs)
     )
     assert all_four.parameters["sprung_mass_kg"].std < 0.6 * pair.parameters["sprung_mass_kg"].std
     assert abs(all_four.parameters["sprung_mass_kg"].value - 1850) < 4 * all_four.parameters["sprung_mass_kg"].std
@@ -112,7 +113,7 @@ SHORT = {"duration_s": 20, "fs": 256}
 
 def test_equal_masses_give_ratios_only():
     test = taxi_test(LandingGear(), rng=np.random.default_rng(1), mass_removed_kg=0.0, **SHORT)
-    result = identify(_study(test, change=0.0))
+    result = identify_study(_study(test, change=0.0))
     assert "only ratios to the mass" in result.not_determined
     assert all(result.parameters[name].value is None for name in PARAMETERS)
     np.testing.assert_allclose(result.ratios["stiffness_per_mass"].value, 3.9e5 / 1850, rtol=0.01)
@@ -122,14 +123,14 @@ def test_equal_masses_give_ratios_only():
 
 def test_a_mass_change_that_did_not_happen_gives_no_mass():
     test = taxi_test(LandingGear(), rng=np.random.default_rng(1), mass_removed_kg=0.0, **SHORT)
-    result = identify(_study(test, change=-220.0))
+    result = identify_study(_study(test, change=-220.0))
     assert result.not_determined is not None
     assert result.parameters["sprung_mass_kg"].value is None
     assert result.ratios["stiffness_per_mass"].value is not None
 
 
 def test_a_wrong_law_is_refused_or_its_intervals_hold_the_truth(study):
-    result = identify(study, law="linear")
+    result = identify_study(study, law="linear")
     assert unexplained_noise(result.evidence) > 3
     assert result.not_determined is not None or result.parameters["sprung_mass_kg"].holds(1850.0)
     assert any("times the sensor noise" in warning for warning in result.warnings)
@@ -138,11 +139,11 @@ def test_a_wrong_law_is_refused_or_its_intervals_hold_the_truth(study):
 def test_swapped_and_mute_channels_are_refused(study):
     swapped = Study("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs)
     with pytest.raises(InputError, match=r"run 'heavy'.*exchange sprung and unsprung"):
-        identify(swapped)
+        identify_study(swapped)
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
     with pytest.raises(InputError, match=r"run 'heavy'.*mute"):
-        identify(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("heavy", mute, 0.0),)))
+        identify_study(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("heavy", mute, 0.0),)))
 
 
 def test_an_implausible_mass_change_is_seen(study):
@@ -153,7 +154,7 @@ def test_an_implausible_mass_change_is_seen(study):
 
 
 def test_the_papers_formula_is_shown_with_its_error(study, result):
-    printed = identify(study, method="paper")
+    printed = identify_study(study, method="paper")
     assert printed.method == "paper"
     assert all(estimate.std is None for estimate in printed.parameters.values())
     assert printed.parameters["suspension_damping_n_s_per_m"].value is None
@@ -173,16 +174,16 @@ def test_the_strongest_credible_pair_is_taken(result):
 def test_a_given_law_is_fitted(name):
     gear = LandingGear(law=default_law(name))
     test = taxi_test(gear, rng=np.random.default_rng(2), **SHORT)
-    result = identify(_study(test), law=name)
+    result = identify_study(_study(test), law=name)
     assert result.law.name == name
     np.testing.assert_allclose(result.law.vector, gear.law.vector, rtol=0.1)
 
 
 def test_bad_arguments_are_named(study):
     with pytest.raises(InputError, match="did you mean 'classical'"):
-        identify(study, method="clasical")
+        identify_study(study, method="clasical")
     with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
-        identify(study, law="cubic_stifness")
+        identify_study(study, law="cubic_stifness")
     assert set(METHODS) == {"classical", "paper"}
 
 
@@ -190,7 +191,7 @@ def test_a_gain_error_is_suspected_and_the_intervals_hold_it():
     test = taxi_test(
         LandingGear(), rng=np.random.default_rng(0), upper_sensor=Sensor(gain=1.01), lower_sensor=Sensor(), **SHORT
     )
-    result = identify(_study(test))
+    result = identify_study(_study(test))
     assert any("gain error" in warning for warning in result.warnings)
     assert result.parameters["suspension_stiffness_n_per_m"].holds(3.9e5)
     assert result.parameters["suspension_damping_n_s_per_m"].holds(6e3)
@@ -198,7 +199,7 @@ def test_a_gain_error_is_suspected_and_the_intervals_hold_it():
 
 def test_a_real_ground_spring_is_found_and_doubted():
     gear = LandingGear(ground_stiffness_n_per_m=1.67e5)
-    result = identify(_study(taxi_test(gear, rng=np.random.default_rng(0), **SHORT)))
+    result = identify_study(_study(taxi_test(gear, rng=np.random.default_rng(0), **SHORT)))
     ground = result.parameters["ground_stiffness_n_per_m"]
     np.testing.assert_allclose(ground.value, 1.67e5, rtol=0.02)
     assert any("AC-coupling" in warning for warning in result.warnings)

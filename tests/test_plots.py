@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from opid import plots
-from opid.identify.identification import identify
+from opid.identify.identification import identify_study
 from opid.identify.result import Estimate
 from opid.identify.study import Study, read_study
 from opid.mechanics.laws import Law
@@ -49,7 +49,7 @@ def _content(ax):
 @pytest.fixture(scope="module")
 def one_run(field_test):
     study = read_study(field_test / "study.toml")
-    return identify(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
+    return identify_study(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
 
 
 @pytest.mark.parametrize("name", [*OF_RESULT, *OF_RUN])

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from opid.errors import InputError
-from opid.identify.identification import identify
+from opid.identify.identification import identify_study
 from opid.identify.result import PARAMETERS, Estimate
 from opid.identify.study import Study, read_study
 from opid.mechanics.laws import law_from_parameters
@@ -56,7 +56,7 @@ def document(identified):
 @pytest.fixture(scope="module")
 def one_run(field_test):
     study = read_study(field_test / "study.toml")
-    return identify(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
+    return identify_study(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
 
 
 @pytest.fixture(scope="module")

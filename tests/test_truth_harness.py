@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from opid.identify.identification import identify
+from opid.identify.identification import identify_study
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import default_law
@@ -22,8 +22,8 @@ LAW_NAMES = (
     "arctan_velocity+cubic_stiffness",
 )
 IDENTIFIERS = {
-    "classical, law given": lambda study, law_name: identify(study, law=law_name),
-    "classical, law searched": lambda study, law_name: identify(study),
+    "classical, law given": lambda study, law_name: identify_study(study, law=law_name),
+    "classical, law searched": lambda study, law_name: identify_study(study),
 }
 LINEAR_PARAMETERS = (
     "sprung_mass_kg",

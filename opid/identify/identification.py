@@ -27,7 +27,7 @@ GAIN_LIKE = 0.03
 NEGLIGIBLE_GROUND = 0.002
 
 
-def identify(
+def identify_study(
     study: Study,
     *,
     method: str = "classical",

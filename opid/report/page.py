@@ -203,10 +203,10 @@ def _python(result: Identification) -> str:
     """The lines of Python that give this result from a study file."""
     settings = result.diagnostics["settings"]
     law = "" if settings["law"] == "searched" else f'    law="{settings["law"]}",\n'
-    return f"""from opid.identify.identification import identify
+    return f"""from opid.identify.identification import identify_study
 from opid.identify.study import read_study
 
-result = identify(
+result = identify_study(
     read_study("study.toml"),
     method="{result.method}",
 {law}    band_hz={tuple(settings["band_hz"])},

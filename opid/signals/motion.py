@@ -121,8 +121,8 @@ def relative_motion(
 
     >>> t = np.arange(20 * 256) / 256.0
     >>> motion = relative_motion(np.zeros(t.size), np.cos(2 * np.pi * 2 * t), fs=256.0)
-    >>> round(float(np.abs(motion.displacement[motion.settled]).max()), 5)
-    0.00633
+    >>> round(float(np.abs(motion.displacement[motion.settled]).max()), 4)
+    0.0063
     """
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if lower.shape != upper.shape:
