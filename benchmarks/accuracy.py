@@ -25,7 +25,7 @@ from opid.mechanics.sensors import Sensor
 ZETA = (0.05, 0.1, 0.2, 0.3)
 NOISE_MM_PER_S2 = (0.0, 5.0, 20.0)
 FRICTION_N = (0.0, 400.0, 1500.0)
-INTERVALS = ("M2", "K2", "C2")
+INTERVALS = ("M2", "K2", "C2", "K3")
 OTHER_LAWS = (
     "arctan_displacement",
     "quadratic_damping",
@@ -95,7 +95,7 @@ def share(flags: Iterable[bool]) -> str:
 
 
 def inside(trials: list[Trial]) -> str:
-    """How many 95 % intervals of M2, K2 and C2 hold the truth, of those that were given."""
+    """How many 95 % intervals of M2, K2, C2 and K3 hold the truth, of those that were given."""
     scores = [each.score(name) for each in trials for name in INTERVALS]
     return share(abs(score) < 1.96 for score in scores if np.isfinite(score))
 
@@ -114,6 +114,7 @@ def columns(trials: list[Trial]) -> list[str]:
         worst(each.percent("M2") for each in trials),
         worst(each.percent("K2") for each in trials),
         worst(each.percent("C2") for each in trials),
+        worst(each.percent("K3") for each in trials),
         law_errors(trials),
         inside(trials),
         share(each.law_right for each in trials),
@@ -127,6 +128,7 @@ COLUMNS = [
     "M2, %",
     "K2, %",
     "C2, %",
+    "K3, % of K2",
     "law's force, %",
     "95 % intervals that hold",
     "law right",
@@ -149,8 +151,8 @@ def write_each(path: str, trials: dict[str, list[Trial]]) -> None:
         writer = csv.writer(file)
         writer.writerow(["case", "seed", "law", "law_right", "unexplained", "parameter", "percent", "score", "reason"])
         for label, each in ((label, each) for label, cell in trials.items() for each in cell):
-            for name, truth in each.truth.items():
-                percent = each.percent(name) if truth else np.nan
+            for name in each.truth:
+                percent = each.percent(name)
                 figures = [f"{value:.4g}" for value in (each.unexplained, percent, each.score(name))]
                 law_found = [each.law_name, each.law_right, figures[0], name]
                 writer.writerow([label, each.seed, *law_found, *figures[1:], each.reason or ""])
