@@ -1,8 +1,8 @@
 """Integrate the model, not the data: fit the body that the measured spindle accelerations drive.
 
-z'' = -x1'' - (K2 z + C2 z' + f(z, z') + K3 x2)/M2 is a damped system driven by what was measured. It is simulated, the
-airframe acceleration x2'' = z'' + x1'' is predicted, and mass, stiffness, damping and law of all runs are moved until the
-prediction errors are white. No acceleration is integrated, so no slow motion is lost and nothing drifts.
+z'' = -x1'' - (K2 z + C2 z' + f(z, z') + K3 x2)/M2 is a damped system driven by what was measured. It is simulated,
+the airframe acceleration is predicted, and mass, stiffness, damping and law of all runs are moved until
+the prediction errors are white. No acceleration is integrated, so no slow motion is lost and nothing drifts.
 
 The error of a line is that of the airframe sensor, and that of the spindle sensor passed through the transmissibility
 of the model (its law replaced by its mean slopes): each line is divided by sqrt(s2^2 + |T|^2 s1^2).
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from opid.errors import InputError
+from opid.identify.joint_fit import JointFit
 from opid.identify.law_parameters import free_bounds, from_free, to_free
 from opid.mechanics.driven import (
     DrivenResponse,
@@ -70,53 +71,17 @@ class DrivenRun:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelFit:
-    """The fitted model, per unit of the reference sprung mass.
+class ModelFit(JointFit):
+    """The fitted model, per unit of the reference sprung mass; beside what every joint fit has:
 
     Args:
-        names: parameter names in the order of `value`, as of `spectral_equation.EquationFit`.
-        value: (n_parameters,).
-        covariance: (n_parameters, n_parameters).
-        law: the nonlinear law per unit of sprung mass.
-        frequency_hz: one array (n_lines,) a run.
-        residual: one complex array (n_lines,) a run, whitened prediction errors in m/s^2 of the airframe sensor.
-        noise_m_per_s2: white noise on each channel that would explain the residual, m/s^2.
-        log_likelihood: up to a constant, with the noise level at its estimate.
-        n_data: real numbers fitted.
-        n_evaluations: simulations of all runs.
-        band_hz: lowest and highest line, Hz.
         responses: the fitted motion of each run.
         start: (n_runs * n_own,) travel and velocity (and body displacement and velocity) at the start, and offset of
             the drive, run by run.
     """
 
-    names: tuple[str, ...]
-    value: FloatArray
-    covariance: FloatArray
-    law: Law
-    frequency_hz: tuple[FloatArray, ...]
-    residual: tuple[ComplexArray, ...]
-    noise_m_per_s2: float
-    log_likelihood: float
-    n_data: int
-    n_evaluations: int
-    band_hz: tuple[float, float]
     responses: tuple[DrivenResponse, ...]
     start: FloatArray
-
-    @property
-    def std(self) -> FloatArray:
-        """(n_parameters,) standard deviations."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
-
-    @property
-    def bic(self) -> float:
-        """Bayesian information criterion (Schwarz 1978): smaller is better."""
-        return float(len(self.value) * np.log(self.n_data) - 2 * self.log_likelihood)
-
-    def __getitem__(self, name: str) -> float:
-        """Value of the parameter called `name`; 0 where it was not fitted."""
-        return float(self.value[self.names.index(name)]) if name in self.names else 0.0
 
 
 def driven_run(
@@ -228,7 +193,9 @@ def score_of_term(runs: Sequence[DrivenRun], fit: ModelFit, term: Term) -> tuple
         term: the term; its amplitude does not matter.
     """
     silent = Term(term.name, (0.0, *term.inner))
-    model = _Model(tuple(runs), fit.law + Law((silent,)), "ground_stiffness_per_mass" in fit.names, "inverse_mass" in fit.names)
+    model = _Model(
+        tuple(runs), fit.law + Law((silent,)), "ground_stiffness_per_mass" in fit.names, "inverse_mass" in fit.names
+    )
     theta = np.array(
         [
             *fit.value[: model.n_head],
@@ -293,9 +260,7 @@ class _Model:
         lower = np.full(start.size, -np.inf)
         upper = -lower
         law_part = slice(self.n_head, self.n_head + self.law.vector.size)
-        lower[law_part], upper[law_part] = free_bounds(
-            self.law, travel_rms=motion_rms[0], velocity_rms=motion_rms[1]
-        )
+        lower[law_part], upper[law_part] = free_bounds(self.law, travel_rms=motion_rms[0], velocity_rms=motion_rms[1])
         # a driven system that feeds itself has no response to compare
         lower[1] = -abs(damping)
         return start, lower, upper
@@ -359,7 +324,7 @@ class _Model:
 
     def result(self, solution: object) -> ModelFit:
         theta = solution.x  # type: ignore[attr-defined]
-        residual, jacobian, errors, responses = self.evaluate(theta)
+        _, jacobian, errors, responses = self.evaluate(theta)
         n_shared, n_law = len(self.names), self.law.vector.size
         n_data = sum(2 * e.size for e in errors)
         cost = float(sum(np.sum(np.abs(e) ** 2) for e in errors))
@@ -378,7 +343,7 @@ class _Model:
             covariance=covariance * np.outer(slope, slope),
             law=law,
             frequency_hz=frequency_hz,
-            residual=tuple(errors),
+            residual=tuple(error / np.sqrt(2) for error in errors),
             noise_m_per_s2=float(np.sqrt(variance)),
             log_likelihood=float(-0.5 * n_data * np.log(cost / n_data)),
             n_data=n_data,

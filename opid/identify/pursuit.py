@@ -9,10 +9,10 @@ A backward pass then drops terms that the later ones made useless.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from opid.identify.joint_fit import LadderStep
 from opid.identify.law_search import BIC_MARGIN
 from opid.identify.model_fit import DrivenRun, ModelFit, fit_model, score_of_term
 from opid.mechanics.laws import LAWS, Law, Term
@@ -34,21 +34,6 @@ N_REFITTED = 3
 SCALES = (0.15, 0.6)
 
 
-@dataclass(frozen=True, eq=False)
-class Rung:
-    """One law that was fitted to all runs.
-
-    Args:
-        law_name: its name.
-        fit: the fitted model.
-        kept: whether the search went on from here.
-    """
-
-    law_name: str
-    fit: ModelFit
-    kept: bool
-
-
 def pursue_law(
     runs: Sequence[DrivenRun],
     start: ModelFit,
@@ -56,7 +41,7 @@ def pursue_law(
     library: Sequence[str] = LIBRARY,
     most_terms: int = 3,
     progress: Callable[[str], None] | None = None,
-) -> tuple[Rung, ...]:
+) -> tuple[LadderStep, ...]:
     """Return the ladder of fitted laws; the last one with `kept` is the choice.
 
     Args:
@@ -67,7 +52,7 @@ def pursue_law(
         progress: called with the name of each law before it is fitted.
     """
     say = progress or (lambda step: None)
-    ladder = [Rung(start.law.name, start, True)]
+    ladder = [LadderStep(start.law.name, start, True)]
     current = start
     while len(current.law.terms) < most_terms:
         grown = _grown(runs, current, library, say)
@@ -75,7 +60,7 @@ def pursue_law(
             break
         best = min(grown, key=lambda fit: fit.bic)
         worthwhile = _better(best, current)
-        ladder += [Rung(fit.law.name, fit, worthwhile and fit is best) for fit in grown]
+        ladder += [LadderStep(fit.law.name, fit, worthwhile and fit is best) for fit in grown]
         if not worthwhile:
             break
         current = best
@@ -85,7 +70,7 @@ def pursue_law(
         # a term must earn its place against the model without it, by the same margin that let it in
         if _better(current, best):
             break
-        ladder.append(Rung(best.law.name, best, True))
+        ladder.append(LadderStep(best.law.name, best, True))
         current = best
     return tuple(ladder)
 
@@ -146,9 +131,7 @@ def _grown(
 
 
 def _better(fit: ModelFit, than: ModelFit) -> bool:
-    return (
-        fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
-    )
+    return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
 
 
 def _without(law: Law, term: Term) -> Law:

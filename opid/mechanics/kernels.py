@@ -74,8 +74,6 @@ def _dispatch(functions: tuple[Callable[..., Any], ...], n_inner: tuple[int, ...
     return chain
 
 
-
-
 _N_INNER = tuple(len(kind.parameters) - 1 for kind in LAWS.values())
 _shape = _dispatch(tuple(kind.shape for kind in LAWS.values()), _N_INNER)
 
@@ -112,8 +110,7 @@ def _padded(place: int) -> tuple[Callable[..., Any], ...]:
     """Return the derivative by inner parameter `place` of every kind, zero where a kind has none."""
     zero = (lambda z, v: 0.0, lambda z, v, a: 0.0, lambda z, v, a, b: 0.0)
     return tuple(
-        kind.by_inner[place] if place < len(kind.by_inner) else zero[len(kind.parameters) - 1]
-        for kind in LAWS.values()
+        kind.by_inner[place] if place < len(kind.by_inner) else zero[len(kind.parameters) - 1] for kind in LAWS.values()
     )
 
 
