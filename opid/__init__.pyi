@@ -4,7 +4,8 @@ from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
 from .identify.classical import classical_chain
 from .identify.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
 from .identify.identification import identify_study
-from .identify.law_search import chosen, fit_law, search_law
+from .identify.joint_fit import JointFit, chosen
+from .identify.law_search import fit_law, search_law
 from .identify.nonlinearity import fit_slice, fit_surface, sparse_regression
 from .identify.restoring_force import binned_surface, restoring_force, slice_curve
 from .identify.result import Estimate, Identification

@@ -184,7 +184,7 @@ def test_bad_arguments_are_named(study):
         identify_study(study, method="clasical")
     with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
         identify_study(study, law="cubic_stifness")
-    assert set(METHODS) == {"classical", "paper"}
+    assert set(METHODS) == {"classical", "model", "paper"}
 
 
 def test_a_gain_error_is_suspected_and_the_intervals_hold_it():

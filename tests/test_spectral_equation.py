@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.law_search import chosen, fit_law, search_law
+from opid.identify.joint_fit import chosen
+from opid.identify.law_search import fit_law, search_law
 from opid.identify.restoring_force import restoring_force
 from opid.identify.spectral_equation import equation_lines, fit_equation
 from opid.mechanics.landing_gear import LandingGear, taxi_test

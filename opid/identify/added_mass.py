@@ -13,7 +13,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.identify.direct_parameters import mass_over_stiffness
-from opid.identify.spectral_equation import EquationFit
+from opid.identify.joint_fit import JointFit
 from opid.identify.transmissibility import Peak
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
@@ -77,7 +77,7 @@ class AddedMass:
     value: FloatArray
     covariance: FloatArray
     law: Law
-    fit: EquationFit
+    fit: JointFit
 
     @property
     def std(self) -> FloatArray:
@@ -152,7 +152,7 @@ def match_peaks(reference: Sequence[Peak], changed: Sequence[Peak], *, mass_chan
     return tuple(PeakMatch(a, b, *_judge(a, b, mass_change_kg)) for a, b in pairs)
 
 
-def absolute_parameters(fit: EquationFit, mass_changes_kg: Sequence[float]) -> AddedMass:
+def absolute_parameters(fit: JointFit, mass_changes_kg: Sequence[float]) -> AddedMass:
     """Scale a joint fit of several runs by the mass that it found.
 
     The unknown of the fit is mu = 1/M2: it may pass through zero, so that runs without information on the mass show it.
@@ -179,7 +179,7 @@ def absolute_parameters(fit: EquationFit, mass_changes_kg: Sequence[float]) -> A
     return _absolute(fit)
 
 
-def _absolute(fit: EquationFit) -> AddedMass:
+def _absolute(fit: JointFit) -> AddedMass:
     """Scale the ratios by the mass, with the covariance by the delta method."""
     mu = fit["inverse_mass"]
     n_law = fit.law.vector.size

@@ -20,7 +20,8 @@ from opid.identify.added_mass import (
     two_peak_mass,
 )
 from opid.identify.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
-from opid.identify.law_search import CANDIDATES, LadderStep, chosen, fit_law, search_law
+from opid.identify.joint_fit import JointFit, LadderStep, chosen
+from opid.identify.law_search import CANDIDATES, fit_law, search_law
 from opid.identify.nonlinearity import LawFit, fit_slice, fit_surface
 from opid.identify.restoring_force import (
     BinnedSurface,
@@ -30,7 +31,7 @@ from opid.identify.restoring_force import (
     restoring_force,
     slice_curve,
 )
-from opid.identify.spectral_equation import EquationFit, EquationLines, equation_lines
+from opid.identify.spectral_equation import EquationLines, equation_lines
 from opid.identify.study import Run, Study
 from opid.identify.transmissibility import WAYS, Peak, transmissibility_peaks, transmissibility_without_force
 from opid.signals.health import Finding, check_pair
@@ -134,7 +135,7 @@ class Evidence:
     runs: tuple[RunEvidence, ...]
     pairs: tuple[PeakPair, ...]
     ladder: tuple[LadderStep, ...]
-    joint: EquationFit
+    joint: JointFit
     added_mass: AddedMass | None
     not_determined: str | None
     noise_floor: float
@@ -226,7 +227,7 @@ def _run_evidence(
     findings: tuple[Finding, ...],
     surface: RestoringForce,
     lines: EquationLines,
-    joint: EquationFit,
+    joint: JointFit,
     high_pass_hz: float,
     block_s: float,
     band: tuple[float, float],
@@ -308,7 +309,7 @@ def _peak_pairs(runs: Sequence[RunEvidence], static: float) -> tuple[PeakPair, .
 
 
 def _added_mass(
-    lines: Sequence[EquationLines], joint: EquationFit, mu: float | None
+    lines: Sequence[EquationLines], joint: JointFit, mu: float | None
 ) -> tuple[AddedMass | None, str | None]:
     if mu is None:
         return None, (

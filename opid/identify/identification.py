@@ -10,13 +10,14 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, RunEvidence, classical_chain
-from opid.identify.law_search import chosen
+from opid.identify.joint_fit import chosen
+from opid.identify.model_chain import model_chain
 from opid.identify.result import PARAMETERS, Estimate, Identification, visited_force
 from opid.identify.study import Study
 from opid.mechanics.laws import LAWS, Law
 from opid.signals.recording import FloatArray
 
-METHODS = ("classical", "paper")
+METHODS = ("classical", "model", "paper")
 # the model explains the runs down to the sensors' noise up to here; above, what it lacks rules the answer
 UNEXPLAINED_NOTED = 1.5
 UNEXPLAINED_DOUBTED = 3.0
@@ -40,12 +41,13 @@ def identify_study(
     """Identify mass, springs, damping and law of a suspension from runs at known mass changes.
 
     `classical` is the chain of Iwaniec & Uhl (2007) with every step mended: sound integration, the complex equation,
-    noise on both channels, all runs in one least-squares problem. `paper` gives what the printed formula makes of
-    the strongest matched peaks; it has no intervals.
+    noise on both channels, all runs in one least-squares problem. `model` starts there and fits the suspension that the
+    measured spindle acceleration drives: nothing is integrated, so a law of the travel keeps its slow motion. `paper`
+    gives what the printed formula makes of the strongest matched peaks; it has no intervals.
 
     Args:
         study: the runs.
-        method: "classical" or "paper".
+        method: "classical", "model" or "paper".
         law: a law to fit (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched when left out.
         band_hz: lines used by direct parameters and added mass, Hz.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
@@ -70,11 +72,14 @@ def identify_study(
         "law": law or "searched",
         "ground": ground,
     }
-    conclude = _conclude_classical if method == "classical" else _conclude_paper
-    return conclude(study, evidence, settings)
+    if method == "paper":
+        return _conclude_paper(study, evidence, settings)
+    if method == "model":
+        evidence = model_chain(study, evidence, search=law is None, ground=ground, progress=progress)
+    return _conclude(method, study, evidence, settings)
 
 
-def _conclude_classical(study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
+def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
     joint, added = evidence.joint, evidence.added_mass
     unexplained = unexplained_noise(evidence)
     refused = unexplained > UNEXPLAINED_REFUSED
@@ -114,7 +119,7 @@ def _conclude_classical(study: Study, evidence: Evidence, settings: dict[str, An
         )
     )
     return Identification(
-        method="classical",
+        method=method,
         title=study.title,
         parameters=parameters,
         ratios=ratios,

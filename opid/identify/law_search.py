@@ -8,14 +8,14 @@ unexplained noise by `NOISE_MARGIN`: with thousands of lines the criterion alone
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from opid.errors import InputError
+from opid.identify.joint_fit import JointFit, LadderStep
 from opid.identify.nonlinearity import fit_surface
 from opid.identify.restoring_force import RestoringForce
-from opid.identify.spectral_equation import EquationFit, EquationLines, fit_equation
+from opid.identify.spectral_equation import EquationLines, fit_equation
 from opid.mechanics.laws import LAWS, Law, default_law
 
 CANDIDATES = ("arctan_velocity", "arctan_displacement", "quadratic_damping", "cubic_stiffness")
@@ -23,21 +23,6 @@ BIC_MARGIN = 10.0
 NOISE_MARGIN = 0.02
 # points that the start values are fitted to: more would only cost time
 N_START_POINTS = 5000
-
-
-@dataclass(frozen=True, eq=False)
-class LadderStep:
-    """One law that was tried.
-
-    Args:
-        law_name: its name.
-        fit: the joint fit of all runs.
-        kept: whether the search went on from here.
-    """
-
-    law_name: str
-    fit: EquationFit
-    kept: bool
 
 
 def search_law(
@@ -92,15 +77,6 @@ def search_law(
     return tuple(ladder)
 
 
-def chosen(ladder: Sequence[LadderStep]) -> LadderStep:
-    """Return the step that the search ended on.
-
-    Args:
-        ladder: of `search_law`.
-    """
-    return [step for step in ladder if step.kept][-1]
-
-
 def fit_law(
     runs: Sequence[EquationLines],
     surfaces: Sequence[RestoringForce],
@@ -108,8 +84,8 @@ def fit_law(
     *,
     inverse_mass: float | None,
     ground: bool = True,
-    before: EquationFit | None = None,
-) -> EquationFit:
+    before: JointFit | None = None,
+) -> JointFit:
     """Fit one law to all runs, from start values that the restoring-force surface gives.
 
     Args:

@@ -25,6 +25,8 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from opid.errors import InputError
+from opid.identify.joint_fit import JointFit
+from opid.identify.law_parameters import free_bounds, from_free, positive, to_free
 from opid.mechanics.laws import Law
 from opid.signals.motion import relative_motion
 from opid.signals.recording import FloatArray
@@ -67,52 +69,6 @@ class EquationLines:
         """Places of the lines of the band among all lines of the transform."""
         first = round(float(self.omega[0]) / (2 * np.pi) * self.travel.size / self.fs)
         return slice(first, first + self.omega.size)
-
-
-@dataclass(frozen=True, eq=False)
-class EquationFit:
-    """Errors-in-variables estimate of one or several runs, per unit of the reference sprung mass.
-
-    Args:
-        names: parameter names in the order of `value`: "stiffness_per_mass" (1/s^2), "damping_per_mass" (1/s),
-            "ground_stiffness_per_mass" (1/s^2), "law[i]" for entry i of `law.vector`, "inverse_mass" (1/kg).
-        value: (n_parameters,).
-        covariance: (n_parameters, n_parameters).
-        law: the nonlinear law per unit of sprung mass.
-        frequency_hz: one array (n_lines,) a run.
-        residual: one complex array (n_lines,) a run, R over its standard deviation for unit noise.
-        noise_m_per_s2: white noise on each channel that would explain the residual, m/s^2.
-        log_likelihood: up to a constant, with the noise level at its estimate.
-        n_data: real numbers fitted, end terms subtracted.
-        n_evaluations: evaluations of the residual.
-        band_hz: lowest and highest line, Hz.
-    """
-
-    names: tuple[str, ...]
-    value: FloatArray
-    covariance: FloatArray
-    law: Law
-    frequency_hz: tuple[FloatArray, ...]
-    residual: tuple[ComplexArray, ...]
-    noise_m_per_s2: float
-    log_likelihood: float
-    n_data: int
-    n_evaluations: int
-    band_hz: tuple[float, float]
-
-    @property
-    def std(self) -> FloatArray:
-        """(n_parameters,) standard deviations."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
-
-    @property
-    def bic(self) -> float:
-        """Bayesian information criterion (Schwarz 1978): smaller is better."""
-        return float(len(self.value) * np.log(self.n_data) - 2 * self.log_likelihood)
-
-    def __getitem__(self, name: str) -> float:
-        """Value of the parameter called `name`; 0 where it was not fitted."""
-        return float(self.value[self.names.index(name)]) if name in self.names else 0.0
 
 
 def equation_lines(
@@ -177,7 +133,7 @@ def fit_equation(
     damping_per_mass: float,
     ground: bool = True,
     inverse_mass: float | None = None,
-) -> EquationFit:
+) -> JointFit:
     """Fit the equation to all runs at once by weighted nonlinear least squares.
 
     Run r weighs q_r = 1/(1 + mu dM_r) against the reference, mu = 1/M2, so every force per unit of mass is q_r times
@@ -214,25 +170,26 @@ def fit_equation(
         xtol=1e-9,
         ftol=1e-10,
     )
-    residual = tuple(model.residuals(solution.x))
+    # white noise of standard deviation s has transform lines of mean square s^2 n / fs^2
+    residual = tuple(
+        r / np.sqrt(run.travel.size) * run.fs for r, run in zip(model.residuals(solution.x), runs, strict=True)
+    )
     n_data = sum(2 * r.size - N_END_TERMS for r in residual)
     variance = 2 * solution.cost / max(n_data - solution.x.size, 1)
     value, slope = model.decode(solution.x)
     covariance = _clustered_covariance(solution.jac, solution.fun, runs) * np.outer(slope, slope)
-    run = runs[0]
-    return EquationFit(
+    return JointFit(
         names=model.names,
         value=value,
         covariance=covariance,
-        law=model.law_at(solution.x),
+        law=model.law_at(solution.x)[0],
         frequency_hz=tuple(r.omega / (2 * np.pi) for r in runs),
         residual=residual,
-        # white noise of standard deviation s has transform lines of variance s^2 n / fs^2, half of it in each part
-        noise_m_per_s2=float(np.sqrt(2 * variance / run.travel.size) * run.fs),
+        noise_m_per_s2=float(np.sqrt(2 * variance / runs[0].travel.size) * runs[0].fs),
         log_likelihood=float(-0.5 * n_data * np.log(2 * solution.cost / n_data)),
         n_data=n_data,
         n_evaluations=int(solution.nfev),
-        band_hz=run.band_hz,
+        band_hz=runs[0].band_hz,
     )
 
 
@@ -252,33 +209,22 @@ class _Model:
         names += [f"law[{i}]" for i in range(self.law.vector.size)]
         return (*names, *["inverse_mass"] * self.mass_free)
 
-    @property
-    def _logarithmic(self) -> np.ndarray:
-        """Which entries of the law's vector are positive by their role."""
-        return np.array([p.role in ("scale", "exponent") for p in self.law.parameter_list], dtype=bool)
-
     def encode(self, stiffness: float, damping: float, inverse_mass: float) -> FloatArray:
-        inner = self.law.vector
-        inner = np.where(self._logarithmic, np.log(np.where(self._logarithmic, inner, 1.0)), inner)
         head = [stiffness, damping] + [0.0] * self.ground
-        return np.array([*head, *inner, *[inverse_mass] * self.mass_free])
+        return np.array([*head, *to_free(self.law), *[inverse_mass] * self.mass_free])
 
-    def _law_part(self, theta: FloatArray) -> FloatArray:
+    def law_at(self, theta: FloatArray) -> tuple[Law, FloatArray]:
+        """Return the law, and the derivatives of its vector by theta."""
         first = 2 + self.ground
-        return theta[first : first + self.law.vector.size]
-
-    def law_at(self, theta: FloatArray) -> Law:
-        inner = self._law_part(theta)
-        # a scale that runs away is a straight line or a step: kept finite, reported as indistinguishable
-        return self.law.with_vector(np.where(self._logarithmic, np.exp(np.clip(inner, -60, 60)), inner))
+        return from_free(self.law, theta[first : first + self.law.vector.size])
 
     def decode(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the values that the names speak of, and their derivatives by theta."""
         value, slope = theta.copy(), np.ones_like(theta)
         first = 2 + self.ground
-        law = self.law_at(theta).vector
-        value[first : first + law.size] = law
-        slope[first : first + law.size] = np.where(self._logarithmic, law, 1.0)
+        law, by_free = self.law_at(theta)
+        value[first : first + by_free.size] = law.vector
+        slope[first : first + by_free.size] = by_free
         return value, slope
 
     def typical(self, theta: FloatArray) -> FloatArray:
@@ -286,28 +232,27 @@ class _Model:
         first = 2 + self.ground
         size = np.maximum(np.abs(theta), 1e-3)
         size[2:first] = 0.1 * size[0]
-        size[first : first + self.law.vector.size][self._logarithmic] = 0.3
+        size[first : first + self.law.vector.size][positive(self.law)] = 0.3
         if self.mass_free:
             size[-1] = max(abs(float(theta[-1])), 1e-3 / max(abs(r.mass_change_kg) for r in self.runs))
         return size
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Scales stay where they can be seen: below a hundredth of the rms motion is a step, above thrice a line."""
         n_head = 2 + self.ground
         lower = np.full(n_head + self.law.vector.size + self.mass_free, -np.inf)
         upper = -lower
-        for i, parameter in enumerate(self.law.parameter_list):
-            if parameter.role == "scale":
-                motions = [r.velocity if parameter.unit == "m/s" else r.travel for r in self.runs]
-                rms = np.sqrt(np.mean(np.concatenate(motions) ** 2))
-                lower[n_head + i], upper[n_head + i] = np.log(0.01 * rms), np.log(3.0 * rms)
+        travel, velocity = (np.concatenate([getattr(r, name) for r in self.runs]) for name in ("travel", "velocity"))
+        law_part = slice(n_head, n_head + self.law.vector.size)
+        lower[law_part], upper[law_part] = free_bounds(
+            self.law, travel_rms=float(travel.std()), velocity_rms=float(velocity.std())
+        )
         return lower, upper
 
     def residuals(self, theta: FloatArray) -> list[ComplexArray]:
         """R over its standard deviation for unit noise, end terms projected out, one array a run."""
         stiffness, damping = theta[0], theta[1]
         ground = theta[2] if self.ground else 0.0
-        law = self.law_at(theta)
+        law, _ = self.law_at(theta)
         result = []
         for run in self.runs:
             share = 1.0 / (1.0 + theta[-1] * run.mass_change_kg) if self.mass_free else 1.0

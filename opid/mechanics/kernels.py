@@ -74,9 +74,8 @@ def _dispatch(functions: tuple[Callable[..., Any], ...], n_inner: tuple[int, ...
     return chain
 
 
-_shape = _dispatch(
-    tuple(kind.shape for kind in LAWS.values()), tuple(len(kind.parameters) - 1 for kind in LAWS.values())
-)
+_N_INNER = tuple(len(kind.parameters) - 1 for kind in LAWS.values())
+_shape = _dispatch(tuple(kind.shape for kind in LAWS.values()), _N_INNER)
 
 
 @njit(error_model="numpy")
@@ -107,14 +106,56 @@ def _accelerate(system, drive, half_step, x, v, out):  # type: ignore[no-untyped
             out[i] -= loads[joint, i] * force
 
 
+def _padded(place: int) -> tuple[Callable[..., Any], ...]:
+    """Return the derivative by inner parameter `place` of every kind, zero where a kind has none."""
+    zero = (lambda z, v: 0.0, lambda z, v, a: 0.0, lambda z, v, a, b: 0.0)
+    return tuple(
+        kind.by_inner[place] if place < len(kind.by_inner) else zero[len(kind.parameters) - 1] for kind in LAWS.values()
+    )
+
+
+_by_z = _dispatch(tuple(kind.by_z for kind in LAWS.values()), _N_INNER)
+_by_v = _dispatch(tuple(kind.by_v for kind in LAWS.values()), _N_INNER)
+_by_first = _dispatch(_padded(0), _N_INNER)
+_by_second = _dispatch(_padded(1), _N_INNER)
+
+
+# inlined for the same reason as _accelerate
+@njit(error_model="numpy", inline="always")
+def _joint_forces(joints, z, v, x, force, slopes, by_parameter):  # type: ignore[no-untyped-def]
+    """Force of each joint k z + c v + f(z, v) + g x, its slopes by z and v, its derivatives by its own parameters."""
+    linear, firsts, codes, n_inner, values = joints
+    place = 0
+    for joint in range(z.size):
+        k, c, g = linear[joint, 0], linear[joint, 1], linear[joint, 2]
+        force[joint] = k * z[joint] + c * v[joint] + g * x[joint]
+        slopes[joint, 0], slopes[joint, 1] = k, c
+        by_parameter[place], by_parameter[place + 1], by_parameter[place + 2] = z[joint], v[joint], x[joint]
+        place += 3
+        for row in range(firsts[joint], firsts[joint + 1]):
+            amplitude, code = values[row, 0], codes[row]
+            shape = _shape(code, z[joint], v[joint], values, row)
+            force[joint] += amplitude * shape
+            slopes[joint, 0] += amplitude * _by_z(code, z[joint], v[joint], values, row)
+            slopes[joint, 1] += amplitude * _by_v(code, z[joint], v[joint], values, row)
+            by_parameter[place] = shape
+            place += 1
+            if n_inner[row] > 0:
+                by_parameter[place] = amplitude * _by_first(code, z[joint], v[joint], values, row)
+                place += 1
+            if n_inner[row] > 1:
+                by_parameter[place] = amplitude * _by_second(code, z[joint], v[joint], values, row)
+                place += 1
+
+
 # the stages of the classical Runge-Kutta method: place in half steps, weight, and step to the next stage
 _STAGE_PLACE = (0, 1, 1, 2)
 _STAGE_WEIGHT = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
 
 
-def _compiled(laws_digest: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return force_kernel and runge_kutta_4.
+def _compiled(laws_digest: int) -> tuple[Callable[..., Any], ...]:
+    """Return force_kernel, runge_kutta_4 and driven_runge_kutta_4.
 
     numba renews its cache when this file changes, but not when laws.py does, whose functions are compiled in.
     It does compare closure variables: the digest of laws.py (never 0), carried as one, renews the cache.
@@ -154,9 +195,89 @@ def _compiled(laws_digest: int) -> tuple[Callable[..., Any], Callable[..., Any]]
                 v[i] = v_next[i]
         return displacement, velocity, acceleration
 
-    return force_kernel, runge_kutta_4
+    @njit(cache=True, error_model="numpy")
+    def driven_runge_kutta_4(joints, accelerance, by_mass, drive, by_drive, step_s, start):  # type: ignore[no-untyped-def]
+        """Interfaces driven by measured accelerations, with the derivatives of what they answer.
+
+        b = -A F(z, v, x), v' = b - u, w' = b, z' = v, x' = w; parameters: those of the joints, the directions of A,
+        the directions of u, the start z, v, x, w. Differentiating each stage gives the exact derivative of the steps.
+        """
+        n = drive.shape[1]
+        n_samples = drive.shape[0] // 2 + 1 if laws_digest else 0
+        n_joint = 3 * n
+        for row in range(joints[2].size):
+            n_joint += 1 + joints[3][row]
+        n_mass, n_drive = by_mass.shape[0], by_drive.shape[1]
+        n_parameters = n_joint + n_mass + n_drive + 4 * n
+        # rows of the state: z, v, x, w; of its derivatives likewise, one column a parameter
+        state, rate = np.zeros((4, n)), np.zeros((4, n))
+        here, following = np.zeros((4, n)), np.zeros((4, n))
+        by, by_rate = np.zeros((4, n, n_parameters)), np.zeros((4, n, n_parameters))
+        by_here, by_following = np.zeros((4, n, n_parameters)), np.zeros((4, n, n_parameters))
+        for i in range(n):
+            for row in range(4):
+                state[row, i] = start[row, i]
+                by[row, i, n_parameters - (4 - row) * n + i] = 1.0
+        force, slopes, by_parameter = np.zeros(n), np.zeros((n, 2)), np.zeros(n_joint)
+        by_force = np.zeros((n, n_parameters))
+        motion, answer = np.empty((n_samples, 2, n)), np.empty((n_samples, n))
+        by_answer = np.empty((n_samples, n, n_parameters))
+        for step in range(n_samples):
+            following[:], by_following[:] = state, by
+            here[:], by_here[:] = state, by
+            for stage in range(4 if step < n_samples - 1 else 1):
+                half_step = 2 * step + _STAGE_PLACE[stage]
+                _joint_forces(joints, here[0], here[1], here[2], force, slopes, by_parameter)
+                place = 0
+                for i in range(n):
+                    for p in range(n_parameters):
+                        by_force[i, p] = (
+                            slopes[i, 0] * by_here[0, i, p]
+                            + slopes[i, 1] * by_here[1, i, p]
+                            + joints[0][i, 2] * by_here[2, i, p]
+                        )
+                    n_own = 3
+                    for row in range(joints[1][i], joints[1][i + 1]):
+                        n_own += 1 + joints[3][row]
+                    for _ in range(n_own):
+                        by_force[i, place] += by_parameter[place]
+                        place += 1
+                for i in range(n):
+                    total = 0.0
+                    for k in range(n):
+                        total -= accelerance[i, k] * force[k]
+                    rate[0, i], rate[1, i] = here[1, i], total - drive[half_step, i]
+                    rate[2, i], rate[3, i] = here[3, i], total
+                    for p in range(n_parameters):
+                        change = 0.0
+                        for k in range(n):
+                            change -= accelerance[i, k] * by_force[k, p]
+                        if n_joint <= p < n_joint + n_mass:
+                            for k in range(n):
+                                change -= by_mass[p - n_joint, i, k] * force[k]
+                        by_rate[0, i, p], by_rate[1, i, p] = by_here[1, i, p], change
+                        by_rate[2, i, p], by_rate[3, i, p] = by_here[3, i, p], change
+                    for d in range(n_drive):
+                        by_rate[1, i, n_joint + n_mass + d] -= by_drive[half_step, d, i]
+                if stage == 0:
+                    for i in range(n):
+                        motion[step, 0, i], motion[step, 1, i], answer[step, i] = here[0, i], here[1, i], rate[3, i]
+                        for p in range(n_parameters):
+                            by_answer[step, i, p] = by_rate[3, i, p]
+                weight, ahead = _STAGE_WEIGHT[stage] * step_s, _STAGE_STEP[stage] * step_s
+                for row in range(4):
+                    for i in range(n):
+                        following[row, i] += weight * rate[row, i]
+                        here[row, i] = state[row, i] + ahead * rate[row, i]
+                        for p in range(n_parameters):
+                            by_following[row, i, p] += weight * by_rate[row, i, p]
+                            by_here[row, i, p] = by[row, i, p] + ahead * by_rate[row, i, p]
+            state[:], by[:] = following, by_following
+        return motion, answer, by_answer
+
+    return force_kernel, runge_kutta_4, driven_runge_kutta_4
 
 
-force_kernel, runge_kutta_4 = _compiled(
+force_kernel, runge_kutta_4, driven_runge_kutta_4 = _compiled(
     1 + int.from_bytes(hashlib.sha256(inspect.getsource(laws_module).encode()).digest()[:7])
 )

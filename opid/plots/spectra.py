@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from opid.identify.classical import Evidence, RunEvidence
+from opid.identify.joint_fit import JointFit
 from opid.identify.result import Identification
-from opid.identify.spectral_equation import EquationFit
 from opid.identify.transmissibility import suspension_transmissibility
 from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, plain_numbers, run_colors, run_title, thick
 
@@ -109,7 +109,7 @@ def _transmissibility(column: np.ndarray, run: RunEvidence, evidence: Evidence, 
         ax.axvspan(*evidence.joint.band_hz, color="#F6F6F6", zorder=0)
 
 
-def _fitted(joint: EquationFit, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
+def _fitted(joint: JointFit, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
     """Transmissibility of the jointly fitted suspension at the mass of one run."""
     share = 1 / (1 + joint["inverse_mass"] * mass_change_kg)
     return suspension_transmissibility(
@@ -133,12 +133,12 @@ def equation_residual(result: Identification, ax: Any = None) -> Axes:
         ax = panels(ax, 1, height_in=3.4)[0, 0]
         runs, colors = evidence.runs, run_colors(len(evidence.runs))
         if linear is not None and evidence.joint.law.terms:
-            for i, run in enumerate(runs):
+            for i in range(len(runs)):
                 label = "linear law" if i == 0 else None
-                ax.plot(*_noise_lines(linear, run, i), color=PALE, linewidth=1.1, label=label)
+                ax.plot(*_noise_lines(linear, i), color=PALE, linewidth=1.1, label=label)
         for i, (run, color) in enumerate(zip(runs, colors, strict=True)):
             label = f"{evidence.joint.law.name}, {run.name}"
-            ax.plot(*_noise_lines(evidence.joint, run, i), color=color, linewidth=1.3, label=label)
+            ax.plot(*_noise_lines(evidence.joint, i), color=color, linewidth=1.3, label=label)
         floor = 1e3 * evidence.noise_floor
         ax.axhline(floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {floor:.2g} mm/s²")
         ax.set_yscale("log")
@@ -151,10 +151,10 @@ def equation_residual(result: Identification, ax: Any = None) -> Axes:
     return ax
 
 
-def _noise_lines(fit: EquationFit, run: RunEvidence, place: int) -> tuple[np.ndarray, np.ndarray]:
+def _noise_lines(fit: JointFit, place: int) -> tuple[np.ndarray, np.ndarray]:
     """Frequency and rms of the white noise on each channel, mm/s^2, that would make the residual of each line."""
     frequency_hz, residual = fit.frequency_hz[place], fit.residual[place]
     n = max(1, round(SMOOTHING_HZ / float(frequency_hz[1] - frequency_hz[0])))
     power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
     middle = np.convolve(frequency_hz, np.ones(n), "valid") / n
-    return middle, 1e3 * np.sqrt(power / run.lines.travel.size) * run.fs
+    return middle, 1e3 * np.sqrt(power)

@@ -1,0 +1,154 @@
+"""A body on suspensions whose unsprung sides are measured: what moves is driven by what was recorded.
+
+Nothing is known of the ground. Below each suspension (interface) an accelerometer gives u = x1''; the relative motion
+z = x2 - x1 of each interface then obeys
+
+    z'' = -A F - u,    F_i = K_i z_i + C_i z_i' + f_i(z_i, z_i') + G_i x2_i,    x2'' = -A F,
+
+A = J M^-1 J^T the accelerance of the free body at the interfaces. A gear alone is the smallest case, A = 1/M2. The
+measured acceleration is never integrated: it drives a damped system, so nothing drifts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError, NotDeterminedError
+from opid.mechanics.kernels import driven_runge_kutta_4, law_arrays
+from opid.mechanics.laws import LINEAR, FloatArray, Law
+
+# half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
+_HALF_WIDTH = 32
+
+
+class UnboundedResponseError(NotDeterminedError):
+    """A driven body whose motion grows without bound: no such suspension was recorded."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One suspension between a measured unsprung side and the body.
+
+    Args:
+        stiffness: K, N/m.
+        damping: C, N s/m.
+        ground_stiffness: G, from the body to the ground at this place, N/m.
+        law: f(z, z'), N.
+    """
+
+    stiffness: float
+    damping: float
+    ground_stiffness: float = 0.0
+    law: Law = LINEAR
+
+    @property
+    def n_parameters(self) -> int:
+        """Stiffness, damping, ground stiffness and the parameters of the law."""
+        return 3 + self.law.vector.size
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenResponse:
+    """What a driven body answers.
+
+    Args:
+        travel: (n, n_interfaces) z, m.
+        velocity: (n, n_interfaces) z', m/s.
+        acceleration: (n, n_interfaces) x2'' of the body at the interfaces, m/s^2.
+        sensitivity: (n, n_interfaces, n_parameters) derivatives of `acceleration`: by stiffness, damping, ground
+            stiffness and law of each interface in turn, by each direction of the accelerance, by each direction of
+            the drive, and by travel, velocity, body displacement and body velocity at the start.
+    """
+
+    travel: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    sensitivity: FloatArray
+
+
+def driven_response(
+    interfaces: Sequence[Interface],
+    accelerance: ArrayLike,
+    drive: ArrayLike,
+    *,
+    fs: float,
+    accelerance_directions: ArrayLike | None = None,
+    drive_directions: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+) -> DrivenResponse:
+    """Return the response of a body to the accelerations measured below its suspensions, and its derivatives.
+
+    Classical Runge-Kutta, one step a sample; the derivatives are those of the steps themselves, to the last digit.
+
+    Args:
+        interfaces: the suspensions.
+        accelerance: (n_interfaces, n_interfaces) A, 1/kg.
+        drive: (2 n - 1, n_interfaces) u at half steps, m/s^2, see `half_steps`.
+        fs: samples a second, Hz.
+        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
+        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of u to differentiate by.
+        start: (4, n_interfaces) z, z', x2 and x2' at the first sample; zero where left out.
+
+    Raises:
+        InputError: shapes that do not match.
+        UnboundedResponseError: a response that grows without bound.
+
+    >>> t = np.arange(2 * 500 - 1) / (2 * 100.0)
+    >>> response = driven_response([Interface(400.0, 4.0)], [[1.0]], np.sin(t)[:, np.newaxis], fs=100.0)
+    >>> response.acceleration.shape, response.sensitivity.shape
+    ((500, 1), (500, 1, 7))
+    """
+    n = len(interfaces)
+    matrix = np.ascontiguousarray(accelerance, dtype=np.float64)
+    u = np.ascontiguousarray(drive, dtype=np.float64)
+    by_mass = _directions(accelerance_directions, (0, n, n))
+    by_drive = _directions(drive_directions, (u.shape[0], 0, n))
+    first = np.zeros((4, n)) if start is None else np.ascontiguousarray(start, dtype=np.float64)
+    if matrix.shape != (n, n) or u.ndim != 2 or u.shape[1] != n or u.shape[0] % 2 == 0 or first.shape != (4, n):
+        raise InputError(
+            f"accelerance, drive and start have shapes {matrix.shape}, {u.shape} and {first.shape}: give ({n}, {n}), "
+            f"(2 n_samples - 1, {n}) and (4, {n}) for {n} interface(s)"
+        )
+    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
+    firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
+    n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
+    motion, answer, by_answer = driven_runge_kutta_4(
+        (linear, firsts, codes, n_inner, values), matrix, by_mass, u, by_drive, 1.0 / fs, first
+    )
+    if not np.isfinite(answer[-1]).all() or not np.isfinite(by_answer[-1]).all():
+        raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
+    return DrivenResponse(motion[:, 0], motion[:, 1], answer, by_answer)
+
+
+def half_steps(samples: ArrayLike) -> FloatArray:
+    """Interpolate a band-limited signal at the middle between its samples (Kaiser-windowed sinc).
+
+    Args:
+        samples: (n, ...) one signal a column.
+
+    Returns:
+        (2 n - 1, ...) the samples and what lies between them.
+
+    >>> t = np.arange(400) / 100.0
+    >>> middle = half_steps(np.sin(2 * np.pi * 20 * t))[201:-201:2]
+    >>> bool(np.abs(middle - np.sin(2 * np.pi * 20 * (t[100:299] + 0.005))).max() < 1e-4)
+    True
+    """
+    from scipy import ndimage
+
+    values = np.asarray(samples, dtype=np.float64)
+    place = np.arange(-_HALF_WIDTH, _HALF_WIDTH) + 0.5
+    kernel = np.sinc(place) * np.kaiser(place.size, 8.6)
+    doubled = np.empty((2 * values.shape[0] - 1, *values.shape[1:]))
+    doubled[::2] = values
+    # with an even length entry i lies between samples i and i + 1
+    doubled[1::2] = ndimage.convolve1d(values, kernel / kernel.sum(), axis=0, mode="mirror")[:-1]
+    return doubled
+
+
+def _directions(given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
+    return np.zeros(empty) if given is None else np.ascontiguousarray(given, dtype=np.float64)
