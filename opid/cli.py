@@ -124,7 +124,12 @@ def simulate() -> None:
 @click.option("--damping-ratio", type=float, metavar="ZETA", help="C2 / (2 sqrt((K2 + K3) M2)), instead of --damping.")
 @click.option("--ground-stiffness", default=0.0, show_default=True, metavar="N/M", help="K3 from the sprung mass.")
 @click.option("--law", default="arctan_velocity", show_default=True, help="Nonlinear law; sums joined by +; or linear.")
-@click.option("--friction", type=float, metavar="N", help="Amplitude of the law's friction term; 0 leaves it out.")
+@click.option(
+    "--friction",
+    type=click.FloatRange(min=0),
+    metavar="N",
+    help="Amplitude of the law's friction term; 0 leaves it out.",
+)
 @click.option("--road-class", default="B", show_default=True, metavar="A..H", help="Of ISO 8608.")
 @click.option("--speed-start", default=18.0, show_default=True, metavar="M/S")
 @click.option("--speed-stop", default=0.5, show_default=True, metavar="M/S")

@@ -156,3 +156,9 @@ def test_every_public_name_has_a_docstring(path):
     assert ast.get_docstring(tree_of(path)) or not path.read_text(encoding="utf-8").strip()
     missing = [node.name for node in public_definitions(tree_of(path)) if not ast.get_docstring(node)]
     assert missing == []
+
+
+def test_every_module_stands_in_the_picture():
+    picture = (PACKAGE.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    missing = [path.name for path in MODULES if path.name != "__init__.py" and path.name not in picture]
+    assert missing == []

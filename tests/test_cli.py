@@ -257,6 +257,9 @@ def test_the_options_of_identify_reach_the_result(field_test, tmp_path):
     assert done.exit_code == (1 if result["not_determined"] else 0)
     assert result["method"] == "paper"
     assert result["diagnostics"]["settings"] == {
+        "study": "study.toml",
+        "sprung": "upper_z",
+        "unsprung": "lower_z",
         "band_hz": [1.0, 10.0],
         "high_pass_hz": 0.4,
         "law": "arctan_velocity",

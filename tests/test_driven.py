@@ -1,4 +1,4 @@
-"""A body driven by measured accelerations: against an independent integrator, and its derivatives against differences."""
+"""A body driven by measured accelerations: against an independent integrator; derivatives against differences."""
 
 import numpy as np
 import pytest

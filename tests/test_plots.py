@@ -113,7 +113,7 @@ def test_the_parabola_of_the_literal_integration_is_seen(identified):
 
 def test_the_residual_is_drawn_as_noise_on_each_channel(identified):
     evidence = identified.result.evidence
-    power = [np.mean(_noise_lines(evidence.joint, run, i)[1] ** 2) for i, run in enumerate(evidence.runs)]
+    power = [np.mean(_noise_lines(evidence.joint, i)[1] ** 2) for i in range(len(evidence.runs))]
     assert np.sqrt(np.mean(power)) == pytest.approx(1e3 * evidence.joint.noise_m_per_s2, rel=0.05)
     # the simulated sensors have 5 mm/s^2
     assert np.sqrt(np.mean(power)) == pytest.approx(5, rel=0.1)

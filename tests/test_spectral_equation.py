@@ -76,6 +76,18 @@ def test_ignoring_the_noise_of_the_regressors_shrinks_the_mass():
     assert np.median(errors["ordinary"]) > 5 * np.median(errors["in_variables"])
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_runs_of_unequal_length_weigh_by_their_lines(order):
+    long = _test(LandingGear(law=Law()), duration_s=80, lower_sensor=Sensor(), upper_sensor=Sensor())
+    short = _test(LandingGear(law=Law()), 1, lower_sensor=Sensor(), upper_sensor=Sensor())
+    runs = [_lines(long)[0], _lines(short)[1]][::order]
+    fit = fit_equation(runs, Law(), **START, inverse_mass=1 / 1000)
+    np.testing.assert_allclose(fit.noise_m_per_s2, Sensor().noise_m_per_s2, rtol=0.05)
+    for residual in fit.residual:
+        np.testing.assert_allclose(np.sqrt(np.mean(np.abs(residual) ** 2)), Sensor().noise_m_per_s2, rtol=0.1)
+    np.testing.assert_allclose(1 / fit["inverse_mass"], 1850, rtol=0.01)
+
+
 def test_time_shift_and_units_change_nothing():
     test = _test(LandingGear(law=Law()), lower_sensor=Sensor(), upper_sensor=Sensor())
     x1, x2 = (test.heavy.recording.channel(name) for name in ("lower_z", "upper_z"))

@@ -34,7 +34,7 @@ from opid.identify.restoring_force import (
 from opid.identify.spectral_equation import EquationLines, equation_lines
 from opid.identify.study import Run, Study
 from opid.identify.transmissibility import WAYS, Peak, transmissibility_peaks, transmissibility_without_force
-from opid.signals.health import Finding, check_pair
+from opid.signals.health import Finding, check_pair, inspect
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
@@ -218,7 +218,10 @@ def _checked(study: Study, run: Run, unsprung: FloatArray, sprung: FloatArray) -
     for finding in findings:
         if finding.severity == "fault":
             raise InputError(f"run {run.name!r}: {finding.message}")
-    return findings
+    health = inspect(run.recording)
+    pair = (study.unsprung, study.sprung)
+    # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
+    return findings + tuple(f for f in health.findings if f.severity != "note" and f.channel in pair)
 
 
 def _run_evidence(

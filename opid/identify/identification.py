@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.identify.added_mass import AddedMass
 from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, RunEvidence, classical_chain
+from opid.identify.direct_parameters import NAMES
 from opid.identify.joint_fit import chosen
 from opid.identify.model_chain import model_chain
-from opid.identify.result import PARAMETERS, Estimate, Identification, visited_force
+from opid.identify.result import PARAMETERS, RATIOS, Estimate, Identification, VisitedForce, visited_force
 from opid.identify.study import Study
 from opid.mechanics.laws import LAWS, Law
 from opid.signals.recording import FloatArray
@@ -24,7 +26,9 @@ UNEXPLAINED_DOUBTED = 3.0
 UNEXPLAINED_REFUSED = 20.0
 FEW_AVERAGES = 10
 # a ground spring below this share of K2 is what a gain error of a per cent or two looks like
-GAIN_LIKE = 0.03
+GAIN_LIKE = 0.05
+# no two sensors have gains more equal than this, and a gain error passes for a ground spring
+EQUAL_GAINS = 0.001
 NEGLIGIBLE_GROUND = 0.002
 
 
@@ -67,6 +71,9 @@ def identify_study(
         study, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground, progress=progress
     )
     settings = {
+        "study": study.source.name if study.source else None,
+        "sprung": study.sprung,
+        "unsprung": study.unsprung,
         "band_hz": [evidence.joint.band_hz[0], evidence.joint.band_hz[1]],
         "high_pass_hz": high_pass_hz,
         "law": law or "searched",
@@ -82,68 +89,100 @@ def identify_study(
 def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
     joint, added = evidence.joint, evidence.added_mass
     unexplained = unexplained_noise(evidence)
-    refused = unexplained > UNEXPLAINED_REFUSED
     reason = evidence.not_determined
-    if refused:
-        reason = (
-            f"the fitted model leaves {unexplained:.0f} times the sensor noise unexplained, so every number of it "
-            "would be a guess: check channels and mass changes, let the law be searched, or take another band"
-        )
+    if unexplained > UNEXPLAINED_REFUSED:
+        return _refuse(method, study, evidence, settings)
     # what the model lacks is no noise: the intervals grow with it
     widening = max(1.0, unexplained / UNEXPLAINED_DOUBTED)
-    ratio_std = dict(zip(joint.names, joint.std * widening, strict=True))
-    ratios = {
-        name: Estimate() if refused else Estimate.normal(joint[name], ratio_std.get(name))
-        for name in ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
-    }
-    ratios |= {} if refused else _modal_ratios(joint.value, joint.covariance * widening**2, joint.names)
-    per_mass = added is None or refused
-    if per_mass:
-        law, law_std = joint.law, [ratio_std[f"law[{i}]"] for i in range(joint.law.vector.size)]
-        parameters = {name: Estimate() for name in PARAMETERS}
+    gain = gain_like_share(evidence)
+    ratios = _ratios(joint.value, joint.covariance * widening**2, joint.names, gain)
+    if added is None:
+        law, law_std, parameters = joint.law, joint.std * widening, {name: Estimate() for name in PARAMETERS}
+        law_std = np.array([law_std[joint.names.index(f"law[{i}]")] for i in range(law.vector.size)])
+        stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
     else:
-        assert added is not None
-        law, law_std = added.law, (added.std[4:] * widening).tolist()
-        std = added.std * widening
-        # the same gain error that would explain the ground spring moved stiffness and damping by as much
-        std[1:3] = np.hypot(std[1:3], gain_like_share(evidence) * np.abs(added.value[1:3]))
-        parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
-        if not settings["ground"]:
-            parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
-    stiffness, damping = (
-        (joint["stiffness_per_mass"], joint["damping_per_mass"])
-        if per_mass
-        else (
-            parameters["suspension_stiffness_n_per_m"].value,
-            parameters["suspension_damping_n_s_per_m"].value,
-        )
-    )
+        law, law_std, parameters = added.law, added.std[4:] * widening, _parameters(added, widening, gain)
+        stiffness, damping = (added[name] for name in PARAMETERS[1:3])
     return Identification(
         method=method,
         title=study.title,
         parameters=parameters,
         ratios=ratios,
         law=law,
-        law_estimates=_law_estimates(law, law_std),
+        law_estimates=_law_estimates(law, law_std.tolist()),
         restoring_force=visited_force(
             [run.surface for run in evidence.runs],
             law,
-            stiffness=float(stiffness or 0.0),
-            damping=float(damping or 0.0),
-            per_mass=per_mass,
+            stiffness=stiffness,
+            damping=damping,
+            per_mass=added is None,
         ),
         diagnostics=_diagnostics(evidence, settings),
-        warnings=tuple(_warnings(evidence, parameters)),
+        warnings=tuple(_warnings(evidence, parameters, searched=settings["law"] == "searched")),
         not_determined=reason,
         evidence=evidence,
     )
+
+
+def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
+    """Withhold what a model that does not explain the runs would say; keep what each run says by itself."""
+    unexplained = unexplained_noise(evidence)
+    changes = {run.mass_change_kg for run in evidence.runs}
+    ratios = {name: Estimate() for name in RATIOS}
+    if len(changes) == 1 and len(evidence.runs) > 1:
+        frequencies = [run.spectral_fit.natural_frequency_hz for run in evidence.runs]
+        reason = (
+            "all runs are said to have the same sprung mass, so only ratios to it could be determined, and they do not "
+            f"even behave alike (natural frequencies {min(frequencies):.3f} to {max(frequencies):.3f} Hz): check "
+            "mass_change_kg; the ratios given are those of the first run alone"
+        )
+        alone = evidence.runs[0].spectral_fit
+        ratios = _ratios(alone.value, alone.covariance, NAMES, 0.0)
+    else:
+        reason = (
+            f"the fitted model leaves {unexplained:.0f} times the sensor noise unexplained, so every number of it "
+            "would be a guess: check the channels (swapped, upside down, in another unit) and the mass changes, "
+            "let the law be searched, or take another band"
+        )
+    parameters = {name: Estimate() for name in PARAMETERS}
+    nothing = np.empty(0)
+    return Identification(
+        method=method,
+        title=study.title,
+        parameters=parameters,
+        ratios=ratios,
+        law=evidence.joint.law,
+        law_estimates={},
+        restoring_force=VisitedForce(nothing, nothing, nothing, nothing, per_mass=True),
+        diagnostics=_diagnostics(evidence, settings),
+        warnings=tuple(_warnings(evidence, parameters, searched=False)),
+        not_determined=reason,
+        evidence=evidence,
+    )
+
+
+def _parameters(added: AddedMass, widening: float, gain: float) -> dict[str, Estimate]:
+    """Absolute parameters with intervals: widened, and with what a gain error can do to them."""
+    std = added.std * widening
+    # the same gain error that would explain the ground spring moved stiffness and damping by as much
+    std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
+    std[3] = np.hypot(std[3], EQUAL_GAINS * added["suspension_stiffness_n_per_m"])
+    parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
+    if "ground_stiffness_per_mass" not in added.fit.names:
+        parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
+    # the mass is 1/mu: its interval is the image of that of mu, longer upwards
+    mu, mu_std = added.fit["inverse_mass"], added.fit.std[added.fit.names.index("inverse_mass")] * widening
+    if mu > 1.96 * mu_std:
+        interval = (float(1 / (mu + 1.96 * mu_std)), float(1 / (mu - 1.96 * mu_std)))
+        parameters["sprung_mass_kg"] = Estimate(1 / mu, float(std[0]), interval)
+    return parameters
 
 
 def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
     """Report the printed formula on the strongest pair of peaks; the paper gives no damping and no intervals."""
     pair = strongest_pair(evidence.pairs)
     parameters = {name: Estimate() for name in PARAMETERS}
-    ratios = {name: Estimate() for name in ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")}
+    ratios = {name: Estimate() for name in RATIOS}
     reason = evidence.not_determined if len({run.mass_change_kg for run in study.runs}) < 2 else None
     law = evidence.joint.law
     if pair is None or pair.as_printed is None:
@@ -172,7 +211,7 @@ def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) 
         parameters=parameters,
         ratios=ratios,
         law=law,
-        law_estimates=_law_estimates(law, None),
+        law_estimates={},
         restoring_force=visited_force(
             [run.surface for run in evidence.runs],
             law,
@@ -221,28 +260,38 @@ def strongest_pair(pairs: tuple[PeakPair, ...]) -> PeakPair | None:
     return max(pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), default=None)
 
 
-def _modal_ratios(value: FloatArray, covariance: FloatArray, names: tuple[str, ...]) -> dict[str, Estimate]:
-    """Natural frequency and damping ratio of the linear suspension on a still wheel, by the delta method."""
+def _ratios(value: FloatArray, covariance: FloatArray, names: tuple[str, ...], gain: float) -> dict[str, Estimate]:
+    """Ratios to the mass, natural frequency and damping ratio on a still wheel, by the delta method.
+
+    `gain` is the share by which a gain error may have moved stiffness and damping.
+    """
     k, c = value[0], value[1]
-    has_ground = "ground_stiffness_per_mass" in names
-    total = k + (value[2] if has_ground else 0.0)
+    ground = NAMES[2] in names
+    total = k + (value[2] if ground else 0.0)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0))
+    ratios = {name: Estimate() for name in RATIOS}
+    ratios["stiffness_per_mass"] = Estimate.normal(k, np.hypot(std[0], gain * k))
+    ratios["damping_per_mass"] = Estimate.normal(c, np.hypot(std[1], gain * c))
+    ratios["ground_stiffness_per_mass"] = (
+        Estimate.normal(value[2], np.hypot(std[2], EQUAL_GAINS * k)) if ground else Estimate(0.0)
+    )
     if total <= 0:
-        return {"natural_frequency_hz": Estimate(), "damping_ratio": Estimate()}
+        return ratios
     omega = np.sqrt(total)
     gradients = np.zeros((2, len(names)))
     gradients[:, 0] = 1 / (4 * np.pi * omega), -c / (4 * omega**3)
     gradients[1, 1] = 1 / (2 * omega)
-    if has_ground:
+    if ground:
         gradients[:, 2] = gradients[:, 0]
-    std = np.sqrt(np.maximum(np.diag(gradients @ covariance @ gradients.T), 0))
-    return {
-        "natural_frequency_hz": Estimate.normal(omega / (2 * np.pi), std[0]),
-        "damping_ratio": Estimate.normal(c / (2 * omega), std[1]),
-    }
+    own = np.sqrt(np.maximum(np.diag(gradients @ covariance @ gradients.T), 0))
+    frequency, zeta = omega / (2 * np.pi), c / (2 * omega)
+    ratios["natural_frequency_hz"] = Estimate.normal(frequency, np.hypot(own[0], gain / 2 * frequency))
+    ratios["damping_ratio"] = Estimate.normal(zeta, np.hypot(own[1], gain * zeta))
+    return ratios
 
 
-def _law_estimates(law: Law, std: list[float] | None) -> Mapping[str, Mapping[str, Estimate]]:
-    spread: Iterator[float | None] = iter(std if std is not None else [None] * law.vector.size)
+def _law_estimates(law: Law, std: list[float]) -> Mapping[str, Mapping[str, Estimate]]:
+    spread = iter(std)
     return {
         term.name: {
             parameter.name: Estimate.normal(value, next(spread))
@@ -322,7 +371,7 @@ def _run_diagnostics(run: RunEvidence) -> dict[str, Any]:
     }
 
 
-def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate], *, searched: bool) -> Iterator[str]:
     for run in evidence.runs:
         for finding in run.findings:
             yield f"run {run.name!r}, {finding.channel!r}: {finding.message}"
@@ -344,6 +393,12 @@ def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterato
             f"each transmissibility rests on {averages:.1f} independent averages: read its peaks and coherence with "
             "care (the parameters do not come from it)"
         )
+    if searched and evidence.joint.law.terms:
+        tried = sorted({term for step in evidence.ladder for term in step.law_name.split("+")} - {"linear"})
+        yield (
+            f"stiffness and damping are the linear part beneath the law {evidence.joint.law.name}, chosen among "
+            f"{', '.join(tried)}: a law outside these would share the force out otherwise"
+        )
     yield from _ground_warning(evidence, parameters)
     yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
     yield from _amplitude_warnings(evidence)
@@ -356,7 +411,8 @@ def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> I
         sign = np.sign(evidence.joint["ground_stiffness_per_mass"])
         yield (
             f"the ground spring is {100 * sign * share:.1f} % of the suspension: a gain error of about "
-            f"{100 * share:.1f} % between the two sensors does that, so the intervals of stiffness and damping hold it"
+            f"{100 * share:.1f} % between the two sensors does that (AC coupling with different corners too), so the "
+            "intervals of stiffness and damping hold it"
         )
     elif (
         ground.value is not None
@@ -366,7 +422,8 @@ def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> I
     ):
         yield (
             f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: sensors "
-            "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it"
+            "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the intervals "
+            "hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
         )
 
 

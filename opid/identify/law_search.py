@@ -18,7 +18,14 @@ from opid.identify.restoring_force import RestoringForce
 from opid.identify.spectral_equation import EquationLines, fit_equation
 from opid.mechanics.laws import LAWS, Law, default_law
 
-CANDIDATES = ("arctan_velocity", "arctan_displacement", "quadratic_damping", "cubic_stiffness")
+CANDIDATES = (
+    "arctan_velocity",
+    "arctan_displacement",
+    "coulomb_friction",
+    "quadratic_damping",
+    "quadratic_stiffness",
+    "cubic_stiffness",
+)
 BIC_MARGIN = 10.0
 NOISE_MARGIN = 0.02
 # points that the start values are fitted to: more would only cost time

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from opid.identify.covariance import clustered_covariance
 from opid.identify.restoring_force import RestoringForce, SliceCurve
 from opid.mechanics.laws import LAWS, Law, Parameter, Term, default_law
 from opid.signals.recording import FloatArray
@@ -199,7 +200,7 @@ def _fit(
     shapes, weights, residual = solved(best_inner)
     fitted = _with_amplitudes(shapes, weights[n_straight:])
     jacobian = np.concatenate([columns, fitted.parameter_gradient(z, v)], axis=1)
-    covariance = _clustered_covariance(jacobian, residual, cluster)
+    covariance = clustered_covariance(jacobian, residual, cluster)
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
     n_independent = _independent_samples(residual)
     names = list(straight)
@@ -303,17 +304,6 @@ def _search_bounds(law: Law, free: list[int], z: FloatArray, v: FloatArray) -> t
             lower.append(-1.0)
             upper.append(1.0)
     return np.array(lower), np.array(upper)
-
-
-def _clustered_covariance(jacobian: FloatArray, residual: FloatArray, cluster: np.ndarray) -> FloatArray:
-    """Sandwich covariance with scores added up over blocks of time (Liang & Zeger 1986): residuals are coloured."""
-    scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
-    scaled = jacobian / scale
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
-    _, place = np.unique(cluster, return_inverse=True)
-    scores = np.zeros((int(place.max()) + 1, jacobian.shape[1]))
-    np.add.at(scores, place, scaled * residual[:, np.newaxis])
-    return inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
 
 
 def _independent_samples(residual: FloatArray) -> float:

@@ -19,6 +19,13 @@ PARAMETERS = (
     "suspension_damping_n_s_per_m",
     "ground_stiffness_n_per_m",
 )
+RATIOS = (
+    "stiffness_per_mass",
+    "damping_per_mass",
+    "ground_stiffness_per_mass",
+    "natural_frequency_hz",
+    "damping_ratio",
+)
 
 
 @dataclass(frozen=True)
@@ -75,11 +82,10 @@ class Identification:
     """The result of an identification.
 
     Args:
-        method: "classical" or "paper".
+        method: "classical", "model" or "paper".
         title: title of the study.
         parameters: one `Estimate` for each name in `PARAMETERS`, of the reference run.
-        ratios: estimates of "stiffness_per_mass" (1/s^2), "damping_per_mass" (1/s), "ground_stiffness_per_mass"
-            (1/s^2), "natural_frequency_hz" and "damping_ratio".
+        ratios: one `Estimate` for each name in `RATIOS` (1/s^2, 1/s, 1/s^2, Hz, 1).
         law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
         law_estimates: {kind: {parameter: Estimate}} in the same unit.
         restoring_force: the identified force over the visited plane.

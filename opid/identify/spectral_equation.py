@@ -8,7 +8,8 @@ every line of the Fourier transform of a run
 which is w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T for T = A2/A1 and F = 0. Three things make it exact on real runs:
 
 - noise of variance s1^2, s2^2 on A1, A2 gives R the variance s1^2 |N|^2 + s2^2 |D|^2: dividing by its root makes least
-  squares the maximum-likelihood, errors-in-variables estimate (Pintelon & Schoukens, System Identification, ch. 8);
+  squares the maximum-likelihood, errors-in-variables estimate (Pintelon & Schoukens, System Identification, ch. 8).
+  Both sensors are taken to be equally noisy, s1 = s2, and the level is estimated;
 - a run neither starts nor ends at rest. Without a window the transform of a derivative differs from j w times the
   transform by end terms only, a polynomial in j w with real coefficients (Pintelon & Schoukens, 6.3.2): these few
   unknowns are projected out, and nothing leaks;
@@ -21,10 +22,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from opid.errors import InputError
+from opid.identify.covariance import clustered_covariance
 from opid.identify.joint_fit import JointFit
 from opid.identify.law_parameters import free_bounds, from_free, positive, to_free
 from opid.mechanics.laws import Law
@@ -44,8 +46,8 @@ class EquationLines:
 
     Args:
         omega: (n_lines,) rad/s.
-        unsprung: (n_lines,) transform of x1'', m/s.
-        sprung: (n_lines,) transform of x2'', m/s.
+        unsprung: (n_lines,) transform of x1'', scaled so that unit white noise has unit parts, m/s^2.
+        sprung: (n_lines,) transform of x2'', likewise.
         travel: (n,) z, m.
         velocity: (n,) z', m/s.
         fs: sampling rate, Hz.
@@ -69,6 +71,10 @@ class EquationLines:
         """Places of the lines of the band among all lines of the transform."""
         first = round(float(self.omega[0]) / (2 * np.pi) * self.travel.size / self.fs)
         return slice(first, first + self.omega.size)
+
+    def transform(self, samples: FloatArray) -> ComplexArray:
+        """Fourier lines of a signal of this run, in its unit, scaled so that unit white noise has unit parts."""
+        return fft.rfft(samples)[self.lines] / np.sqrt(self.travel.size / 2)
 
 
 def equation_lines(
@@ -114,8 +120,8 @@ def equation_lines(
     lower, upper = (np.asarray(samples, dtype=np.float64)[inside] for samples in (unsprung, sprung))
     return EquationLines(
         omega=2 * np.pi * frequency_hz[keep],
-        unsprung=fft.rfft(lower)[keep] / fs,
-        sprung=fft.rfft(upper)[keep] / fs,
+        unsprung=fft.rfft(lower)[keep] / np.sqrt(lower.size / 2),
+        sprung=fft.rfft(upper)[keep] / np.sqrt(upper.size / 2),
         travel=motion.displacement[inside],
         velocity=motion.velocity[inside],
         fs=float(fs),
@@ -170,22 +176,20 @@ def fit_equation(
         xtol=1e-9,
         ftol=1e-10,
     )
-    # white noise of standard deviation s has transform lines of mean square s^2 n / fs^2
-    residual = tuple(
-        r / np.sqrt(run.travel.size) * run.fs for r, run in zip(model.residuals(solution.x), runs, strict=True)
-    )
+    residual = tuple(model.residuals(solution.x))
     n_data = sum(2 * r.size - N_END_TERMS for r in residual)
     variance = 2 * solution.cost / max(n_data - solution.x.size, 1)
     value, slope = model.decode(solution.x)
-    covariance = _clustered_covariance(solution.jac, solution.fun, runs) * np.outer(slope, slope)
+    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs)) * np.outer(slope, slope)
     return JointFit(
         names=model.names,
         value=value,
         covariance=covariance,
         law=model.law_at(solution.x)[0],
         frequency_hz=tuple(r.omega / (2 * np.pi) for r in runs),
-        residual=residual,
-        noise_m_per_s2=float(np.sqrt(2 * variance / runs[0].travel.size) * runs[0].fs),
+        # a line has two parts
+        residual=tuple(r / np.sqrt(2) for r in residual),
+        noise_m_per_s2=float(np.sqrt(variance)),
         log_likelihood=float(-0.5 * n_data * np.log(2 * solution.cost / n_data)),
         n_data=n_data,
         n_evaluations=int(solution.nfev),
@@ -260,7 +264,7 @@ class _Model:
             denominator = numerator + share * ground - run.omega**2
             residual = numerator * run.unsprung - denominator * run.sprung
             if law.terms:
-                force = fft.rfft(law.force(run.travel, run.velocity))[run.lines] / run.fs
+                force = run.transform(law.force(run.travel, run.velocity))
                 residual = residual + share * run.omega**2 * force
                 # noise passes through the law too: its statistical linearisation (mean slopes) counts in the weight
                 by_travel, by_velocity = (float(np.mean(g)) for g in law.gradient(run.travel, run.velocity))
@@ -283,21 +287,13 @@ def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatA
     return flat[: residual.size] + 1j * flat[residual.size :]
 
 
-def _clustered_covariance(jacobian: FloatArray, residual: FloatArray, runs: Sequence[EquationLines]) -> FloatArray:
-    """Sandwich covariance with scores added up over neighbouring lines: the residual need not be white."""
-    clusters = []
+def _cells(runs: Sequence[EquationLines]) -> NDArray[np.int64]:
+    """The cell of neighbouring lines of one run to which each real number of the residual belongs."""
+    cells = []
     for place, run in enumerate(runs):
         cell = np.floor(run.omega / (2 * np.pi * CLUSTER_HZ)).astype(np.int64) + 1_000_000 * place
-        clusters += [cell, cell]
-    _, place_of = np.unique(np.concatenate(clusters), return_inverse=True)
-    n_clusters = int(place_of.max()) + 1
-    scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
-    scaled = jacobian / scale
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
-    scores = np.zeros((n_clusters, jacobian.shape[1]))
-    np.add.at(scores, place_of, scaled * residual[:, np.newaxis])
-    small_sample = n_clusters / max(n_clusters - jacobian.shape[1], 1)
-    return small_sample * inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
+        cells += [cell, cell]
+    return np.concatenate(cells)
 
 
 def _fast_length(inside: slice) -> slice:

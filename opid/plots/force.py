@@ -183,7 +183,7 @@ def law_curves(result: Identification, axes: Any = None, *, truth: Mapping[str, 
     if truth is not None and not visited.per_mass:
         true_law = law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
     velocity, travel = (
-        np.linspace(-1, 1, 401) * np.abs(positions).max() for positions in (visited.velocity, visited.travel)
+        np.linspace(-1, 1, 401) * max(float(np.abs(part).max()) for part in parts) for parts in _motions(surfaces)[::-1]
     )
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.4)

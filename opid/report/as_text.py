@@ -113,7 +113,7 @@ def limits(result: Identification) -> str:
     n_runs = len(known["runs"])
     return (
         f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:g} to {band[1]:g} Hz: the fitted equation leaves "
-        f"{_two_digits(1e3 * noise)} mm/s^2 rms unexplained, the noise floor of the sensors is "
+        f"{_two_digits(1e3 * noise)} mm/s^2 rms unexplained, the noise floor of the airframe sensor is at most "
         f"{_two_digits(1e3 * floor)} mm/s^2."
     )
 
@@ -208,7 +208,7 @@ def _law_rows(result: Identification, truth: Mapping[str, Any] | None) -> Iterat
     for term in terms:
         if len(terms) > 1:
             yield Row(f"Term {term.name}: {_formula(term.kind.latex)}")
-        for parameter in term.kind.parameters:
+        for parameter in term.kind.parameters if term.name in result.law_estimates else ():
             amplitude = parameter.role == "amplitude"
             true = truth["law"]["parameters"].get(term.name, {}).get(parameter.name) if truth else None
             if truth and true is not None and amplitude and per_mass:

@@ -190,24 +190,30 @@ def _page(result: Identification, truth: Truth | None, images: Mapping[str, byte
 
 
 def _command(result: Identification) -> str:
-    """The command that gives this result from a study file."""
+    """The command that gives this result."""
     settings = result.diagnostics["settings"]
     low, high = settings["band_hz"]
     law = "" if settings["law"] == "searched" else f" --law {settings['law']}"
     ground = "" if settings["ground"] else " --no-ground"
     options = f"--method {result.method} --band {low:g} {high:g} --high-pass {settings['high_pass_hz']:g}"
-    return f"opid identify study.toml {options}{law}{ground}"
+    if settings["study"]:
+        return f"opid identify {settings['study']} {options}{law}{ground}"
+    first, *others = result.diagnostics["runs"]
+    logs = " ".join(f"{run['name']}.csv" for run in (first, *others))
+    changes = "".join(f" --mass-change {run['mass_change_kg'] - first['mass_change_kg']:g}" for run in others)
+    channels = f"--sprung {settings['sprung']} --unsprung {settings['unsprung']}{changes}"
+    return f"opid identify {logs} {channels} {options}{law}{ground}"
 
 
 def _python(result: Identification) -> str:
-    """The lines of Python that give this result from a study file."""
+    """The lines of Python that give this result from its study."""
     settings = result.diagnostics["settings"]
     law = "" if settings["law"] == "searched" else f'    law="{settings["law"]}",\n'
-    return f"""from opid.identify.identification import identify_study
-from opid.identify.study import read_study
+    study = f'opid.read_study("{settings["study"]}")' if settings["study"] else "study"
+    return f"""import opid
 
-result = identify_study(
-    read_study("study.toml"),
+result = opid.identify_study(
+    {study},
     method="{result.method}",
 {law}    band_hz={tuple(settings["band_hz"])},
     high_pass_hz={settings["high_pass_hz"]},

@@ -354,9 +354,11 @@ def _findings(channel: ChannelHealth, samples: FloatArray, recording: Recording)
         yield finding("warning", f"{steps}: measure with a smaller range or more bits")
     if channel.unit == "m/s^2":
         if abs(abs(channel.mean) / STANDARD_GRAVITY - 1) < GRAVITY_TOLERANCE:
-            yield finding("note", f"the mean, {channel.mean:.3f} m/s^2, is gravity: remove it before integrating")
+            yield finding(
+                "note", f"the mean, {channel.mean:.3f} m/s^2, is gravity: nothing to do, `identify` takes it off"
+            )
         elif abs(abs(channel.mean) - 1) < GRAVITY_TOLERANCE:
             yield finding("note", f"the mean, {channel.mean:.3f} m/s^2, would be gravity in g: check the unit")
         elif abs(channel.mean) > OFFSET_RMS * channel.rms:
             offset = f"the offset, {channel.mean:.3g} m/s^2, is large beside the rms, {channel.rms:.3g} m/s^2"
-            yield finding("note", f"{offset}: remove it before integrating")
+            yield finding("note", f"{offset}: nothing to do, `identify` takes it off")

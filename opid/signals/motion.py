@@ -62,7 +62,7 @@ def integrate(
 ) -> Motion:
     """Integrate an acceleration twice.
 
-    `spectral` divides the Fourier transform by j omega under a zero-phase high-pass |H|^2 = u/(1 + u),
+    `spectral` divides the Fourier transform by j omega under a zero-phase high-pass H = u/(1 + u),
     u = (f/f_c)^4; `zero_phase` passes the trapezoidal integral forwards and backwards through a second-order
     Butterworth high-pass at each stage; `mean_removed` is the literal recipe of Iwaniec & Uhl (2007, section 3).
 

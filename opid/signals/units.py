@@ -29,7 +29,8 @@ def _lengths_per(*times: str) -> dict[str, float]:
 # them: no spaces, powers as bare digits (m/s2, ms-2), micro as u.
 _TABLE: dict[str, dict[str, float]] = {
     "m/s^2": _lengths_per("/s2", "s-2", "/s/s", "/ss", "/sec2", "/sec/sec")
-    | dict.fromkeys(("g", "gn", "g_n", "g0", "g_0", "gee"), STANDARD_GRAVITY)
+    | dict.fromkeys(("metre/s2", "meter/s2", "metres/s2", "meters/s2", "meter/second2", "meters/second2"), 1.0)
+    | dict.fromkeys(("g", "gn", "g_n", "g0", "g_0", "gee", "gs", "g's"), STANDARD_GRAVITY)
     | {"mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY}
     | {"Gal": 1e-2, "gal": 1e-2, "mGal": 1e-5, "mgal": 1e-5},
     "m/s": _lengths_per("/s", "s-1", "/sec")

@@ -1,0 +1,34 @@
+"""The covariance of a least-squares estimate whose residual is not white."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.signals.recording import FloatArray
+
+
+def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> FloatArray:
+    """Return the sandwich covariance with scores added up over cells (Liang & Zeger 1986, small-sample factor).
+
+    Within a cell (a stretch of time, a few neighbouring lines) residuals may be correlated as they like.
+
+    Args:
+        jacobian: (n_data, n_parameters).
+        residual: (n_data,).
+        cells: (n_data,) the cell of each residual.
+
+    >>> rng = np.random.default_rng(0)
+    >>> covariance = clustered_covariance(np.ones((4000, 1)), rng.standard_normal(4000), np.arange(4000) // 4)
+    >>> round(float(4000 * covariance[0, 0]), 1)
+    1.0
+    """
+    scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
+    scaled = jacobian / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
+    _, place = np.unique(cells, return_inverse=True)
+    n_cells, n_parameters = int(place.max()) + 1, jacobian.shape[1]
+    scores = np.zeros((n_cells, n_parameters))
+    np.add.at(scores, place, scaled * residual[:, np.newaxis])
+    factor = n_cells / max(n_cells - n_parameters, 1)
+    return factor * inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
