@@ -111,10 +111,19 @@ def limits(result: Identification) -> str:
     noise, floor = known["unexplained_noise_m_per_s2"], known["sensor_noise_floor_m_per_s2"]
     band = known["settings"]["band_hz"]
     n_runs = len(known["runs"])
+    averages = min(run["n_averages"] for run in known["runs"])
+    tried = known["law_candidates"]
+    chosen_among = (
+        f" Stiffness and damping are the linear part beneath the law, which was chosen among {', '.join(tried)} and "
+        "their sums; another law would share the force out otherwise."
+        if known["settings"]["law"] == "searched"
+        else ""
+    )
     return (
         f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:g} to {band[1]:g} Hz: the fitted equation leaves "
         f"{_two_digits(1e3 * noise)} mm/s^2 rms unexplained, the noise floor of the airframe sensor is at most "
-        f"{_two_digits(1e3 * floor)} mm/s^2."
+        f"{_two_digits(1e3 * floor)} mm/s^2. Each transmissibility rests on {averages:.1f} independent averages (the "
+        f"parameters do not come from it).{chosen_among}"
     )
 
 
