@@ -1,7 +1,7 @@
-"""Errors of `method = "classical"` against the truth of the virtual taxi run, as Markdown tables.
+"""Errors of `method = "classical"` (or another) against the truth of the virtual taxi run, as Markdown tables.
 
 Run `python benchmarks/accuracy.py`; `--quick` takes one seed of a coarse grid, `--seeds N` another number of seeds
-(they count from 0, none is dropped), `--each FILE` also writes one line for each trial.
+(they count from 0, none is dropped), `--method NAME` another method, `--each FILE` also writes one line for each trial.
 
 Beside it stand, on the same runs, the printed peak formula of Iwaniec & Uhl (2007) and a middle road: complex least
 squares of each run's transmissibility, and the mass from the two ratios K2/M2.
@@ -162,6 +162,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one seed of a coarse grid")
     parser.add_argument("--seeds", type=int, default=5, help="seeds a cell")
+    parser.add_argument("--method", default="classical", help="classical (the default) or model")
     parser.add_argument("--each", metavar="FILE", help="write one line for each trial and parameter")
     options = parser.parse_args()
     seeds = range(1 if options.quick else options.seeds)
@@ -176,11 +177,13 @@ def main() -> None:
     jobs = [(label, case, seed) for label, case in (cells | others).items() for seed in seeds]
     trials: dict = {label: [] for label in cells | others}
     for label, case, seed in tqdm(jobs, unit="trial", disable=None):
-        trials[label].append(trial(case, seed))
+        trials[label].append(trial(case, seed, method=options.method))
     if options.each:
         write_each(options.each, {str(label): each for label, each in trials.items()})
 
-    print(f"Two 40 s runs at 512 Hz, 220 kg removed, {len(seeds)} seed(s) a cell, law searched.\n")
+    print(
+        f"Two 40 s runs at 512 Hz, 220 kg removed, {len(seeds)} seed(s) a cell, law searched, method {options.method}.\n"
+    )
     print("Sprung mass M2, absolute error in %: median / worst.\n")
     table = []
     for f, n in product(frictions, noises):

@@ -69,10 +69,10 @@ def study_of(test: TaxiTest) -> Study:
     return Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
 
 
-def trial(case: Case, seed: int) -> Trial:
-    """Simulate and identify one seed of a case."""
+def trial(case: Case, seed: int, *, method: str = "classical") -> Trial:
+    """Simulate one seed of a case and identify it by a method of `identify_study`."""
     test = taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
-    found = identify_study(study_of(test), law=case.law)
+    found = identify_study(study_of(test), method=method, law=case.law)
     truth = _truth(case.gear)
     value, std = _found(found, truth)
     mass = truth["M2"]

@@ -210,32 +210,26 @@ def _compiled(laws_digest: int) -> tuple[Callable[..., Any], ...]:
         n_mass, n_drive = by_mass.shape[0], by_drive.shape[1]
         n_parameters = n_joint + n_mass + n_drive + 4 * n
         # rows of the state: z, v, x, w; of its derivatives likewise, one column a parameter
-        state, rate = np.zeros((4, n)), np.zeros((4, n))
-        here, following = np.zeros((4, n)), np.zeros((4, n))
-        by, by_rate = np.zeros((4, n, n_parameters)), np.zeros((4, n, n_parameters))
-        by_here, by_following = np.zeros((4, n, n_parameters)), np.zeros((4, n, n_parameters))
-        for i in range(n):
-            for row in range(4):
-                state[row, i] = start[row, i]
+        state, here, following = start.copy(), start.copy(), start.copy()
+        by = np.zeros((4, n, n_parameters))
+        for row in range(4):
+            for i in range(n):
                 by[row, i, n_parameters - (4 - row) * n + i] = 1.0
+        by_here, by_following = by.copy(), by.copy()
         force, slopes, by_parameter = np.zeros(n), np.zeros((n, 2)), np.zeros(n_joint)
-        by_force = np.zeros((n, n_parameters))
+        body, by_force, by_body = np.zeros(n), np.zeros((n, n_parameters)), np.zeros((n, n_parameters))
+        by_relative = np.zeros(n_parameters)
         motion, answer = np.empty((n_samples, 2, n)), np.empty((n_samples, n))
         by_answer = np.empty((n_samples, n, n_parameters))
         for step in range(n_samples):
-            following[:], by_following[:] = state, by
-            here[:], by_here[:] = state, by
             for stage in range(4 if step < n_samples - 1 else 1):
                 half_step = 2 * step + _STAGE_PLACE[stage]
                 _joint_forces(joints, here[0], here[1], here[2], force, slopes, by_parameter)
                 place = 0
                 for i in range(n):
+                    by_z, by_v, by_x = slopes[i, 0], slopes[i, 1], joints[0][i, 2]
                     for p in range(n_parameters):
-                        by_force[i, p] = (
-                            slopes[i, 0] * by_here[0, i, p]
-                            + slopes[i, 1] * by_here[1, i, p]
-                            + joints[0][i, 2] * by_here[2, i, p]
-                        )
+                        by_force[i, p] = by_z * by_here[0, i, p] + by_v * by_here[1, i, p] + by_x * by_here[2, i, p]
                     n_own = 3
                     for row in range(joints[1][i], joints[1][i + 1]):
                         n_own += 1 + joints[3][row]
@@ -243,36 +237,52 @@ def _compiled(laws_digest: int) -> tuple[Callable[..., Any], ...]:
                         by_force[i, place] += by_parameter[place]
                         place += 1
                 for i in range(n):
-                    total = 0.0
-                    for k in range(n):
-                        total -= accelerance[i, k] * force[k]
-                    rate[0, i], rate[1, i] = here[1, i], total - drive[half_step, i]
-                    rate[2, i], rate[3, i] = here[3, i], total
+                    body[i] = 0.0
                     for p in range(n_parameters):
-                        change = 0.0
-                        for k in range(n):
-                            change -= accelerance[i, k] * by_force[k, p]
-                        if n_joint <= p < n_joint + n_mass:
-                            for k in range(n):
-                                change -= by_mass[p - n_joint, i, k] * force[k]
-                        by_rate[0, i, p], by_rate[1, i, p] = by_here[1, i, p], change
-                        by_rate[2, i, p], by_rate[3, i, p] = by_here[3, i, p], change
-                    for d in range(n_drive):
-                        by_rate[1, i, n_joint + n_mass + d] -= by_drive[half_step, d, i]
+                        by_body[i, p] = 0.0
+                    for k in range(n):
+                        share = accelerance[i, k]
+                        body[i] -= share * force[k]
+                        for p in range(n_parameters):
+                            by_body[i, p] -= share * by_force[k, p]
+                        for m in range(n_mass):
+                            by_body[i, n_joint + m] -= by_mass[m, i, k] * force[k]
                 if stage == 0:
                     for i in range(n):
-                        motion[step, 0, i], motion[step, 1, i], answer[step, i] = here[0, i], here[1, i], rate[3, i]
+                        motion[step, 0, i], motion[step, 1, i], answer[step, i] = here[0, i], here[1, i], body[i]
                         for p in range(n_parameters):
-                            by_answer[step, i, p] = by_rate[3, i, p]
+                            by_answer[step, i, p] = by_body[i, p]
                 weight, ahead = _STAGE_WEIGHT[stage] * step_s, _STAGE_STEP[stage] * step_s
-                for row in range(4):
-                    for i in range(n):
-                        following[row, i] += weight * rate[row, i]
-                        here[row, i] = state[row, i] + ahead * rate[row, i]
-                        for p in range(n_parameters):
-                            by_following[row, i, p] += weight * by_rate[row, i, p]
-                            by_here[row, i, p] = by[row, i, p] + ahead * by_rate[row, i, p]
-            state[:], by[:] = following, by_following
+                for i in range(n):
+                    relative = body[i] - drive[half_step, i]
+                    for p in range(n_parameters):
+                        by_relative[p] = by_body[i, p]
+                    for d in range(n_drive):
+                        by_relative[n_joint + n_mass + d] -= by_drive[half_step, d, i]
+                    # z before v and x before w: the rate of the first is the second, as it stands at this stage
+                    following[0, i] += weight * here[1, i]
+                    here[0, i] = state[0, i] + ahead * here[1, i]
+                    following[1, i] += weight * relative
+                    here[1, i] = state[1, i] + ahead * relative
+                    following[2, i] += weight * here[3, i]
+                    here[2, i] = state[2, i] + ahead * here[3, i]
+                    following[3, i] += weight * body[i]
+                    here[3, i] = state[3, i] + ahead * body[i]
+                    for p in range(n_parameters):
+                        by_following[0, i, p] += weight * by_here[1, i, p]
+                        by_here[0, i, p] = by[0, i, p] + ahead * by_here[1, i, p]
+                        by_following[1, i, p] += weight * by_relative[p]
+                        by_here[1, i, p] = by[1, i, p] + ahead * by_relative[p]
+                    for p in range(n_parameters):
+                        by_following[2, i, p] += weight * by_here[3, i, p]
+                        by_here[2, i, p] = by[2, i, p] + ahead * by_here[3, i, p]
+                        by_following[3, i, p] += weight * by_body[i, p]
+                        by_here[3, i, p] = by[3, i, p] + ahead * by_body[i, p]
+            for row in range(4):
+                for i in range(n):
+                    state[row, i] = here[row, i] = following[row, i]
+                    for p in range(n_parameters):
+                        by[row, i, p] = by_here[row, i, p] = by_following[row, i, p]
         return motion, answer, by_answer
 
     return force_kernel, runge_kutta_4, driven_runge_kutta_4
