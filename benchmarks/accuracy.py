@@ -181,9 +181,8 @@ def main() -> None:
     if options.each:
         write_each(options.each, {str(label): each for label, each in trials.items()})
 
-    print(
-        f"Two 40 s runs at 512 Hz, 220 kg removed, {len(seeds)} seed(s) a cell, law searched, method {options.method}.\n"
-    )
+    setting = "two 40 s runs at 512 Hz, 220 kg removed"
+    print(f"Method {options.method}, law searched, {setting}, {len(seeds)} seed(s) a cell.\n")
     print("Sprung mass M2, absolute error in %: median / worst.\n")
     table = []
     for f, n in product(frictions, noises):

@@ -87,8 +87,10 @@ def main() -> None:
     studies = [study_of(taxi_test(GEAR, rng=np.random.default_rng(seed))) for seed in range(N_SEEDS)]
     first = studies[0]
     ways: dict[str, Callable[[Study], tuple[float, float, float]]] = {
-        "identify, law searched": lambda study: answer(identify_study(study)),
-        "identify, law given": lambda study: answer(identify_study(study, law=LAW_NAME)),
+        "classical, law searched": lambda study: answer(identify_study(study)),
+        "classical, law given": lambda study: answer(identify_study(study, law=LAW_NAME)),
+        "model, law searched": lambda study: answer(identify_study(study, method="model")),
+        "model, law given": lambda study: answer(identify_study(study, method="model", law=LAW_NAME)),
         "plain reference, law given": reference,
     }
     errors = {

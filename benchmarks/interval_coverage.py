@@ -1,10 +1,11 @@
 """Do the stated 95 % intervals hold the truth in 95 % of cases?
 
-Run `python benchmarks/coverage.py` (`--seeds N`, 100 by default). Three questions, law searched throughout:
+Run `python benchmarks/interval_coverage.py` (`--seeds N`, 100 by default; `--method NAME`). Three questions:
 
-1. the nominal gear, roads and noise drawn anew: spread of the estimates over the mean stated standard deviation;
-2. random gears, laws, roads, rates and noise levels: spread of error over stated standard deviation;
-3. the linear gear: rms error of the mass over its Cramer-Rao bound.
+1. the nominal gear, law searched, roads and noise drawn anew: spread of the estimates over the mean stated standard
+   deviation;
+2. random gears, laws, roads, rates and noise levels, law searched: spread of error over stated standard deviation;
+3. the linear gear, law given: rms error of the mass over its Cramer-Rao bound.
 """
 
 import argparse
@@ -123,20 +124,22 @@ def print_coverage(title: str, trials: list[Trial], *, one_truth: bool) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=100, help="trials of each kind")
-    seeds = range(parser.parse_args().seeds)
+    parser.add_argument("--method", default="classical", help="classical (the default) or model")
+    options = parser.parse_args()
+    seeds, method = range(options.seeds), options.method
 
     def progress(what: str):
         return tqdm(seeds, desc=what, unit="trial", disable=None)
 
-    nominal = [trial(Case(LandingGear()), seed) for seed in progress("nominal")]
+    nominal = [trial(Case(LandingGear()), seed, method=method) for seed in progress("nominal")]
     print_coverage("nominal gear", nominal, one_truth=True)
-    random = [trial(random_case(seed), seed) for seed in progress("random")]
+    random = [trial(random_case(seed), seed, method=method) for seed in progress("random")]
     print_coverage("random gears", random, one_truth=False)
 
     sensor = Sensor()
     linear = Case(replace(LandingGear(), law=LINEAR), run={"lower_sensor": sensor, "upper_sensor": sensor})
     bounds = [mass_bound(linear, seed) for seed in progress("bound")]
-    trials = [trial(replace(linear, law="linear"), seed) for seed in progress("linear")]
+    trials = [trial(replace(linear, law="linear"), seed, method=method) for seed in progress("linear")]
     print_coverage("linear gear, law given", trials, one_truth=True)
     error = np.array([each.error["M2"] for each in trials])
     print(f"linear gear, mass: Cramer-Rao bound          {np.mean(bounds):.2f} kg")

@@ -220,6 +220,7 @@ def test_a_gain_error_is_suspected_and_the_intervals_hold_it():
     assert any("gain error" in warning for warning in result.warnings)
     assert result.parameters["suspension_stiffness_n_per_m"].holds(3.9e5)
     assert result.parameters["suspension_damping_n_s_per_m"].holds(6e3)
+    assert result.parameters["ground_stiffness_n_per_m"].holds(0.0)
     assert result.ratios["stiffness_per_mass"].holds(3.9e5 / 1850)
     assert result.ratios["natural_frequency_hz"].holds(np.sqrt(3.9e5 / 1850) / (2 * np.pi))
 

@@ -166,7 +166,7 @@ def _parameters(added: AddedMass, widening: float, gain: float) -> dict[str, Est
     std = added.std * widening
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
-    std[3] = np.hypot(std[3], EQUAL_GAINS * added["suspension_stiffness_n_per_m"])
+    std[3] = np.hypot(std[3], max(EQUAL_GAINS, gain) * added["suspension_stiffness_n_per_m"])
     parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
     if "ground_stiffness_per_mass" not in added.fit.names:
         parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
@@ -273,7 +273,7 @@ def _ratios(value: FloatArray, covariance: FloatArray, names: tuple[str, ...], g
     ratios["stiffness_per_mass"] = Estimate.normal(k, np.hypot(std[0], gain * k))
     ratios["damping_per_mass"] = Estimate.normal(c, np.hypot(std[1], gain * c))
     ratios["ground_stiffness_per_mass"] = (
-        Estimate.normal(value[2], np.hypot(std[2], EQUAL_GAINS * k)) if ground else Estimate(0.0)
+        Estimate.normal(value[2], np.hypot(std[2], max(EQUAL_GAINS, gain) * k)) if ground else Estimate(0.0)
     )
     if total <= 0:
         return ratios
