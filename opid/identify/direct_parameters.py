@@ -96,7 +96,7 @@ def mass_over_stiffness(peak: Peak, *, static_transmissibility: float = 0.7, res
 def complex_least_squares(
     T: Transmissibility, *, band_hz: tuple[float, float] = (0.5, 12.0), ground: bool = True
 ) -> DirectParameters:
-    """Solve w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T over a band by least squares, weighted by coherence.
+    """Solve w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T over a band by weighted least squares.
 
     Exact at every damping for noise-free T, where the peak formula is not. Noise on T stands on both sides of the
     equation, so the estimate shrinks; `errors_in_variables` does not.
@@ -116,7 +116,7 @@ def complex_least_squares(
             "take longer blocks"
         )
     ratio, omega = T.value[inside], 2 * np.pi * T.frequency_hz[inside]
-    # T(1 - coherence) is the random part of T, and w^2 T magnifies it
+    # an error of T enters through k2 + k3 - w^2 + j w c2, which grows like w over most of the band
     weight = np.sqrt(T.coherence[inside]) / (omega * np.maximum(T.relative_std[inside], 1e-3) * np.abs(ratio))
     columns = np.stack([ratio - 1, 1j * omega * (ratio - 1), ratio], axis=1)[:, : 3 if ground else 2]
     left_lines, right_lines = columns * weight[:, np.newaxis], omega**2 * ratio * weight
@@ -126,6 +126,8 @@ def complex_least_squares(
     solution = np.linalg.lstsq(left / scale, right, rcond=None)[0]
     residual = right - left / scale @ solution
     variance = float(residual @ residual) / max(right.size - solution.size, 1)
+    # a window smears neighbouring lines: there are fewer independent ones, by its equivalent noise bandwidth
+    variance *= _noise_bandwidth(T)
     covariance = variance * np.linalg.pinv((left / scale).T @ (left / scale)) / np.outer(scale, scale)
     k, c, g = np.pad(solution / scale, (0, 3 - solution.size))
     modelled = (k + 1j * omega * c) / (k + g - omega**2 + 1j * omega * c)
@@ -140,6 +142,14 @@ def complex_least_squares(
         T.spectra.n_averages,
         (float(band_hz[0]), float(band_hz[1])),
     )
+
+
+def _noise_bandwidth(T: Transmissibility) -> float:
+    """Equivalent noise bandwidth of the window, lines: n sum(w^2)/sum(w)^2."""
+    from scipy import signal
+
+    window = signal.get_window(T.spectra.window, T.spectra.nperseg)
+    return float(window.size * np.sum(window**2) / np.sum(window) ** 2)
 
 
 def errors_in_variables(
