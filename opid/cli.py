@@ -193,7 +193,12 @@ def inspect(logs: tuple[Path, ...], as_json: bool, out: Path | None) -> None:
 @main.command()
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | LOG...")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
-@click.option("--method", default="classical", show_default=True, help="classical, or paper for its printed formula.")
+@click.option(
+    "--method",
+    default="classical",
+    show_default=True,
+    help="classical, model (fits the driven suspension), or paper (its printed formula).",
+)
 @click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
 @click.option("--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.5 12]")
 @click.option("--high-pass", type=float, metavar="HZ", help="Corner of the integration.  [default: 0.3]")
