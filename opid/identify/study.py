@@ -141,7 +141,7 @@ def study_from_logs(
     if not paths or len(mass_changes_kg) != len(paths) - 1:
         raise InputError(
             f"{len(paths)} log(s) and {len(mass_changes_kg)} mass change(s) are given: "
-            "give the reference log first and one mass change (--mass-change) for each log after it"
+            "give the reference log first and one mass change for each log after it (--mass-change)"
         )
     names = [Path(path).stem for path in paths]
     if len(set(names)) < len(names):
