@@ -8,7 +8,7 @@ from opid.identify.identification import METHODS, identify_study, strongest_pair
 from opid.identify.result import PARAMETERS
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
-from opid.mechanics.laws import default_law
+from opid.mechanics.laws import default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
 
@@ -231,3 +231,17 @@ def test_a_real_ground_spring_is_found_and_doubted():
     ground = result.parameters["ground_stiffness_n_per_m"]
     np.testing.assert_allclose(ground.value, 1.67e5, rtol=0.02)
     assert any("AC-coupling" in warning for warning in result.warnings)
+
+
+def test_a_straight_arctangent_gets_no_interval_and_neither_does_what_it_trades_with():
+    straight = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.5)
+    test = taxi_test(LandingGear(law=straight), rng=np.random.default_rng(0), **SHORT)
+    result = identify_study(_study(test), law="arctan_velocity")
+    assert any("cannot be told from damping" in warning for warning in result.warnings)
+    assert result.parameters["suspension_damping_n_s_per_m"].interval95 is None
+    assert all(each.interval95 is None for each in result.law_estimates["arctan_velocity"].values())
+    # the sum of the two is determined all the same, and so is everything else
+    slope = result.parameters["suspension_damping_n_s_per_m"].value + float(result.law.gradient(0.0, 0.0)[1])
+    np.testing.assert_allclose(slope, 6e3 + float(straight.gradient(0.0, 0.0)[1]), rtol=0.03)
+    mass = result.parameters["sprung_mass_kg"]
+    assert abs(mass.value - 1850) < 4 * mass.std

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,11 @@ UNEXPLAINED_REFUSED = 20.0
 FEW_AVERAGES = 4
 # a ground spring below this share of K2 is what a gain error of a per cent or two looks like
 GAIN_LIKE = 0.05
+# what a law that is straight in velocity (its scale in m/s) or in travel (m) cannot be told from
+TRADES_WITH = {
+    "m/s": ("suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"),
+    "m": ("suspension_stiffness_n_per_m", "stiffness_per_mass", "natural_frequency_hz", "damping_ratio"),
+}
 # no two sensors have gains more equal than this, and a gain error passes for a ground spring
 EQUAL_GAINS = 0.001
 NEGLIGIBLE_GROUND = 0.002
@@ -103,7 +108,7 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
     else:
         law, law_std, parameters = added.law, added.std[4:] * widening, _parameters(added, widening, gain)
         stiffness, damping = (added[name] for name in PARAMETERS[1:3])
-    return Identification(
+    result = Identification(
         method=method,
         title=study.title,
         parameters=parameters,
@@ -122,6 +127,7 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
         not_determined=reason,
         evidence=evidence,
     )
+    return _withheld(result)
 
 
 def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
@@ -398,7 +404,7 @@ def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterato
         )
     yield from _ground_warning(evidence, parameters)
     yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
-    yield from _amplitude_warnings(evidence)
+    yield from _straight_warnings(evidence)
 
 
 def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
@@ -436,20 +442,46 @@ def _mass_change_warning(evidence: Evidence, mass: Estimate) -> Iterator[str]:
         )
 
 
-def _amplitude_warnings(evidence: Evidence) -> Iterator[str]:
-    """An arctangent at the straight end of its scale is stiffness or damping by another name."""
-    law = evidence.joint.law
-    for term in law.terms:
+@dataclass(frozen=True)
+class _StraightTerm:
+    """A term of the law that the motion did not bend: it trades with a linear one."""
+
+    name: str
+    unit: str
+    scale: float
+    motion_rms: float
+
+
+def _straight_terms(evidence: Evidence) -> list[_StraightTerm]:
+    """Find the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name."""
+    found = []
+    for term in evidence.joint.law.terms:
         for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
             if parameter.role != "scale":
                 continue
-            moved = [
-                run.surface.velocity.std() if parameter.unit == "m/s" else run.surface.travel.std()
-                for run in evidence.runs
-            ]
-            if value > 2 * max(moved):
-                yield (
-                    f"{term.name} is nearly straight over the visited range (scale {value:.3g} {parameter.unit}, "
-                    f"motion {max(moved):.3g} {parameter.unit} rms): only amplitude over scale is determined, and it "
-                    "trades with the linear term"
-                )
+            motions = [r.surface.velocity if parameter.unit == "m/s" else r.surface.travel for r in evidence.runs]
+            rms = max(float(motion.std()) for motion in motions)
+            if value > 2 * rms:
+                found.append(_StraightTerm(term.name, parameter.unit, value, rms))
+    return found
+
+
+def _straight_warnings(evidence: Evidence) -> Iterator[str]:
+    for term in _straight_terms(evidence):
+        partner = "damping" if term.unit == "m/s" else "stiffness"
+        yield (
+            f"{term.name} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, motion "
+            f"{term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over scale is "
+            f"determined, and the intervals of both are withheld"
+        )
+
+
+def _withheld(result: Identification) -> Identification:
+    """Take away the intervals of what trades with a straight term, and keep the values."""
+    parameters, ratios, law = dict(result.parameters), dict(result.ratios), dict(result.law_estimates)
+    for term in _straight_terms(result.evidence):
+        for name in TRADES_WITH[term.unit]:
+            table = parameters if name in parameters else ratios
+            table[name] = Estimate(table[name].value)
+        law[term.name] = {name: Estimate(each.value) for name, each in law.get(term.name, {}).items()}
+    return replace(result, parameters=parameters, ratios=ratios, law_estimates=law)
