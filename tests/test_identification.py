@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.identification import METHODS, identify_study, strongest_pair, unexplained_noise
+from opid.identify.doubts import unexplained_noise
+from opid.identify.identification import METHODS, identify_study, strongest_pair
 from opid.identify.result import PARAMETERS
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.identify.added_mass import AddedMass
-from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, RunEvidence, classical_chain
+from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_chain
+from opid.identify.diagnostics import diagnostics
 from opid.identify.direct_parameters import NAMES
-from opid.identify.joint_fit import chosen
+from opid.identify.doubts import (
+    UNEXPLAINED_DOUBTED,
+    UNEXPLAINED_REFUSED,
+    doubts,
+    gain_like_share,
+    straight_terms,
+    unexplained_noise,
+)
 from opid.identify.model_chain import model_chain
 from opid.identify.result import PARAMETERS, RATIOS, Estimate, Identification, VisitedForce, visited_force
 from opid.identify.study import Study
@@ -20,13 +28,6 @@ from opid.mechanics.laws import LAWS, Law
 from opid.signals.recording import FloatArray
 
 METHODS = ("classical", "model", "paper")
-# the model explains the runs down to the sensors' noise up to here; above, what it lacks rules the answer
-UNEXPLAINED_NOTED = 1.5
-UNEXPLAINED_DOUBTED = 3.0
-UNEXPLAINED_REFUSED = 20.0
-FEW_AVERAGES = 4
-# a ground spring below this share of K2 is what a gain error of a per cent or two looks like
-GAIN_LIKE = 0.05
 # what a law that is straight in velocity (its scale in m/s) or in travel (m) cannot be told from
 TRADES_WITH = {
     "m/s": ("suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"),
@@ -34,7 +35,6 @@ TRADES_WITH = {
 }
 # no two sensors have gains more equal than this, and a gain error passes for a ground spring
 EQUAL_GAINS = 0.001
-NEGLIGIBLE_GROUND = 0.002
 
 
 def identify_study(
@@ -122,8 +122,8 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
             damping=damping,
             per_mass=added is None,
         ),
-        diagnostics=_diagnostics(evidence, settings),
-        warnings=tuple(_warnings(evidence, parameters)),
+        diagnostics=diagnostics(evidence, settings),
+        warnings=tuple(doubts(evidence, parameters)),
         not_determined=reason,
         evidence=evidence,
     )
@@ -160,8 +160,8 @@ def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, A
         law=evidence.joint.law,
         law_estimates={},
         restoring_force=VisitedForce(nothing, nothing, nothing, nothing, per_mass=True),
-        diagnostics=_diagnostics(evidence, settings),
-        warnings=tuple(_warnings(evidence, parameters)),
+        diagnostics=diagnostics(evidence, settings),
+        warnings=tuple(doubts(evidence, parameters)),
         not_determined=reason,
         evidence=evidence,
     )
@@ -225,36 +225,11 @@ def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) 
             damping=0.0,
             per_mass=not absolute,
         ),
-        diagnostics=_diagnostics(evidence, settings),
+        diagnostics=diagnostics(evidence, settings),
         warnings=tuple(warnings),
         not_determined=reason,
         evidence=evidence,
     )
-
-
-def unexplained_noise(evidence: Evidence) -> float:
-    """Return the noise that would explain the residual of the joint fit over the sensors' own noise floor.
-
-    Args:
-        evidence: of `classical_chain`.
-    """
-    return evidence.joint.noise_m_per_s2 / max(evidence.noise_floor, 1e-12)
-
-
-def gain_like_share(evidence: Evidence) -> float:
-    """Return |K3|/K2 where a gain error is the likelier reason for it than a spring to the ground, else 0.
-
-    One gain off by e turns the equation of a free mass into one with K3 of about -e K2, and K2 off by as much.
-
-    Args:
-        evidence: of `classical_chain`.
-    """
-    joint = evidence.joint
-    if "ground_stiffness_per_mass" not in joint.names:
-        return 0.0
-    ground, std = joint["ground_stiffness_per_mass"], joint.std[joint.names.index("ground_stiffness_per_mass")]
-    share = abs(ground / joint["stiffness_per_mass"])
-    return share if abs(ground) > 3 * std and NEGLIGIBLE_GROUND < share < GAIN_LIKE else 0.0
 
 
 def strongest_pair(pairs: tuple[PeakPair, ...]) -> PeakPair | None:
@@ -307,179 +282,10 @@ def _law_estimates(law: Law, std: list[float]) -> Mapping[str, Mapping[str, Esti
     }
 
 
-def _diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
-    step = chosen(evidence.ladder)
-    return {
-        "settings": settings,
-        "unexplained_noise_m_per_s2": evidence.joint.noise_m_per_s2,
-        "sensor_noise_floor_m_per_s2": evidence.noise_floor,
-        "unexplained_over_floor": unexplained_noise(evidence),
-        "n_lines": [int(frequency.size) for frequency in evidence.joint.frequency_hz],
-        "static_transmissibility_read_from_lines": evidence.mean_static_transmissibility,
-        "law_candidates": sorted(
-            {term for rung in evidence.ladder for term in rung.law_name.split("+") if term != "linear"}
-        ),
-        "law_ladder": [
-            {
-                "law": rung.law_name,
-                "bic": rung.fit.bic,
-                "unexplained_noise_m_per_s2": rung.fit.noise_m_per_s2,
-                "kept": rung.kept,
-                "chosen": rung is step,
-            }
-            for rung in evidence.ladder
-        ],
-        "peak_pairs": [_pair_diagnostics(pair) for pair in evidence.pairs],
-        "runs": [_run_diagnostics(run) for run in evidence.runs],
-    }
-
-
-def _pair_diagnostics(pair: PeakPair) -> dict[str, Any]:
-    return {
-        "run": pair.run_name,
-        "reference_hz": pair.match.reference.frequency_hz,
-        "reference_magnitude": pair.match.reference.magnitude,
-        "changed_hz": pair.match.changed.frequency_hz,
-        "changed_magnitude": pair.match.changed.magnitude,
-        "credible": pair.match.credible,
-        "reason": pair.match.reason,
-        "as_printed": asdict(pair.as_printed) if pair.as_printed else None,
-        "sign_restored": asdict(pair.sign_restored) if pair.sign_restored else None,
-    }
-
-
-def _run_diagnostics(run: RunEvidence) -> dict[str, Any]:
-    def direct(fit: Any) -> dict[str, Any]:
-        return {
-            "stiffness_per_mass": [float(fit.value[0]), float(fit.std[0])],
-            "damping_per_mass": [float(fit.value[1]), float(fit.std[1])],
-            "ground_stiffness_per_mass": [float(fit.value[2]), float(fit.std[2])],
-            "natural_frequency_hz": fit.natural_frequency_hz,
-            "damping_ratio": fit.damping_ratio,
-        }
-
-    return {
-        "name": run.name,
-        "mass_change_kg": run.mass_change_kg,
-        "duration_s": run.time_s.size / run.fs,
-        "fs": run.fs,
-        "n_averages": run.T.spectra.n_averages,
-        "n_blocks": run.T.spectra.n_blocks,
-        "noise_floor_m_per_s2": {"unsprung": run.noise_floor[0], "sprung": run.noise_floor[1]},
-        "travel_rms_m": float(run.surface.travel.std()),
-        "velocity_rms_m_per_s": float(run.surface.velocity.std()),
-        "surface_coverage": run.binned.coverage,
-        "terms": [
-            {"term": verdict.name, "departure": verdict.departure, "statement": verdict.statement}
-            for verdict in run.surface_fit.verdicts
-        ],
-        "complex_least_squares": direct(run.complex_fit),
-        "errors_in_variables": direct(run.spectral_fit),
-        "peaks_hz": [peak.frequency_hz for peak in run.peaks],
-        "findings": [f"{finding.channel}: {finding.message}" for finding in run.findings],
-    }
-
-
-def _warnings(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    for run in evidence.runs:
-        for finding in run.findings:
-            yield f"run {run.name!r}, {finding.channel!r}: {finding.message}"
-    unexplained = unexplained_noise(evidence)
-    if unexplained > UNEXPLAINED_DOUBTED:
-        yield (
-            f"the model explains the runs only to {unexplained:.1f} times the sensor noise: the law lacks a term, the "
-            "slow motion below the high-pass matters, or a sensor is at fault; the intervals are widened by "
-            f"{unexplained / UNEXPLAINED_DOUBTED:.1f}"
-        )
-    elif unexplained > UNEXPLAINED_NOTED:
-        yield (
-            f"the residual is {unexplained:.1f} times the sensor noise: most of it is the slow motion that the "
-            "integration cannot give to the law"
-        )
-    averages = min(run.T.spectra.n_averages for run in evidence.runs)
-    if averages < FEW_AVERAGES:
-        yield (
-            f"each transmissibility rests on {averages:.1f} independent averages: its coherence is near 1 by "
-            "construction and its peaks are chance (the parameters do not come from it)"
-        )
-    yield from _ground_warning(evidence, parameters)
-    yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
-    yield from _straight_warnings(evidence)
-
-
-def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    ground, stiffness = (parameters[name] for name in ("ground_stiffness_n_per_m", "suspension_stiffness_n_per_m"))
-    share = gain_like_share(evidence)
-    if share:
-        sign = np.sign(evidence.joint["ground_stiffness_per_mass"])
-        yield (
-            f"the ground spring is {100 * sign * share:.1f} % of the suspension: a gain error of about "
-            f"{100 * share:.1f} % between the two sensors does that (AC coupling with different corners too), so the "
-            "intervals of stiffness and damping hold it"
-        )
-    elif (
-        ground.value is not None
-        and stiffness.value is not None
-        and abs(ground.value) > NEGLIGIBLE_GROUND * abs(stiffness.value)
-        and not ground.holds(0.0)
-    ):
-        yield (
-            f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: sensors "
-            "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the intervals "
-            "hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
-        )
-
-
-def _mass_change_warning(evidence: Evidence, mass: Estimate) -> Iterator[str]:
-    if mass.value is None or mass.std is None:
-        return
-    changes = [run.mass_change_kg for run in evidence.runs]
-    share = (max(changes) - min(changes)) / mass.value
-    if mass.std / mass.value > 0.02:
-        yield (
-            f"the mass change is {100 * share:.0f} % of the mass, which multiplies every relative error by about "
-            f"{1 / share:.0f}: doubling it would halve the interval of the mass"
-        )
-
-
-@dataclass(frozen=True)
-class _StraightTerm:
-    """A term of the law that the motion did not bend: it trades with a linear one."""
-
-    name: str
-    unit: str
-    scale: float
-    motion_rms: float
-
-
-def _straight_terms(evidence: Evidence) -> list[_StraightTerm]:
-    """Find the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name."""
-    found = []
-    for term in evidence.joint.law.terms:
-        for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
-            if parameter.role != "scale":
-                continue
-            motions = [r.surface.velocity if parameter.unit == "m/s" else r.surface.travel for r in evidence.runs]
-            rms = max(float(motion.std()) for motion in motions)
-            if value > 2 * rms:
-                found.append(_StraightTerm(term.name, parameter.unit, value, rms))
-    return found
-
-
-def _straight_warnings(evidence: Evidence) -> Iterator[str]:
-    for term in _straight_terms(evidence):
-        partner = "damping" if term.unit == "m/s" else "stiffness"
-        yield (
-            f"{term.name} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, motion "
-            f"{term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over scale is "
-            f"determined, and the intervals of both are withheld"
-        )
-
-
 def _withheld(result: Identification) -> Identification:
     """Take away the intervals of what trades with a straight term, and keep the values."""
     parameters, ratios, law = dict(result.parameters), dict(result.ratios), dict(result.law_estimates)
-    for term in _straight_terms(result.evidence):
+    for term in straight_terms(result.evidence):
         for name in TRADES_WITH[term.unit]:
             table = parameters if name in parameters else ratios
             table[name] = Estimate(table[name].value)

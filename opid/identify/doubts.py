@@ -1,0 +1,159 @@
+"""What to doubt about an answer, and how strongly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.identify.classical import Evidence
+from opid.identify.result import Estimate
+from opid.mechanics.laws import LAWS
+
+# the model explains the runs down to the sensors' noise up to here; above, what it lacks rules the answer
+UNEXPLAINED_NOTED = 1.5
+UNEXPLAINED_DOUBTED = 3.0
+UNEXPLAINED_REFUSED = 20.0
+FEW_AVERAGES = 4
+# a ground spring below this share of K2 is what a gain error of a per cent or two looks like
+GAIN_LIKE = 0.05
+NEGLIGIBLE_GROUND = 0.002
+
+
+def unexplained_noise(evidence: Evidence) -> float:
+    """Return the noise that would explain the residual of the joint fit over the sensors' own noise floor.
+
+    Args:
+        evidence: of `classical_chain`.
+    """
+    return evidence.joint.noise_m_per_s2 / max(evidence.noise_floor, 1e-12)
+
+
+def gain_like_share(evidence: Evidence) -> float:
+    """Return |K3|/K2 where a gain error is the likelier reason for it than a spring to the ground, else 0.
+
+    One gain off by e turns the equation of a free mass into one with K3 of about -e K2, and K2 off by as much.
+
+    Args:
+        evidence: of `classical_chain`.
+    """
+    joint = evidence.joint
+    if "ground_stiffness_per_mass" not in joint.names:
+        return 0.0
+    ground, std = joint["ground_stiffness_per_mass"], joint.std[joint.names.index("ground_stiffness_per_mass")]
+    share = abs(ground / joint["stiffness_per_mass"])
+    return share if abs(ground) > 3 * std and NEGLIGIBLE_GROUND < share < GAIN_LIKE else 0.0
+
+
+def doubts(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """Yield what to doubt about an answer, one sentence each.
+
+    Args:
+        evidence: what the answer rests on.
+        parameters: the absolute parameters that were concluded.
+    """
+    for run in evidence.runs:
+        for finding in run.findings:
+            yield f"run {run.name!r}, {finding.channel!r}: {finding.message}"
+    unexplained = unexplained_noise(evidence)
+    if unexplained > UNEXPLAINED_DOUBTED:
+        yield (
+            f"the model explains the runs only to {unexplained:.1f} times the sensor noise: the law lacks a term, the "
+            "slow motion below the high-pass matters, or a sensor is at fault; the intervals are widened by "
+            f"{unexplained / UNEXPLAINED_DOUBTED:.1f}"
+        )
+    elif unexplained > UNEXPLAINED_NOTED:
+        yield (
+            f"the residual is {unexplained:.1f} times the sensor noise: most of it is the slow motion that the "
+            "integration cannot give to the law"
+        )
+    averages = min(run.T.spectra.n_averages for run in evidence.runs)
+    if averages < FEW_AVERAGES:
+        yield (
+            f"each transmissibility rests on {averages:.1f} independent averages: its coherence is near 1 by "
+            "construction and its peaks are chance (the parameters do not come from it)"
+        )
+    yield from _ground_warning(evidence, parameters)
+    yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
+    yield from _straight_warnings(evidence)
+
+
+def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    ground, stiffness = (parameters[name] for name in ("ground_stiffness_n_per_m", "suspension_stiffness_n_per_m"))
+    share = gain_like_share(evidence)
+    if share:
+        sign = np.sign(evidence.joint["ground_stiffness_per_mass"])
+        yield (
+            f"the ground spring is {100 * sign * share:.1f} % of the suspension: a gain error of about "
+            f"{100 * share:.1f} % between the two sensors does that (AC coupling with different corners too), so the "
+            "intervals of stiffness and damping hold it"
+        )
+    elif (
+        ground.value is not None
+        and stiffness.value is not None
+        and abs(ground.value) > NEGLIGIBLE_GROUND * abs(stiffness.value)
+        and not ground.holds(0.0)
+    ):
+        yield (
+            f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: sensors "
+            "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the intervals "
+            "hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
+        )
+
+
+def _mass_change_warning(evidence: Evidence, mass: Estimate) -> Iterator[str]:
+    if mass.value is None or mass.std is None:
+        return
+    changes = [run.mass_change_kg for run in evidence.runs]
+    share = (max(changes) - min(changes)) / mass.value
+    if mass.std / mass.value > 0.02:
+        yield (
+            f"the mass change is {100 * share:.0f} % of the mass, which multiplies every relative error by about "
+            f"{1 / share:.0f}: doubling it would halve the interval of the mass"
+        )
+
+
+@dataclass(frozen=True)
+class StraightTerm:
+    """A term of the law that the motion did not bend: it trades with a linear one.
+
+    Args:
+        name: kind of the term.
+        unit: of its scale, "m/s" or "m".
+        scale: its inner scale.
+        motion_rms: largest rms of that motion among the runs, in the same unit.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    motion_rms: float
+
+
+def straight_terms(evidence: Evidence) -> list[StraightTerm]:
+    """Find the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name.
+
+    Args:
+        evidence: of a chain.
+    """
+    found = []
+    for term in evidence.joint.law.terms:
+        for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
+            if parameter.role != "scale":
+                continue
+            motions = [r.surface.velocity if parameter.unit == "m/s" else r.surface.travel for r in evidence.runs]
+            rms = max(float(motion.std()) for motion in motions)
+            if value > 2 * rms:
+                found.append(StraightTerm(term.name, parameter.unit, value, rms))
+    return found
+
+
+def _straight_warnings(evidence: Evidence) -> Iterator[str]:
+    for term in straight_terms(evidence):
+        partner = "damping" if term.unit == "m/s" else "stiffness"
+        yield (
+            f"{term.name} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, motion "
+            f"{term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over scale is "
+            f"determined, and the intervals of both are withheld"
+        )
