@@ -1,6 +1,8 @@
 # The public names, one line a room.
 from .errors import InputError, NotDeterminedError
 from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
+from .identify.bench import Bench, bench_from_recording
+from .identify.bench_law import BenchLaw, law_of_bench
 from .identify.classical import classical_chain
 from .identify.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
 from .identify.identification import identify_study
@@ -17,11 +19,13 @@ from .identify.transmissibility import (
     transmissibility_without_force,
 )
 from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
+from .mechanics.kinds import Kind, Parameter
 from .mechanics.laws import LAWS, Law, default_law, law
+from .mechanics.own_kinds import register_kind, unregister_kind
 from .mechanics.response import time_response
 from .mechanics.sensors import Sensor
 from .mechanics.structure import Joint, Structure
-from .report import result_text, write_report
+from .report import bench_text, result_text, write_bench_report, write_report
 from .signals.health import inspect
 from .signals.logs import read_log, write_log
 from .signals.motion import integrate, relative_motion

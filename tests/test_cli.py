@@ -144,7 +144,7 @@ def test_the_defaults_of_simulate_are_those_of_the_library():
     assert options["fs"] == defaults["fs"]
     assert options["road_class"] == defaults["road_class"]
     assert options["mass_removed"] == taxi_test.__kwdefaults__["mass_removed_kg"]
-    assert cli._gear(options) == gear
+    assert cli.virtual_tests._gear(options) == gear
 
 
 def test_simulate_does_what_its_options_say(tmp_path):
@@ -273,9 +273,9 @@ def test_the_options_of_identify_reach_the_result(field_test, tmp_path):
 @pytest.mark.usefixtures("few_figures")
 def test_the_result_is_called_after_the_study(field_test, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli._name(Path("runs/study.toml")) == "runs"
-    assert cli._name(Path("study.toml")) == tmp_path.name
-    assert cli._name(Path("runs/autumn.toml")) == "autumn"
+    assert cli.studies._name(Path("runs/study.toml")) == "runs"
+    assert cli.studies._name(Path("study.toml")) == tmp_path.name
+    assert cli.studies._name(Path("runs/autumn.toml")) == "autumn"
     opid("identify", field_test / "study.toml")
     assert [path.name for path in tmp_path.iterdir()] == [f"{field_test.name}_result"]
 

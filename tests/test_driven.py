@@ -90,6 +90,96 @@ def test_derivatives_are_those_of_the_steps(name):
         np.testing.assert_allclose(exact[:, i], difference, atol=2e-4 * np.abs(difference).max() + 1e-12)
 
 
+def _two_coupled(p, drive, n_law):
+    first = default_law("arctan_mixed+cubic_stiffness").with_vector(p[6 : 6 + n_law])
+    interfaces = [Interface(*p[:3], first), Interface(*p[3:6], default_law("gas_spring"))]
+    A = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1000
+    by_mass = np.array([[[1.0, 0.2], [0.2, 0.5]]]) / 1000
+    by_drive = np.stack([_drive(_half(drive.shape[0] // 2 + 1) + 0.1), 0 * drive[:, 0] + 1], axis=1)[:, None]
+    theta, offset, start = p[6 + n_law], p[7 + n_law], p[8 + n_law :].reshape(4, 2)
+    return driven_response(
+        interfaces,
+        A + theta * by_mass[0],
+        drive + offset * by_drive[:, 0],
+        fs=FS,
+        accelerance_directions=by_mass,
+        drive_directions=by_drive,
+        start=start,
+    )
+
+
+def test_derivatives_of_two_coupled_interfaces_are_those_of_the_steps():
+    n, n_law = 300, 4
+    drive = np.stack([_drive(_half(n)), _drive(_half(n) + 0.3)], axis=1)
+    law = default_law("arctan_mixed+cubic_stiffness").vector
+    start = [1e-3, -1e-3, 0.02, 0.01, 1e-3, 2e-3, 0.01, -0.03]
+    base = np.array([2e5, 3e3, 1e5, 3e5, 2e3, 5e4, *law, 0.1, 0.2, *start])
+    exact = _two_coupled(base, drive, n_law).sensitivity
+    # in the order of the response: each interface with its law, the mass, the drive, the start
+    gas = [3 + n_law + 3, 3 + n_law + 4]
+    places = [0, 1, 2, 3 + n_law, 4 + n_law, 5 + n_law, *range(3, 3 + n_law), *range(gas[1] + 1, exact.shape[2])]
+    assert exact.shape == (n, 2, base.size + len(gas))
+    for i, place in enumerate(places):
+        step = np.zeros(base.size)
+        step[i] = 1e-5 * max(abs(base[i]), 1e-3)
+        up, down = (_two_coupled(base + sign * step, drive, n_law).acceleration for sign in (1, -1))
+        difference = (up - down) / (2 * step[i])
+        np.testing.assert_allclose(exact[:, :, place], difference, atol=1e-6 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("ground_stiffness", [0.0, 1e5])
+def test_one_interface_is_the_first_of_two_that_know_nothing_of_each_other(ground_stiffness):
+    n = 500
+    u = _drive(_half(n))[:, None]
+    gear = Interface(3.9e5, 6e3, ground_stiffness, default_law("arctan_mixed+asymmetric_damping"))
+    start = np.array([[1e-3], [0.02], [1e-3], [0.01]])
+    alone = driven_response(
+        [gear],
+        [[5e-4]],
+        u,
+        fs=FS,
+        accelerance_directions=[[[1.0]]],
+        drive_directions=np.stack([u, u**2], axis=1),
+        start=start,
+    )
+    both = driven_response(
+        [gear, gear],
+        np.eye(2) * 5e-4,
+        np.repeat(u, 2, axis=1),
+        fs=FS,
+        accelerance_directions=[np.diag([1.0, 0.0])],
+        drive_directions=np.stack([u, u**2], axis=1) * [1.0, 0.0],
+        start=np.repeat(start, 2, axis=1),
+    )
+    n_own = gear.n_parameters
+    own = [*range(n_own), *range(2 * n_own, 2 * n_own + 3), *range(2 * n_own + 3, 2 * n_own + 11, 2)]
+    np.testing.assert_allclose(both.acceleration[:, 0], alone.acceleration[:, 0], rtol=1e-9, atol=1e-12)
+    size = np.abs(alone.sensitivity).max(axis=0)
+    off = np.abs(both.sensitivity[:, :1, own] - alone.sensitivity).max(axis=0)
+    assert (off <= 1e-10 * size).all()
+
+
+def test_what_nobody_asks_for_is_left_out():
+    n = 400
+    u = _drive(_half(n))[:, None]
+    gear = Interface(3.9e5, 6e3, 0.0, DEFAULT_LAW)
+    whole = driven_response([gear], [[5e-4]], u, fs=FS)
+    free = driven_response([gear], [[5e-4]], u, fs=FS, ground=False)
+    bare = driven_response([gear], [[5e-4]], u, fs=FS, ground=False, sensitivity=False)
+    for other in (free, bare):
+        np.testing.assert_array_equal(other.acceleration, whole.acceleration)
+        np.testing.assert_array_equal(other.travel, whole.travel)
+    assert whole.sensitivity[:, 0, 2].any()
+    by_ground = [2, -2, -1]
+    assert not free.sensitivity[:, 0, by_ground].any()
+    np.testing.assert_array_equal(
+        np.delete(free.sensitivity, by_ground, axis=2), np.delete(whole.sensitivity, by_ground, axis=2)
+    )
+    assert bare.sensitivity.shape == (n, 1, 0)
+    # transforms run along time
+    assert whole.sensitivity[:, 0, 0].flags.c_contiguous
+
+
 def test_the_measured_spindle_drives_the_true_motion():
     run = taxi_run(LandingGear(), rng=np.random.default_rng(0), duration_s=12, fs=FS)
     gear = run.gear
@@ -113,5 +203,7 @@ def test_half_steps_keep_the_samples():
 def test_bad_input_is_named():
     with pytest.raises(InputError, match="for 1 interface"):
         driven_response([Interface(1.0, 1.0)], np.eye(2), np.zeros((9, 1)), fs=1.0)
+    with pytest.raises(InputError, match="ground is False"):
+        driven_response([Interface(1.0, 1.0, 1.0)], [[1.0]], np.zeros((9, 1)), fs=1.0, ground=False)
     with pytest.raises(UnboundedResponseError, match="grows without bound"):
         driven_response([Interface(-4e6, 0.0)], [[1.0]], np.ones((20001, 1)), fs=100.0)

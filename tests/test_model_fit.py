@@ -5,7 +5,8 @@ import pytest
 
 from opid.errors import InputError
 from opid.identify.identification import identify_study
-from opid.identify.model_fit import driven_run, fit_model, score_of_term
+from opid.identify.driven_run import driven_run
+from opid.identify.model_fit import fit_model, score_of_term
 from opid.identify.pursuit import pursue_law, refit
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
@@ -56,7 +57,6 @@ def test_a_ground_spring_is_found():
         _runs(gear),
         DEFAULT_LAW.scaled(1 / 1850),
         **START,
-        ground=True,
         ground_stiffness_per_mass=70.0,
         inverse_mass=1e-3,
     )

@@ -167,7 +167,7 @@ def absolute_parameters(fit: JointFit, mass_changes_kg: Sequence[float]) -> Adde
     """
     if "inverse_mass" not in fit.names:
         raise InputError("the fit has no free mass: fit runs of at least two masses with inverse_mass given")
-    mu, mu_std = fit["inverse_mass"], float(fit.std[-1])
+    mu, mu_std = fit["inverse_mass"], float(fit.std[fit.names.index("inverse_mass")])
     if not mu > MASS_SEEN_ABOVE * mu_std:
         raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg)), fit)
     if 1 + mu * min(mass_changes_kg) < LEAST_REMAINDER:
@@ -187,7 +187,7 @@ def _absolute(fit: JointFit) -> AddedMass:
     heads = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
     amplitude = [parameter.role == "amplitude" for parameter in fit.law.parameter_list]
     jacobian = np.zeros((4 + n_law, len(fit.names)))
-    last = len(fit.names) - 1
+    last = fit.names.index("inverse_mass")
     jacobian[0, last] = -1 / mu**2
     for row, (name, ratio) in enumerate(zip(heads, ratios, strict=True), start=1):
         if name in fit.names:

@@ -66,11 +66,16 @@ class LadderStep:
         law_name: its name.
         fit: the joint fit of all runs.
         kept: whether the search went on from here.
+        road: what proposed it: "pursuit", "sparse regression", "given" or "classical".
+        left_out_m_per_s2: what is left of a run that the others predict, as `JointFit.noise_m_per_s2`; None where it
+            was not asked for.
     """
 
     law_name: str
     fit: JointFit
     kept: bool
+    road: str = "classical"
+    left_out_m_per_s2: float | None = None
 
 
 def chosen(ladder: tuple[LadderStep, ...]) -> LadderStep:

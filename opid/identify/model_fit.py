@@ -2,72 +2,42 @@
 
 z'' = -x1'' - (K2 z + C2 z' + f(z, z') + K3 x2)/M2 is a damped system driven by what was measured. It is simulated,
 the airframe acceleration is predicted, and mass, stiffness, damping and law of all runs are moved until
-the prediction errors are white. No acceleration is integrated, so no slow motion is lost and nothing drifts.
+the prediction errors are white. No acceleration is integrated by itself, so no slow motion is lost.
 
-The error of a line is that of the airframe sensor, and that of the spindle sensor passed through the transmissibility
-of the model (its law replaced by its mean slopes): each line is divided by sqrt(s2^2 + |T|^2 s1^2).
+The spindle's noise drives the model too. Every reading of the airframe therefore corrects the simulated motion by as
+much as both noise levels make right (`opid.mechanics.prediction`): the errors that are left are white whatever the
+law, and their least squares is maximum likelihood. The lines of a band of them are compared, so that what the sensors
+do below and above does not matter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy import fft
 
 from opid.errors import InputError
+from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
 from opid.identify.law_parameters import free_bounds, from_free, to_free
-from opid.mechanics.driven import (
-    DrivenResponse,
-    Interface,
-    UnboundedResponseError,
-    driven_response,
-    half_steps,
-)
-from opid.mechanics.laws import Law, Term
+from opid.identify.sensor_facts import Nuisance, SensorPair, nuisance_values
+from opid.mechanics.driven import Interface, UnboundedResponseError
+from opid.mechanics.laws import LINEAR, Law, Term
+from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 
-# how far from rest relative to the body a record may begin: wide enough to be no information
-START_TRAVEL_M, START_VELOCITY_M_PER_S = 0.02, 0.2
-# offset that is left in an acceleration once its mean is removed
-OFFSET_M_PER_S2 = 0.05
-BAND_HZ = (0.3, 40.0)
-N_START = 4
-
-
-@dataclass(frozen=True, eq=False)
-class DrivenRun:
-    """One run, ready for the model.
-
-    Args:
-        drive: (2 n - 1, 1) spindle acceleration at half steps, mean removed, m/s^2.
-        sprung: (n_lines,) transform of the airframe acceleration, mean removed, m/s.
-        omega: (n_lines,) rad/s.
-        n_samples: n.
-        fs: sampling rate, Hz.
-        mass_change_kg: sprung mass of this run minus that of the reference, kg.
-    """
-
-    drive: FloatArray
-    sprung: ComplexArray
-    omega: FloatArray
-    n_samples: int
-    fs: float
-    mass_change_kg: float
-
-    @property
-    def lines(self) -> slice:
-        """Places of the lines of the band among all lines of the transform."""
-        first = round(float(self.omega[0]) / (2 * np.pi) * self.n_samples / self.fs)
-        return slice(first, first + self.omega.size)
-
-    def transform(self, samples: FloatArray) -> ComplexArray:
-        """Fourier lines of signals of this run, one a column, scaled so that unit white noise has unit parts."""
-        return fft.rfft(samples, axis=0)[self.lines] / np.sqrt(self.n_samples / 2)
+# a record may begin this many rms motions from rest, one standard deviation
+START_RMS = 2.0
+# the body itself, above the mean of the ground
+START_DISPLACEMENT_M, START_BODY_VELOCITY_M_PER_S = 0.05, 0.3
+# offset that is left in an acceleration once its mean is removed; an AC coupling forgets more
+OFFSET_M_PER_S2, OFFSET_AC_M_PER_S2 = 0.03, 0.1
+# the start of a run is looked for on a grid of this many rms motions, by predicting this long
+START_GRID, START_S = np.linspace(-2.5, 2.5, 9), 3.0
+N_OWN = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,59 +45,54 @@ class ModelFit(JointFit):
     """The fitted model, per unit of the reference sprung mass; beside what every joint fit has:
 
     Args:
-        responses: the fitted motion of each run.
-        start: (n_runs * n_own,) travel and velocity (and body displacement and velocity) at the start, and offset of
-            the drive, run by run.
+        predictions: of each run, without derivatives.
+        start: (n_runs, 2) travel (m) and velocity (m/s) at the start of each run.
+        noise: (2,) levels that were taken for the spindle's and the airframe's sensor, m/s^2; their ratio matters.
+        motion_rms: rms travel (m) and velocity (m/s) that bound scales and starts.
+        held_inverse_mass: 1/M2 where it was not fitted, 1/kg; None if it was.
+        sensors: what was known of the sensors.
+        jacobian: (n_data, n_parameters) derivatives of the stacked errors by the shared parameters, what the starts
+            can imitate taken out.
     """
 
-    responses: tuple[DrivenResponse, ...]
+    predictions: tuple[Prediction, ...]
     start: FloatArray
+    noise: tuple[float, float]
+    motion_rms: tuple[float, float]
+    held_inverse_mass: float | None
+    sensors: SensorPair
+    jacobian: FloatArray
 
+    @property
+    def ground(self) -> bool:
+        """Whether the ground spring was free."""
+        return "ground_stiffness_per_mass" in self.names
 
-def driven_run(
-    unsprung: ArrayLike,
-    sprung: ArrayLike,
-    *,
-    fs: float,
-    band_hz: tuple[float, float] = BAND_HZ,
-    mass_change_kg: float = 0.0,
-) -> DrivenRun:
-    """Prepare one run: the drive at half steps and the lines of the airframe acceleration.
+    def model(self, runs: Sequence[DrivenRun]) -> Model:
+        """Return the model that was fitted.
 
-    Only the residual is restricted to the band. The drive keeps its slow motion: a nonlinear law needs it.
+        Args:
+            runs: to which it was.
+        """
+        return Model(tuple(runs), self.law, self.ground, self.held_inverse_mass, self.noise, self.motion_rms)
 
-    Args:
-        unsprung: (n,) acceleration x1'', m/s^2.
-        sprung: (n,) acceleration x2'', m/s^2.
-        fs: sampling rate, Hz.
-        band_hz: lowest and highest line to compare, Hz; cut at 0.4 fs.
-        mass_change_kg: sprung mass of this run minus that of the reference, kg.
+    @property
+    def vector(self) -> FloatArray:
+        """The vector of the model at the fit."""
+        value = self.value.copy()
+        first = 2 + self.ground
+        value[first : first + self.law.vector.size] = to_free(self.law)
+        return np.concatenate([value, self.start.ravel()])
 
-    Raises:
-        InputError: arrays of different lengths, or a band with fewer than 20 lines.
-    """
-    lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
-    if lower.shape != upper.shape or lower.ndim != 1:
-        raise InputError(f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length")
-    n = fft.prev_fast_len(lower.size, real=True)
-    frequency_hz = fft.rfftfreq(n, 1 / fs)
-    low, high = float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs)
-    keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
-    if keep.size < 20:
-        raise InputError(
-            f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {lower.size / fs:.3g} s: give a "
-            "longer run or a wider band"
-        )
-    run = DrivenRun(
-        drive=half_steps(lower[:n] - lower[:n].mean())[:, np.newaxis],
-        sprung=np.empty(0, np.complex128),
-        omega=2 * np.pi * frequency_hz[keep],
-        n_samples=n,
-        fs=float(fs),
-        mass_change_kg=float(mass_change_kg),
-    )
-    object.__setattr__(run, "sprung", run.transform(upper[:n] - upper[:n].mean()))
-    return run
+    @property
+    def travel(self) -> FloatArray:
+        """(n,) travel of all runs, one after the other, m."""
+        return np.concatenate([prediction.travel[:, 0] for prediction in self.predictions])
+
+    @property
+    def velocity(self) -> FloatArray:
+        """(n,) velocity of all runs, m/s."""
+        return np.concatenate([prediction.velocity[:, 0] for prediction in self.predictions])
 
 
 def fit_model(
@@ -136,22 +101,28 @@ def fit_model(
     *,
     stiffness_per_mass: float,
     damping_per_mass: float,
-    ground: bool = False,
-    ground_stiffness_per_mass: float = 0.0,
+    ground_stiffness_per_mass: float | None = None,
     inverse_mass: float | None = None,
+    hold_mass: bool = False,
+    noise_m_per_s2: tuple[float, float] = (5e-3, 5e-3),
     motion_rms: tuple[float, float] = (3e-3, 0.05),
+    start: FloatArray | None = None,
+    nuisance: dict[str, float] | None = None,
 ) -> ModelFit:
     """Move the model until it predicts the airframe accelerations of all runs.
 
     Args:
-        runs: one `DrivenRun` a run.
+        runs: one `DrivenRun` a run, all with the same sensors.
         law: the nonlinear law per unit of sprung mass to start from; `Law()` for a linear suspension.
         stiffness_per_mass: start value of K2/M2, 1/s^2.
         damping_per_mass: start value of C2/M2, 1/s.
-        ground: whether the ground spring K3 is free (else it is 0).
-        ground_stiffness_per_mass: start value of K3/M2, 1/s^2.
+        ground_stiffness_per_mass: start value of K3/M2, 1/s^2; None for no ground spring.
         inverse_mass: start value of 1/M2, 1/kg, or None to fit ratios only.
+        hold_mass: keep 1/M2 as it is given.
+        noise_m_per_s2: noise of the spindle's and of the airframe's sensor, m/s^2; their ratio matters.
         motion_rms: rms travel (m) and velocity (m/s), which bound the scales of the law.
+        start: (n_runs, 2) travel and velocity to begin with; looked for where left out.
+        nuisance: start values of the sensors' faults by name; nominal where left out.
 
     Raises:
         InputError: no run, or a free mass although all mass changes are equal.
@@ -161,24 +132,31 @@ def fit_model(
 
     if not runs:
         raise InputError("no run was given: give at least one")
-    if inverse_mass is not None and len({run.mass_change_kg for run in runs}) < 2:
+    mass_free = inverse_mass is not None and not hold_mass
+    if mass_free and len({run.mass_change_kg for run in runs}) < 2:
         raise InputError("all runs have the same mass change: only ratios to the mass can be fitted")
-    model = _Model(tuple(runs), law, ground, inverse_mass is not None)
-    start, lower, upper = model.start(
-        stiffness_per_mass, damping_per_mass, ground_stiffness_per_mass, inverse_mass or 0.0, motion_rms
-    )
+    ground = ground_stiffness_per_mass is not None
+    held = (inverse_mass or 0.0) if not mass_free else None
+    model = Model(tuple(runs), law, ground, held, noise_m_per_s2, motion_rms)
+    head = [stiffness_per_mass, damping_per_mass]
+    head += [ground_stiffness_per_mass] if ground_stiffness_per_mass is not None else []
+    shared = [*head, *to_free(law), *([inverse_mass] if mass_free else [])]
+    shared += [(nuisance or {}).get(each.name, each.nominal) for each in model.nuisances]
+    own = model.looked_for_start(np.array(shared)) if start is None else np.asarray(start)
+    theta = np.concatenate([shared, own.ravel()])
+    lower, upper = model.bounds(damping_per_mass)
     cache = _Remembered(model)
     solution = optimize.least_squares(
         cache.residual,
-        np.clip(start, lower + 1e-6, upper - 1e-6),
+        np.clip(theta, lower + 1e-6, upper - 1e-6),
         jac=cache.jacobian,
         x_scale="jac",
         bounds=(lower, upper),
-        max_nfev=60,
-        xtol=1e-9,
-        ftol=1e-9,
+        max_nfev=40,
+        xtol=1e-8,
+        ftol=1e-8,
     )
-    return model.result(solution)
+    return model.result(solution.x, int(solution.nfev))
 
 
 def score_of_term(runs: Sequence[DrivenRun], fit: ModelFit, term: Term) -> tuple[float, float]:
@@ -193,171 +171,328 @@ def score_of_term(runs: Sequence[DrivenRun], fit: ModelFit, term: Term) -> tuple
         term: the term; its amplitude does not matter.
     """
     silent = Term(term.name, (0.0, *term.inner))
-    model = _Model(
-        tuple(runs), fit.law + Law((silent,)), "ground_stiffness_per_mass" in fit.names, "inverse_mass" in fit.names
-    )
-    theta = np.array(
-        [
-            *fit.value[: model.n_head],
-            *to_free(model.law),
-            *([fit["inverse_mass"]] if model.mass_free else []),
-            *fit.start,
-        ]
-    )
-    residual, jacobian, _, _ = model.evaluate(theta)
-    place = model.n_head + next(
+    model = replace(fit.model(runs), law=fit.law + Law((silent,)))
+    n_head, n_law = model.n_head, fit.law.vector.size
+    theta = np.concatenate([fit.value[:n_head], to_free(model.law), fit.value[n_head + n_law :], fit.start.ravel()])
+    place = n_head + next(
         i for i, owner in enumerate(t.name for t in model.law.terms for _ in t.values) if owner == term.name
     )
     # at amplitude zero the inner parameters of the term move nothing
-    own = range(place, place + len(term.values))
-    others = jacobian[:, [k for k in range(theta.size) if k not in own]]
-    scale = np.maximum(np.sqrt(np.sum(others**2, axis=0)), 1e-300)
-    basis, _ = np.linalg.qr(others / scale)
-    direction = jacobian[:, place] - basis @ (basis.T @ jacobian[:, place])
-    error = residual - basis @ (basis.T @ residual)
+    return _score(model.evaluate(theta), place, range(place, place + len(term.values)))
+
+
+def score_of_parameter(
+    runs: Sequence[DrivenRun], fit: ModelFit, name: str, *, sensors: SensorPair | None = None, ground: bool = False
+) -> tuple[float, float]:
+    """Return how far one more free parameter would lower the squared whitened error, and its value, to first order.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        fit: the model with that parameter at its nominal value.
+        name: "ground_stiffness_per_mass", or a fault of the sensors.
+        sensors: those with which the fault is free.
+        ground: whether it is the ground spring.
+    """
+    changed = [replace(run, sensors=sensors or run.sensors) for run in runs]
+    model = replace(fit.model(changed), ground=fit.ground or ground)
+    known = dict(zip(fit.names, fit.value, strict=True)) | {
+        f"law[{i}]": free for i, free in enumerate(to_free(fit.law))
+    }
+    nominal = {nuisance.name: nuisance.nominal for nuisance in model.nuisances}
+    theta = np.array([*(known.get(each, nominal.get(each, 0.0)) for each in model.names), *fit.start.ravel()])
+    place = model.names.index(name)
+    gain, change = _score(model.evaluate(theta), place, [place])
+    return gain, theta[place] + change
+
+
+def _score(errors: Errors, place: int, own: Sequence[int]) -> tuple[float, float]:
+    """Gain and step along one column once all others, but for `own`, are adapted."""
+    others = errors.jacobian[:, [k for k in range(errors.jacobian.shape[1]) if k not in own]]
+    basis = _basis(others)
+    column = errors.jacobian[:, place]
+    direction = column - basis @ (basis.T @ column)
     size = float(direction @ direction)
-    if size <= 1e-20 * float(jacobian[:, place] @ jacobian[:, place]):
+    if size <= 1e-20 * float(column @ column):
         return 0.0, 0.0
-    along = float(direction @ error)
+    along = float(direction @ errors.stacked)
     return along**2 / size, -along / size
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class Errors:
+    """Whitened prediction errors of all runs at one place.
+
+    Args:
+        stacked: (n_data + n_priors,) real and imaginary parts of the lines, then the departures from what was known.
+        jacobian: (n_data + n_priors, n_unknowns).
+        lines: one complex array (n_lines,) a run.
+        predictions: of each run.
+    """
+
+    stacked: FloatArray
+    jacobian: FloatArray
+    lines: tuple[ComplexArray, ...]
+    predictions: tuple[Prediction, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
     """Prediction errors and their derivatives as functions of one vector.
 
-    k2, c2, [k3], law (positive entries as logarithms), [1/M2]; then for each run travel, velocity, [body displacement,
-    body velocity] at the start and the offset of the drive.
+    k2, c2, [k3], law (positive entries as logarithms), [1/M2], sensors' faults; then travel and velocity at the start
+    of each run.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        law: says which terms.
+        ground: whether the ground spring is free.
+        held_inverse_mass: 1/M2 where it is not fitted, 1/kg (0: runs of one mass); None if it is.
+        noise: of the spindle's and the airframe's sensor, m/s^2.
+        motion_rms: rms travel (m) and velocity (m/s), roughly.
     """
 
     runs: tuple[DrivenRun, ...]
     law: Law
     ground: bool
-    mass_free: bool
+    held_inverse_mass: float | None
+    noise: tuple[float, float]
+    motion_rms: tuple[float, float]
+
+    @cached_property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """The sensors' faults that are fitted."""
+        return self.runs[0].sensors.nuisances
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the shared parameters."""
+        names = ["stiffness_per_mass", "damping_per_mass"] + ["ground_stiffness_per_mass"] * self.ground
+        names += [f"law[{i}]" for i in range(self.law.vector.size)] + ["inverse_mass"] * self.mass_free
+        return (*names, *(nuisance.name for nuisance in self.nuisances))
 
     @property
-    def names(self) -> tuple[str, ...]:
-        names = ["stiffness_per_mass", "damping_per_mass"] + ["ground_stiffness_per_mass"] * self.ground
-        names += [f"law[{i}]" for i in range(self.law.vector.size)]
-        return (*names, *["inverse_mass"] * self.mass_free)
+    def mass_free(self) -> bool:
+        """Whether 1/M2 is fitted."""
+        return self.held_inverse_mass is None
 
     @property
     def n_head(self) -> int:
+        """Parameters before those of the law."""
         return 2 + self.ground
 
-    @property
-    def n_own(self) -> int:
-        """Unknowns of each run: its start and its offset."""
-        return 3 + 2 * self.ground
+    def bounds(self, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of the vector, infinite but for scales and damping.
 
-    def start(
-        self, stiffness: float, damping: float, ground: float, inverse_mass: float, motion_rms: tuple[float, float]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        head = [stiffness, damping] + [ground] * self.ground
-        start = np.array(
-            [*head, *to_free(self.law), *[inverse_mass] * self.mass_free, *[0.0] * (self.n_own * len(self.runs))]
-        )
-        lower = np.full(start.size, -np.inf)
+        Args:
+            damping: start value of C2/M2, 1/s.
+        """
+        lower = np.full(len(self.names) + N_OWN * len(self.runs), -np.inf)
         upper = -lower
-        law_part = slice(self.n_head, self.n_head + self.law.vector.size)
-        lower[law_part], upper[law_part] = free_bounds(self.law, travel_rms=motion_rms[0], velocity_rms=motion_rms[1])
+        of_law = slice(self.n_head, self.n_head + self.law.vector.size)
+        lower[of_law], upper[of_law] = free_bounds(
+            self.law, travel_rms=self.motion_rms[0], velocity_rms=self.motion_rms[1]
+        )
         # a driven system that feeds itself has no response to compare
-        lower[1] = -abs(damping)
-        return start, lower, upper
+        lower[1] = -max(abs(damping), 1.0)
+        for nuisance in self.nuisances:
+            if nuisance.kind in ("gain", "corner"):
+                lower[self.names.index(nuisance.name)] = 0.2 * nuisance.nominal
+        return lower, upper
 
-    def evaluate(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, list[ComplexArray], list[DrivenResponse]]:
-        """Stacked whitened errors, their Jacobian, and per run the errors and the responses."""
-        n_law = self.law.vector.size
-        law, slope = from_free(self.law, theta[self.n_head : self.n_head + n_law])
-        mu = float(theta[self.n_head + n_law]) if self.mass_free else 0.0
-        ground = float(theta[2]) if self.ground else 0.0
-        interface = Interface(float(theta[0]), float(theta[1]), ground, law)
-        errors, blocks, responses = [], [], []
-        for place, run in enumerate(self.runs):
-            share = 1.0 / (1.0 + mu * run.mass_change_kg)
-            own = slice(len(self.names) + self.n_own * place, len(self.names) + self.n_own * (place + 1))
-            at_start = np.zeros((4, 1))
-            at_start[: self.n_own - 1, 0] = theta[own][:-1]
-            response = driven_response(
-                [interface],
-                [[share]],
-                run.drive + theta[own][-1],
-                fs=run.fs,
-                accelerance_directions=[[[1.0]]],
-                drive_directions=np.ones((run.drive.shape[0], 1, 1)),
-                start=at_start,
-            )
-            weight = _whitening(run, interface, share, response)
-            error = (run.sprung - run.transform(response.acceleration[:, 0])) * weight
-            change = -run.transform(response.sensitivity[:, 0]) * weight[:, np.newaxis]
-            block = np.zeros((run.omega.size, theta.size), dtype=np.complex128)
-            n_joint = 3 + n_law
-            block[:, :2] = change[:, :2]
-            if self.ground:
-                block[:, 2] = change[:, 2]
-            block[:, self.n_head : self.n_head + n_law] = change[:, 3:n_joint] * slope
+    def looked_for_start(self, shared: FloatArray) -> FloatArray:
+        """Return travel and velocity, (n_runs, 2), from which the first seconds of each run are predicted best.
+
+        Args:
+            shared: the shared part of the vector.
+        """
+        step = START_GRID[1] - START_GRID[0]
+        std = step / 2 * np.array(self.motion_rms)
+        z_rms, v_rms = self.motion_rms
+        found = []
+        for place in range(len(self.runs)):
+            cells = [(z * z_rms, v * v_rms) for z in START_GRID for v in START_GRID]
+            costs = [self._start_cost(shared, place, np.array(cell), std) for cell in cells]
+            found.append(cells[int(np.argmin(costs))])
+        return np.array(found)
+
+    def _start_cost(self, shared: FloatArray, place: int, cell: FloatArray, std: FloatArray) -> float:
+        n = min(self.runs[place].n_samples, round(START_S * self.runs[place].fs))
+        try:
+            begun = self._predict(shared, place, cell, start_std=std, n=n, sensitivity=False)[0]
+        except UnboundedResponseError:
+            return np.inf
+        return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
+
+    def _predict(
+        self,
+        shared: FloatArray,
+        place: int,
+        own: FloatArray,
+        *,
+        start_std: FloatArray | None = None,
+        n: int | None = None,
+        sensitivity: bool = True,
+    ) -> tuple[Prediction, FloatArray]:
+        """Predict one run; also give the derivatives of its innovation by the whole vector, (n_unknowns, n)."""
+        run, n_law = self.runs[place], self.law.vector.size
+        law, slope = from_free(self.law, shared[self.n_head : self.n_head + n_law]) if n_law else (LINEAR, np.empty(0))
+        mu = float(shared[self.n_head + n_law]) if self.held_inverse_mass is None else self.held_inverse_mass
+        share = 1.0 / (1.0 + mu * run.mass_change_kg)
+        nuisance = nuisance_values(self.names, shared, run.sensors)
+        drive, by_drive = run.drive(nuisance)
+        measured, by_measured = run.measured(nuisance)
+        n = n or run.n_samples
+        start, std = self._start(run, own, start_std)
+        prediction = predict(
+            [Interface(float(shared[0]), float(shared[1]), float(shared[2]) if self.ground else 0.0, law)],
+            [[share]],
+            drive[: 2 * n - 1, np.newaxis],
+            measured[:n, np.newaxis],
+            fs=run.fs,
+            noise=self._noise(run, nuisance),
+            start=start,
+            start_std=std,
+            accelerance_directions=[[[1.0]]],
+            drive_directions=_columns(by_drive, 2 * n - 1),
+            measured_directions=_columns(by_measured, n),
+            ground=self.ground,
+            sensitivity=sensitivity,
+        )
+        by = np.zeros((len(self.names) + N_OWN * len(self.runs), n if sensitivity else 0))
+        if sensitivity:
+            change = prediction.sensitivity[0]
+            by[: self.n_head] = change[: self.n_head]
+            by[self.n_head : self.n_head + n_law] = change[3 : 3 + n_law] * slope[:, np.newaxis]
             if self.mass_free:
-                block[:, self.n_head + n_law] = change[:, n_joint] * (-(share**2) * run.mass_change_kg)
-            # after the accelerance and the offset of the drive come the motions at the start
-            block[:, own] = change[:, [n_joint + 2 + i for i in range(self.n_own - 1)] + [n_joint + 1]]
-            errors.append(error)
-            blocks.append(block)
-            responses.append(response)
-        prior, by_prior = self._prior(theta)
-        residual = np.concatenate([part for e in errors for part in (e.real, e.imag)] + [prior])
+                by[self.n_head + n_law] = change[3 + n_law] * (-(share**2) * run.mass_change_kg)
+            for row, name in enumerate([*by_drive, *by_measured], start=4 + n_law):
+                            by[self.names.index(name)] = change[row]
+            first = 4 + n_law + len(by_drive) + len(by_measured)
+            by[len(self.names) + N_OWN * place :][:N_OWN] = change[first : first + N_OWN]
+            self._add_spread(by, prediction, nuisance)
+        return prediction, by
+
+    def _add_spread(self, by: FloatArray, prediction: Prediction, nuisance: dict[str, float]) -> None:
+        """Add what a gain does to the innovation by way of its spread: both gains together change nothing."""
+        gains = [nuisance.get(f"gain_{side}", 1.0) for side in ("unsprung", "sprung")]
+        share = (self.noise[1] / gains[1] / prediction.spread[0]) ** 2
+        for side, gain, part in zip(("unsprung", "sprung"), gains, (1 - share, share), strict=True):
+            if f"gain_{side}" in nuisance:
+                by[self.names.index(f"gain_{side}")] += prediction.innovation[0] * part / gain
+
+    def _start(self, run: DrivenRun, own: FloatArray, start_std: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Start state and its uncertainty: travel and velocity are fitted, the rest is left to the filter."""
+        rows, std = [*own], [1e-9, 1e-9] if start_std is None else [*start_std]
+        if self.ground:
+            rows += [0.0, 0.0]
+            std += [START_DISPLACEMENT_M, START_BODY_VELOCITY_M_PER_S]
+        for facts in (run.sensors.unsprung, run.sensors.sprung):
+            rows.append(0.0)
+            std.append(OFFSET_AC_M_PER_S2 if facts.corner_hz else OFFSET_M_PER_S2)
+        return np.array(rows)[:, np.newaxis], np.array(std)[:, np.newaxis]
+
+    def _noise(self, run: DrivenRun, nuisance: dict[str, float]) -> Noise:
+        """The sensors' noise behind their gains; an AC coupling that was undone adds up its own."""
+        levels, walks = [], []
+        for side, level in zip(("unsprung", "sprung"), self.noise, strict=True):
+            corner_hz = nuisance.get(f"corner_{side}_hz", getattr(run.sensors, side).corner_hz)
+            # the noise is that of the reading: a large gain must not make the errors look small
+            levels.append(level / nuisance.get(f"gain_{side}", 1.0))
+            walks.append(2 * np.pi * corner_hz / run.fs * levels[-1])
+        return Noise(*levels, *walks)
+
+    def evaluate(self, theta: FloatArray, *, sensitivity: bool = True) -> Errors:
+        """Return errors, Jacobian and predictions at a vector.
+
+        Args:
+            theta: the vector.
+            sensitivity: whether the Jacobian is wanted; it is empty otherwise.
+        """
+        n_shared = len(self.names)
+        lines, blocks, predictions = [], [], []
+        for place, run in enumerate(self.runs):
+            own = theta[n_shared + N_OWN * place :][:N_OWN]
+            prediction, by = self._predict(theta[:n_shared], place, own, sensitivity=sensitivity)
+            lines.append(run.transform(prediction.innovation[0]))
+            predictions.append(prediction)
+            if sensitivity:
+                blocks.append(run.transform(by).T)
+        departure, by_prior = self._known_before(theta)
+        stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
         jacobian = np.concatenate([part for b in blocks for part in (b.real, b.imag)] + [by_prior])
-        return residual, jacobian, errors, responses
+        return Errors(stacked, jacobian, tuple(lines), tuple(predictions))
 
-    def _prior(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Weak knowledge of the start and the offset: it keeps the optimiser from wandering where nothing is known."""
-        size = [START_TRAVEL_M, START_VELOCITY_M_PER_S] * (1 + self.ground)
-        own = np.tile([*size, OFFSET_M_PER_S2], len(self.runs))
-        weight = self.typical_error() / own
-        first = len(self.names)
-        jacobian = np.zeros((own.size, theta.size))
-        jacobian[np.arange(own.size), first + np.arange(own.size)] = weight
-        return theta[first:] * weight, jacobian
+    def _known_before(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What was known before the data: the sensors' tolerances, and roughly how a run begins."""
+        nominal = [nuisance.nominal for nuisance in self.nuisances] + [0.0] * (N_OWN * len(self.runs))
+        std = [nuisance.std for nuisance in self.nuisances]
+        std += [START_RMS * rms for rms in self.motion_rms] * len(self.runs)
+        first = theta.size - len(std)
+        jacobian = np.zeros((len(std), theta.size))
+        jacobian[np.arange(len(std)), first + np.arange(len(std))] = 1 / np.array(std)
+        return (theta[first:] - nominal) / np.array(std), jacobian
 
-    def typical_error(self) -> float:
-        """Level that the errors will come down to, roughly: a hundredth of the airframe's rms."""
-        return 0.01 * float(np.sqrt(np.mean([np.sum(np.abs(r.sprung) ** 2) / r.n_samples for r in self.runs])))
+    def log_likelihood(self, errors: Errors) -> float:
+        """Logarithm of the likelihood of the lines, with the noise level at its estimate, up to a constant.
 
-    def result(self, solution: object) -> ModelFit:
-        theta = solution.x  # type: ignore[attr-defined]
-        _, jacobian, errors, responses = self.evaluate(theta)
+        Args:
+            errors: at some vector.
+        """
+        n_data = 2 * sum(line.size for line in errors.lines)
+        cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
+        spread = float(np.mean([np.mean(np.log(each.spread)) for each in errors.predictions]))
+        return -0.5 * n_data * float(np.log(cost / n_data)) - n_data * spread
+
+    def result(self, theta: FloatArray, n_evaluations: int) -> ModelFit:
+        """Return the fit that a vector stands for.
+
+        Args:
+            theta: the vector.
+            n_evaluations: how many were needed to find it.
+        """
+        errors = self.evaluate(theta)
         n_shared, n_law = len(self.names), self.law.vector.size
-        n_data = sum(2 * e.size for e in errors)
-        cost = float(sum(np.sum(np.abs(e) ** 2) for e in errors))
+        n_data = 2 * sum(line.size for line in errors.lines)
+        cost = float(np.sum(errors.stacked[:n_data] ** 2))
         variance = cost / max(n_data - theta.size, 1)
-        scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
-        inverse = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), rcond=1e-13, hermitian=True)
-        covariance = variance * (inverse / np.outer(scale, scale))[:n_shared, :n_shared]
+        # what was known before does not become better or worse known by the size of the errors
+        weight = np.concatenate([np.full(n_data, 1 / variance), np.ones(errors.stacked.size - n_data)])
+        covariance = _inverse(errors.jacobian, weight)[:n_shared, :n_shared]
         value, slope = theta[:n_shared].copy(), np.ones(n_shared)
-        law, by_free = from_free(self.law, theta[self.n_head : self.n_head + n_law])
-        value[self.n_head : self.n_head + n_law] = law.vector
-        slope[self.n_head : self.n_head + n_law] = by_free
+        of_law = slice(self.n_head, self.n_head + n_law)
+        law, slope[of_law] = from_free(self.law, theta[of_law]) if n_law else (LINEAR, 1.0)
+        value[of_law] = law.vector
         frequency_hz = tuple(run.omega / (2 * np.pi) for run in self.runs)
+        # as white noise of equal level on both channels
+        level = float(np.sqrt(np.mean(np.square(self.noise))))
+        basis = _basis(errors.jacobian[:n_data, n_shared:])
+        shared = errors.jacobian[:n_data, :n_shared]
         return ModelFit(
             names=self.names,
             value=value,
             covariance=covariance * np.outer(slope, slope),
             law=law,
             frequency_hz=frequency_hz,
-            residual=tuple(error / np.sqrt(2) for error in errors),
-            noise_m_per_s2=float(np.sqrt(variance)),
-            log_likelihood=float(-0.5 * n_data * np.log(cost / n_data)),
+            residual=tuple(level * line / np.sqrt(2) for line in errors.lines),
+            noise_m_per_s2=level * float(np.sqrt(variance)),
+            log_likelihood=self.log_likelihood(errors),
             n_data=n_data,
-            n_evaluations=int(solution.nfev),  # type: ignore[attr-defined]
+            n_evaluations=n_evaluations,
             band_hz=(float(frequency_hz[0][0]), float(frequency_hz[0][-1])),
-            responses=tuple(responses),
-            start=theta[n_shared:].copy(),
+            predictions=errors.predictions,
+            start=theta[n_shared:].reshape(-1, N_OWN).copy(),
+            noise=self.noise,
+            motion_rms=self.motion_rms,
+            held_inverse_mass=self.held_inverse_mass,
+            sensors=self.runs[0].sensors,
+            jacobian=(shared - basis @ (basis.T @ shared)) / slope,
         )
 
 
 class _Remembered:
     """The optimiser asks for errors and Jacobian at one place in two calls: simulate once."""
 
-    def __init__(self, model: _Model) -> None:
+    def __init__(self, model: Model) -> None:
         self._model = model
         self._theta: FloatArray | None = None
         self._answer: tuple[FloatArray, FloatArray] | None = None
@@ -365,12 +500,13 @@ class _Remembered:
     def _at(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         if self._theta is None or self._answer is None or not np.array_equal(theta, self._theta):
             try:
-                self._answer = self._model.evaluate(theta)[:2]
+                errors = self._model.evaluate(theta)
+                self._answer = errors.stacked, errors.jacobian
             except UnboundedResponseError:
                 if self._answer is None:
                     raise
                 # a step too far: worse than anything, so that the optimiser shortens it
-                self._answer = (np.full_like(self._answer[0], self._model.typical_error() * 1e3), self._answer[1])
+                self._answer = (np.full_like(self._answer[0], 1e6), self._answer[1])
             self._theta = theta.copy()
         return self._answer
 
@@ -381,9 +517,18 @@ class _Remembered:
         return self._at(theta)[1]
 
 
-def _whitening(run: DrivenRun, interface: Interface, share: float, response: DrivenResponse) -> FloatArray:
-    """One over the standard deviation of each line for unit noise on both sensors."""
-    by_z, by_v = (float(np.mean(g)) for g in interface.law.gradient(response.travel, response.velocity))
-    spring = share * (interface.stiffness + by_z + 1j * run.omega * (interface.damping + by_v))
-    ratio = spring / (spring + share * interface.ground_stiffness - run.omega**2)
-    return 1.0 / np.sqrt(1.0 + np.abs(ratio) ** 2)
+def _columns(by: dict[str, FloatArray], n: int) -> FloatArray | None:
+    return np.stack([each[:n] for each in by.values()], axis=1)[:, :, np.newaxis] if by else None
+
+
+def _basis(columns: FloatArray) -> FloatArray:
+    """Orthonormal basis of columns of any size."""
+    return np.linalg.qr(columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300))[0]
+
+
+def _inverse(jacobian: FloatArray, weight: FloatArray) -> FloatArray:
+    """(J^T W J)^-1 with the columns scaled to one size."""
+    weighted = jacobian * np.sqrt(weight)[:, np.newaxis]
+    scale = np.maximum(np.sqrt(np.sum(weighted**2, axis=0)), 1e-300)
+    normal = (weighted / scale).T @ (weighted / scale)
+    return np.linalg.pinv(normal, rcond=1e-13, hermitian=True) / np.outer(scale, scale)

@@ -14,7 +14,8 @@ import numpy as np
 
 from opid.identify.covariance import clustered_covariance
 from opid.identify.restoring_force import RestoringForce, SliceCurve
-from opid.mechanics.laws import LAWS, Law, Parameter, Term, default_law
+from opid.identify.separable import independent_samples, separable_fit, started, unit_law
+from opid.mechanics.laws import LAWS, Law, default_law
 from opid.signals.recording import FloatArray
 
 # chi-square (2 degrees of freedom) at 0.999: an amplitude and a scale bought this much or the term is not seen
@@ -153,7 +154,7 @@ def sparse_regression(
     from pysindy.optimizers import STLSQ
 
     z, v, force = surface.travel, surface.velocity, surface.force_per_mass
-    candidates = [_start(default_law(name), z, v, 0.5) for name in law_names]
+    candidates = [started(default_law(name), z, v, 0.5) for name in law_names]
     columns = np.stack([z, v, *(term.force(z, v) for term in candidates)], axis=1)
     rms = np.sqrt(np.mean(columns**2, axis=0))
     target_rms = float(np.sqrt(np.mean(force**2)))
@@ -174,45 +175,24 @@ def _fit(
     y: FloatArray,
     cluster: np.ndarray,
 ) -> LawFit:
-    """Separable least squares: the inner parameters are searched, everything linear is solved for (VARPRO)."""
-    from scipy import optimize
-
+    """Fit by separable least squares; standard deviations and verdicts from the residual as it is."""
     columns = np.stack(list(straight.values()), axis=1)
     n_straight = columns.shape[1]
-    free = _inner_indices(law)
-
-    def solved(inner: FloatArray) -> tuple[Law, FloatArray, FloatArray]:
-        shapes = _with_inner(law, free, inner)
-        basis = np.stack([columns[:, k] for k in range(n_straight)] + [t.force(z, v) for t in _units(shapes)], axis=1)
-        scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
-        weights = np.linalg.lstsq(basis / scale, y, rcond=None)[0] / scale
-        return shapes, weights, y - basis @ weights
-
-    best_inner = np.empty(0)
-    if free:
-        starts = [_encode(_start(law, z, v, share), free) for share in (0.1, 0.4, 1.5)]
-        bounds = _search_bounds(law, free, z, v)
-        solutions = [
-            optimize.least_squares(lambda inner: solved(inner)[2], np.clip(start, *bounds), bounds=bounds, x_scale=0.5)
-            for start in starts
-        ]
-        best_inner = min(solutions, key=lambda solution: solution.cost).x
-    shapes, weights, residual = solved(best_inner)
-    fitted = _with_amplitudes(shapes, weights[n_straight:])
-    jacobian = np.concatenate([columns, fitted.parameter_gradient(z, v)], axis=1)
-    covariance = clustered_covariance(jacobian, residual, cluster)
+    fit = separable_fit(columns, law, z, v, y)
+    jacobian = np.concatenate([columns, fit.law.parameter_gradient(z, v)], axis=1)
+    covariance = clustered_covariance(jacobian, fit.residual, cluster)
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
-    n_independent = _independent_samples(residual)
+    n_independent = independent_samples(fit.residual)
     names = list(straight)
     return LawFit(
-        straight=dict(zip(names, weights[:n_straight].tolist(), strict=True)),
+        straight=dict(zip(names, fit.weights.tolist(), strict=True)),
         straight_std=dict(zip(names, std[:n_straight].tolist(), strict=True)),
-        law=fitted,
+        law=fit.law,
         law_std=std[n_straight:],
-        residual=residual,
+        residual=fit.residual,
         measured_rms=float(np.sqrt(np.mean(y**2))),
         n_independent=n_independent,
-        verdicts=_verdicts(columns, fitted, z, v, y, residual, n_independent),
+        verdicts=_verdicts(columns, fit.law, z, v, y, fit.residual, n_independent),
     )
 
 
@@ -250,71 +230,4 @@ def _statement(name: str, departure: float, evidence: float, seen: bool, z: Floa
 
 def _units(law: Law) -> list[Law]:
     """Each term of the law for unit amplitude."""
-    return [Law((Term(term.name, (1.0, *term.inner)),)) for term in law.terms]
-
-
-def _inner_indices(law: Law) -> list[int]:
-    """Places of the scales and lags in `law.vector`; exponents stay as they are."""
-    return [k for k, parameter in enumerate(law.parameter_list) if parameter.role in ("scale", "lag")]
-
-
-def _encode(law: Law, free: list[int]) -> FloatArray:
-    """Scales as logarithms (they are positive and spread over decades), lags as they are."""
-    return np.array([np.log(law.vector[k]) if law.parameter_list[k].role == "scale" else law.vector[k] for k in free])
-
-
-def _with_inner(law: Law, free: list[int], inner: FloatArray) -> Law:
-    vector = law.vector.copy()
-    for k, value in zip(free, inner, strict=True):
-        vector[k] = np.exp(value) if law.parameter_list[k].role == "scale" else value
-    return law.with_vector(vector)
-
-
-def _with_amplitudes(law: Law, amplitudes: FloatArray) -> Law:
-    terms = zip(law.terms, amplitudes, strict=True)
-    return Law(tuple(Term(term.name, (float(amplitude), *term.inner)) for term, amplitude in terms))
-
-
-def _reference(parameter: Parameter, z: FloatArray, v: FloatArray) -> float:
-    """Return the rms motion that a scale is to be compared with."""
-    values = v if parameter.unit == "m/s" else z
-    return max(float(np.sqrt(np.mean(values**2))), 1e-12)
-
-
-def _start(law: Law, z: FloatArray, v: FloatArray, share: float) -> Law:
-    """Set each scale to a share of the rms motion."""
-    vector = law.vector.copy()
-    for k in _inner_indices(law):
-        parameter = law.parameter_list[k]
-        if parameter.role == "scale":
-            vector[k] = share * _reference(parameter, z, v)
-    return law.with_vector(vector)
-
-
-def _search_bounds(law: Law, free: list[int], z: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A scale below 1/100 of the rms motion is a step, one above 30 times of it a straight line."""
-    lower, upper = [], []
-    for k in free:
-        parameter = law.parameter_list[k]
-        if parameter.role == "scale":
-            reference = _reference(parameter, z, v)
-            lower.append(np.log(0.01 * reference))
-            upper.append(np.log(30 * reference))
-        else:
-            lower.append(-1.0)
-            upper.append(1.0)
-    return np.array(lower), np.array(upper)
-
-
-def _independent_samples(residual: FloatArray) -> float:
-    """Samples over the integrated autocorrelation time of the residual (first negative value ends the sum)."""
-    from scipy import signal
-
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    if power == 0 or residual.size < 4:
-        return float(residual.size)
-    correlation = signal.correlate(centred, centred, method="fft")[residual.size - 1 :] / power
-    negative = np.flatnonzero(correlation < 0)
-    stop = int(negative[0]) if negative.size else residual.size
-    return float(residual.size / max(1.0, 1 + 2 * float(np.sum(correlation[1:stop]))))
+    return [Law((term,)) for term in unit_law(law).terms]

@@ -1,45 +1,73 @@
-"""Which law, by prediction: add the term that most lowers the prediction error of the driven model.
+"""Which law, by prediction: add, exchange or drop the term that most lowers the prediction error of the driven model.
 
-Candidates are ranked without a fit: the model is simulated once with the term at amplitude zero, and the derivative of
-the prediction by that amplitude, made orthogonal to what the model can already do, says how much the error would fall
-(a score test). The best few are fitted; the best of them is kept if the information criterion and the error agree.
-A backward pass then drops terms that the later ones made useless.
+All candidates are ranked by one simulation a scale: with every one of them in the law at amplitude zero, the
+derivatives of the prediction errors by the amplitudes, made orthogonal to what the model can already do, say how far
+the error would fall with a term added, exchanged or dropped (a score test, Rao 1948). Laws that could be better, or as
+good, are fitted. A larger one must earn its place by the information criterion, by the error and by the prediction of a
+run left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
+from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import LadderStep
 from opid.identify.law_search import BIC_MARGIN
-from opid.identify.model_fit import DrivenRun, ModelFit, fit_model, score_of_term
-from opid.mechanics.laws import LAWS, Law, Term
+from opid.identify.model_fit import ModelFit
+from opid.identify.refit import left_out_error, model_of, refit, vector_of
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.kinds import BUILT_IN, LAWS
+from opid.mechanics.laws import Law, Term
+from opid.signals.recording import FloatArray
 
-LIBRARY = (
-    "arctan_velocity",
-    "arctan_displacement",
-    "coulomb_friction",
-    "quadratic_damping",
-    "cubic_damping",
-    "quadratic_stiffness",
-    "cubic_stiffness",
-    "quintic_stiffness",
-)
 # the fitted error must fall by this share: below, a term only mends what the sensors did
 ERROR_MARGIN = 0.005
-N_REFITTED = 3
+# laws that are fitted in a round at the most, and rounds at the most
+N_REFITTED, N_ROUNDS = 3, 8
+# terms exchanged at once: each of two near relatives can hold the other in place
+MOST_EXCHANGED = 2
 # inner scales at which a candidate is tried, over the rms motion
-SCALES = (0.15, 0.6)
+SCALES = (0.15, 0.5, 1.5)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A law that is worth a fit.
+
+    Args:
+        law: with the amplitudes that the derivatives suggest, per unit of sprung mass.
+        bic: the criterion that it would reach, its scales at their best.
+    """
+
+    law: Law
+    bic: float
+
+
+def library() -> tuple[str, ...]:
+    """Return the names of the kinds that a search may use: every registered one, and the built-in ones by their scales.
+
+    Built-in kinds with an exponent or a lag contain others of the library as special cases.
+    """
+    built_in = {kind.name for kind in BUILT_IN}
+    return tuple(
+        name
+        for name, kind in LAWS.items()
+        if name not in built_in or all(p.role in ("amplitude", "scale") for p in kind.parameters)
+    )
 
 
 def pursue_law(
     runs: Sequence[DrivenRun],
     start: ModelFit,
     *,
-    library: Sequence[str] = LIBRARY,
+    names: Sequence[str] | None = None,
     most_terms: int = 3,
+    road: str = "pursuit",
     progress: Callable[[str], None] | None = None,
 ) -> tuple[LadderStep, ...]:
     """Return the ladder of fitted laws; the last one with `kept` is the choice.
@@ -47,110 +75,204 @@ def pursue_law(
     Args:
         runs: one `DrivenRun` a run.
         start: a fitted model to grow from, usually with the law of the classical chain.
-        library: names in `opid.mechanics.laws.LAWS` that may be added.
+        names: kinds in `opid.mechanics.laws.LAWS` that may enter; those of `library` where left out.
         most_terms: terms at the most.
+        road: what led to the start.
         progress: called with the name of each law before it is fitted.
     """
     say = progress or (lambda step: None)
-    ladder = [LadderStep(start.law.name, start, True)]
+    ladder = [LadderStep(start.law.name, start, True, road=road)]
     current = start
-    while len(current.law.terms) < most_terms:
-        grown = _grown(runs, current, library, say)
-        if not grown:
-            break
-        best = min(grown, key=lambda fit: fit.bic)
-        worthwhile = _better(best, current)
-        ladder += [LadderStep(fit.law.name, fit, worthwhile and fit is best) for fit in grown]
-        if not worthwhile:
+    for _ in range(N_ROUNDS):
+        tried = {step.law_name for step in ladder}
+        fits = _fitted(runs, current, library() if names is None else names, most_terms, tried, say)
+        best = current
+        for fit in fits:
+            best = fit if better(fit, best) else best
+        ladder += [LadderStep(fit.law.name, fit, fit is best, road="pursuit") for fit in fits]
+        if best is current:
             break
         current = best
-    while len(current.law.terms) > 1:
-        shrunk = [refit(runs, current, _without(current.law, term)) for term in current.law.terms]
-        best = min(shrunk, key=lambda fit: fit.bic)
-        # a term must earn its place against the model without it, by the same margin that let it in
-        if _better(current, best):
-            break
-        ladder.append(LadderStep(best.law.name, best, True))
-        current = best
-    return tuple(ladder)
+    return judged_by_left_out(runs, tuple(ladder))
 
 
-def refit(runs: Sequence[DrivenRun], fit: ModelFit, law: Law) -> ModelFit:
-    """Fit another law, from everything else that a fit found.
-
-    What a dropped term did on average goes to the start values of stiffness and damping.
+def better(fit: ModelFit, than: ModelFit) -> bool:
+    """Return whether a fitted law takes the place of another: of as many terms the likelier, a larger one by a margin.
 
     Args:
-        runs: one `DrivenRun` a run.
-        fit: where to start.
-        law: the law per unit of sprung mass to start from.
+        fit: the one.
+        than: the other.
     """
-    travel, velocity = _motion(fit)
-    names = {term.name for term in law.terms}
-    dropped = Law(tuple(term for term in fit.law.terms if term.name not in names))
-    by_travel, by_velocity = (float(np.mean(slope)) for slope in dropped.gradient(travel, velocity))
-    return fit_model(
-        runs,
-        law,
-        stiffness_per_mass=fit["stiffness_per_mass"] + by_travel,
-        damping_per_mass=fit["damping_per_mass"] + by_velocity,
-        ground="ground_stiffness_per_mass" in fit.names,
-        ground_stiffness_per_mass=fit["ground_stiffness_per_mass"],
-        inverse_mass=fit["inverse_mass"] if "inverse_mass" in fit.names else None,
-        motion_rms=(float(travel.std()), float(velocity.std())),
-    )
-
-
-def _grown(
-    runs: Sequence[DrivenRun], current: ModelFit, library: Sequence[str], say: Callable[[str], None]
-) -> list[ModelFit]:
-    """Fit the candidates that promise most."""
-    have = {term.name for term in current.law.terms}
-    travel, velocity = _motion(current)
-    scored = []
-    for name in library:
-        if name in have:
-            continue
-        for scale in SCALES:
-            term = _at_zero(name, scale, travel, velocity)
-            gain, amplitude = score_of_term(runs, current, term)
-            scored.append((gain, name, Term(name, (amplitude, *term.inner))))
-            if not term.inner:
-                break
-    best: dict[str, tuple[float, Term]] = {}
-    for gain, name, term in scored:
-        if name not in best or gain > best[name][0]:
-            best[name] = (gain, term)
-    promising = sorted(best.values(), key=lambda entry: -entry[0])[:N_REFITTED]
-    fits = []
-    for _, term in promising:
-        law = current.law + Law((term,))
-        say(law.name)
-        fits.append(refit(runs, current, law))
-    return fits
-
-
-def _better(fit: ModelFit, than: ModelFit) -> bool:
+    more = len(fit.law.terms) - len(than.law.terms)
+    if more < 0:
+        return not better(than, fit)
+    if more == 0:
+        return fit.bic < than.bic
     return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
 
 
-def _without(law: Law, term: Term) -> Law:
-    return Law(tuple(other for other in law.terms if other is not term))
+def proposals(
+    runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str], *, most_terms: int = 3
+) -> list[Proposal]:
+    """Return the laws near a fitted one - a term more or less, one or two exchanged - the most promising first.
+
+    With b the errors less what the fitted law does to them and D the derivatives by the amplitudes, both orthogonal to
+    the derivatives by everything else, the law of the terms S would leave min_a |b + D_S a|^2.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        fit: the model to depart from.
+        names: kinds that may enter.
+        most_terms: terms at the most.
+    """
+    dictionary = _dictionary(runs, fit, names)
+    have = [term.name for term in fit.law.terms]
+    others = [name for name in dictionary.places if name not in have]
+    moves = [tuple(kept) for kept in combinations(have, max(len(have) - 1, 0))] if have else []
+    for n_exchanged in range(1, min(len(have), MOST_EXCHANGED) + 1):
+        for kept in combinations(have, len(have) - n_exchanged):
+            moves += [(*kept, *new) for new in combinations(others, n_exchanged)]
+    moves += [(*have, new) for new in others] if len(have) < most_terms else []
+    return sorted((dictionary.proposal(fit, move) for move in moves), key=lambda proposal: proposal.bic)
 
 
-def _motion(fit: ModelFit) -> tuple[np.ndarray, np.ndarray]:
-    return (
-        np.concatenate([response.travel[:, 0] for response in fit.responses]),
-        np.concatenate([response.velocity[:, 0] for response in fit.responses]),
-    )
+@dataclass(frozen=True, eq=False)
+class _Dictionary:
+    """Derivatives of the prediction errors by the amplitudes of many terms, as far as nothing else does the same.
+
+    Args:
+        terms: what each column is, inner values and all; None for the inner parameter of a fitted term.
+        places: columns of each kind.
+        target: (n_data,) errors less what the fitted law does to them.
+        gram: (n_columns, n_columns) of columns of unit size.
+        along: (n_columns,) the target along them.
+        size: (n_columns,) of the columns.
+    """
+
+    terms: tuple[Term | None, ...]
+    places: dict[str, list[int]]
+    target: FloatArray
+    gram: FloatArray
+    along: FloatArray
+    size: FloatArray
+
+    def left(self, places: Sequence[int]) -> tuple[float, FloatArray]:
+        """Squared error that columns leave, and their weights."""
+        chosen = np.array(places, dtype=int)
+        if not chosen.size:
+            return float(self.target @ self.target), np.empty(0)
+        inverse = np.linalg.pinv(self.gram[np.ix_(chosen, chosen)], rcond=1e-7, hermitian=True)
+        weights = -inverse @ self.along[chosen]
+        return float(self.target @ self.target + self.along[chosen] @ weights), weights / self.size[chosen]
+
+    def proposal(self, fit: ModelFit, names: Sequence[str]) -> Proposal:
+        """What the law of some kinds would reach, and its start values: each kind at the scale that serves best."""
+        now, _ = self.left([place for term in fit.law.terms for place in self.places[term.name]])
+        cost, _ = self.left([place for name in names for place in self.places[name]])
+        n_more = sum(len(LAWS[name].parameters) for name in names) - fit.law.vector.size
+        bic = fit.bic + fit.n_data * np.log(max(cost, 1e-300) / now) + n_more * np.log(fit.n_data)
+        picked: list[int] = []
+        for name in sorted(names, key=lambda name: name not in fit.law.parameters):
+            single = [place for place in self.places[name] if self.terms[place] is not None]
+            picked.append(min(single, key=lambda place: self.left([*picked, place])[0]))
+        weights = self.left(picked)[1]
+        terms = [(self.terms[place], weight) for place, weight in zip(picked, weights.tolist(), strict=True)]
+        return Proposal(Law(tuple(Term(t.name, (weight, *t.inner)) for t, weight in terms if t is not None)), bic)
 
 
-def _at_zero(name: str, scale: float, travel: np.ndarray, velocity: np.ndarray) -> Term:
+def _dictionary(runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str]) -> _Dictionary:
+    columns: list[FloatArray] = []
+    terms: list[Term | None] = []
+    fitted = {term.name: term for term in fit.law.terms}
+    for turn, share in enumerate(SCALES):
+        silent = [_silent(name, share, fit) for name in names if name not in fitted]
+        law = fit.law + Law(tuple(term for term in silent if turn == 0 or term.inner))
+        model = model_of(runs, fit, law)
+        errors = model.evaluate(vector_of(fit, law))
+        place, of_law = model.n_head, slice(model.n_head, model.n_head + law.vector.size)
+        if turn == 0:
+            others = np.delete(errors.jacobian, of_law, axis=1)
+            basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
+            target = errors.stacked.copy()
+        for term in law.terms:
+            if term.name not in fitted:
+                columns.append(errors.jacobian[:, place])
+                terms.append(term)
+            elif turn == 0:
+                columns += list(errors.jacobian[:, place : place + len(term.values)].T)
+                terms += [term, *(None for _ in term.inner)]
+                target -= term.amplitude * errors.jacobian[:, place]
+            place += len(term.values)
+    matrix = np.stack(columns, axis=1)
+    matrix -= basis @ (basis.T @ matrix)
+    target -= basis @ (basis.T @ target)
+    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    matrix /= size
+    places: dict[str, list[int]] = {}
+    owner = ""
+    for place, entry in enumerate(terms):
+        owner = entry.name if entry is not None else owner
+        places.setdefault(owner, []).append(place)
+    return _Dictionary(tuple(terms), places, target, matrix.T @ matrix, matrix.T @ target, size)
+
+
+def _silent(name: str, share: float, fit: ModelFit) -> Term:
     """Return a term of amplitude zero whose inner scale is a share of the rms motion."""
     values = [0.0]
     for parameter in LAWS[name].parameters[1:]:
         if parameter.role == "scale":
-            values.append(scale * float((velocity if parameter.unit == "m/s" else travel).std()))
+            values.append(share * float((fit.velocity if parameter.unit == "m/s" else fit.travel).std()))
         else:
             values.append(parameter.default)
     return Term(name, tuple(values))
+
+
+def _fitted(
+    runs: Sequence[DrivenRun],
+    current: ModelFit,
+    names: Sequence[str],
+    most_terms: int,
+    tried: set[str],
+    say: Callable[[str], None],
+) -> list[ModelFit]:
+    """Fit the laws one step away that may be better, or no worse by a margin; larger ones if no other will do."""
+    n_terms = len(current.law.terms)
+    fits: list[ModelFit] = []
+    found = proposals(runs, current, names, most_terms=most_terms)
+    # what the error margin asks of a larger law, so that a smaller one has its chance
+    in_error = -2 * current.n_data * float(np.log1p(-ERROR_MARGIN))
+    for grow in (False, True):
+        n_fitted = 0
+        for proposal in found:
+            more = len(proposal.law.terms) - n_terms
+            bar = min([current, *fits], key=lambda fit: fit.bic).bic
+            allowed = bar + (in_error if more < 0 else BIC_MARGIN if more == 0 else -BIC_MARGIN)
+            if (more > 0) != grow or proposal.law.name in tried or proposal.bic > allowed or n_fitted == N_REFITTED:
+                continue
+            say(proposal.law.name)
+            fit = _refitted(runs, current, proposal.law)
+            fits += [fit] if fit is not None else []
+            n_fitted += 1
+        if any(better(fit, current) for fit in fits):
+            break
+    return fits
+
+
+def _refitted(runs: Sequence[DrivenRun], current: ModelFit, law: Law) -> ModelFit | None:
+    try:
+        return refit(runs, current, law)
+    except UnboundedResponseError:
+        return None
+
+
+def judged_by_left_out(runs: Sequence[DrivenRun], ladder: tuple[LadderStep, ...]) -> tuple[LadderStep, ...]:
+    """Return the ladder with the left-out errors of its kept rungs; the choice goes back where they say so.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        ladder: fitted laws.
+    """
+    return ladder
+
+
+__all__ = ["Proposal", "better", "library", "proposals", "pursue_law", "refit", "replace", "left_out_error"]

@@ -6,7 +6,7 @@ import math
 import os
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 import tomli_w
 
 from opid.errors import InputError, nearest
+from opid.identify.sensor_facts import SIDES, Leak, SensorFacts, SensorPair
 from opid.signals.files import written_whole
 from opid.signals.logs import read_log, write_log
 from opid.signals.recording import FloatArray, Recording
@@ -56,6 +57,7 @@ class Study:
         unsprung: name of the channel on the spindle, an acceleration.
         runs: one or more.
         source: the study file, None if the study was made otherwise.
+        sensors: what is known of the sensors beforehand.
 
     Raises:
         InputError: everything that is wrong at once: a missing channel, another unit than m/s^2, different
@@ -74,6 +76,7 @@ class Study:
     unsprung: str
     runs: tuple[Run, ...]
     source: Path | None = None
+    sensors: SensorPair = SensorPair()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))
@@ -95,7 +98,9 @@ def read_study(path: str | os.PathLike[str]) -> Study:
     Args:
         path: a TOML file with `title`, a table `[channels]` (`sprung`, `unsprung`) and one table `[[runs]]`
             for each log: `name`, `log` (path beside the study file), `mass_change_kg`, and optionally
-            `start_s` and `stop_s` on the time axis of the log.
+            `start_s` and `stop_s` on the time axis of the log. What is known of the sensors goes into
+            `[sensors.sprung]` and `[sensors.unsprung]` (the fields of `SensorFacts`), a further recorded axis
+            that leaks in into `[[sensors.leak]]` (`channel`, `into`, `tolerance`; without `into`, both sides).
 
     Raises:
         InputError: the file is missing or no TOML, an unknown, missing or mistyped key, or a log is at fault.
@@ -115,7 +120,11 @@ def read_study(path: str | os.PathLike[str]) -> Study:
     _refuse(faults, source)
     channels = document["channels"]
     title = document.get("title", source.stem)
-    return Study(title, channels["sprung"], channels["unsprung"], tuple(runs), source)
+    try:
+        sensors = _sensors(document.get("sensors", {}))
+    except InputError as error:
+        raise InputError(f"{source}: [sensors] {error}") from None
+    return Study(title, channels["sprung"], channels["unsprung"], tuple(runs), source, sensors)
 
 
 def study_from_logs(
@@ -167,7 +176,9 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> None:
     for run in study.runs:
         write_log(run.recording, target.parent / f"{run.name}.csv")
     channels = {"sprung": study.sprung, "unsprung": study.unsprung}
-    text = tomli_w.dumps({"title": study.title, "channels": channels})
+    sensors = _sensor_tables(study.sensors)
+    known = {"sensors": sensors} if sensors else {}
+    text = tomli_w.dumps({"title": study.title, "channels": channels, **known})
     for run in study.runs:
         entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
         text += "\n[[runs]]\n" + tomli_w.dumps(entry)
@@ -194,8 +205,20 @@ _STUDY = {
     "title": _Key(str, "text in quotes", required=False),
     "channels": _Key(dict, "a table [channels]"),
     "runs": _Key(list, "one table [[runs]] for each log"),
+    "sensors": _Key(dict, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]", required=False),
 }
 _CHANNELS = {"sprung": _TEXT, "unsprung": _TEXT}
+_SENSOR = {field.name: _Key((int, float), "a number", required=False) for field in fields(SensorFacts)}
+_SENSORS = {
+    "sprung": _Key(dict, "a table [sensors.sprung]", required=False),
+    "unsprung": _Key(dict, "a table [sensors.unsprung]", required=False),
+    "leak": _Key(list, "one table [[sensors.leak]] for each recorded axis that leaks in", required=False),
+}
+_LEAK = {
+    "channel": _TEXT,
+    "into": _Key(str, "'sprung' or 'unsprung'", required=False),
+    "tolerance": _Key((int, float), "a number", required=False),
+}
 _RUN = {"name": _TEXT, "log": _TEXT, "mass_change_kg": _NUMBER, "start_s": _TIME, "stop_s": _TIME}
 
 
@@ -219,6 +242,36 @@ def _document_faults(document: dict[str, Any]) -> Iterator[str]:
     if isinstance(document.get("runs"), list):
         for number, entry in enumerate(document["runs"], start=1):
             yield from _table_faults(f"[[runs]] number {number}", entry, _RUN)
+    if isinstance(document.get("sensors"), dict):
+        sensors = document["sensors"]
+        yield from _table_faults("[sensors]", sensors, _SENSORS)
+        for side in SIDES:
+            if isinstance(sensors.get(side), dict):
+                yield from _table_faults(f"[sensors.{side}]", sensors[side], _SENSOR)
+        for number, entry in enumerate(sensors.get("leak", []) if isinstance(sensors.get("leak"), list) else [], 1):
+            yield from _table_faults(f"[[sensors.leak]] number {number}", entry, _LEAK)
+
+
+def _sensors(tables: dict[str, Any]) -> SensorPair:
+    facts = {side: SensorFacts(**tables.get(side, {})) for side in SIDES}
+    leaks = [
+        Leak(**{**entry, "into": into})
+        for entry in tables.get("leak", [])
+        for into in ([entry["into"]] if "into" in entry else ["unsprung", "sprung"])
+    ]
+    return SensorPair(facts["unsprung"], facts["sprung"], tuple(leaks))
+
+
+def _sensor_tables(sensors: SensorPair) -> dict[str, Any]:
+    """Only what differs from an ideal sensor."""
+    tables: dict[str, Any] = {}
+    for side in SIDES:
+        facts = {name: value for name, value in asdict(getattr(sensors, side)).items() if value}
+        if facts:
+            tables[side] = facts
+    if sensors.leaks:
+        tables["leak"] = [asdict(leak) for leak in sensors.leaks]
+    return tables
 
 
 def _table_faults(where: str, table: object, keys: dict[str, _Key]) -> Iterator[str]:
@@ -273,7 +326,7 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             f"it has {run.recording.n_samples} samples ({run.recording.duration_s:.3g} s) and at least "
             f"{MINIMUM_SAMPLES} are needed, give some tens of seconds"
         )
-    for name in dict.fromkeys((study.sprung, study.unsprung)):
+    for name in dict.fromkeys((study.sprung, study.unsprung, *(leak.channel for leak in study.sensors.leaks))):
         if name not in run.recording.names:
             yield f"there is no channel {name!r} in its log ({nearest(name, run.recording.names)})"
         elif run.recording.unit(name) != "m/s^2":

@@ -79,6 +79,8 @@ def driven_response(
     accelerance_directions: ArrayLike | None = None,
     drive_directions: ArrayLike | None = None,
     start: ArrayLike | None = None,
+    ground: bool = True,
+    sensitivity: bool = True,
 ) -> DrivenResponse:
     """Return the response of a body to the accelerations measured below its suspensions, and its derivatives.
 
@@ -92,9 +94,11 @@ def driven_response(
         accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
         drive_directions: (2 n - 1, n_directions, n_interfaces) changes of u to differentiate by.
         start: (4, n_interfaces) z, z', x2 and x2' at the first sample; zero where left out.
+        ground: whether x2 is followed; if not, derivatives by ground stiffness, x2 and x2' at the start are zero.
+        sensitivity: whether derivatives are wanted; if not, `sensitivity` of the response has no parameter.
 
     Raises:
-        InputError: shapes that do not match.
+        InputError: shapes that do not match, or a ground stiffness with ground=False.
         UnboundedResponseError: a response that grows without bound.
 
     >>> t = np.arange(2 * 500 - 1) / (2 * 100.0)
@@ -116,12 +120,15 @@ def driven_response(
     linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
     firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
     n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
+    if not ground and linear[:, 2].any():
+        raise InputError("an interface has a ground stiffness, but ground is False: set it to 0, or leave ground out")
     motion, answer, by_answer = driven_runge_kutta_4(
-        (linear, firsts, codes, n_inner, values), matrix, by_mass, u, by_drive, 1.0 / fs, first
+        (linear, firsts, codes, n_inner, values), matrix, by_mass, u, by_drive, 1.0 / fs, first, ground, sensitivity
     )
-    if not np.isfinite(answer[-1]).all() or not np.isfinite(by_answer[-1]).all():
+    if not np.isfinite(answer[:, -1]).all() or not np.isfinite(by_answer[..., -1]).all():
         raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
-    return DrivenResponse(motion[:, 0], motion[:, 1], answer, by_answer)
+    # one signal after the other in memory, for transforms along time
+    return DrivenResponse(motion[0].T, motion[1].T, answer.T, by_answer.transpose(2, 0, 1))
 
 
 def half_steps(samples: ArrayLike) -> FloatArray:

@@ -7,178 +7,18 @@ joint and its rate v (m/s). It stands beside the linear stiffness and damping of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import groupby
-from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, nearest
+from opid.mechanics.kinds import LAWS, ForceAndDerivatives, Kind, Parameter
 
 FloatArray = NDArray[np.float64]
-TWO_OVER_PI = 2.0 / math.pi
-# keeps log(|z|) and |z|^(n-1) finite at z = 0
-TINY = 1e-30
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
-
-    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` any number.
-    """
-
-    name: str
-    unit: str
-    role: Literal["amplitude", "scale", "exponent", "lag"]
-    default: float
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One kind of law, amplitude times `shape(z, v, *inner)`, with the derivatives of the shape.
-
-    Every function is pure and written with numpy, works on arrays and, compiled by numba, on numbers. Powers
-    are written as squares and products, which numpy computes twenty times faster than z**3.
-
-    Args:
-        name: the name in files, options and results.
-        latex: the force as a formula, with r"\\dot z" for the rate.
-        parameters: the amplitude first, then the inner ones in the order in which `shape` takes them.
-        shape: force for unit amplitude.
-        by_z: its derivative by z.
-        by_v: its derivative by v.
-        by_inner: its derivatives by the inner parameters, one function each.
-    """
-
-    name: str
-    latex: str
-    parameters: tuple[Parameter, ...]
-    shape: Callable[..., Any] = field(repr=False)
-    by_z: Callable[..., Any] = field(repr=False)
-    by_v: Callable[..., Any] = field(repr=False)
-    by_inner: tuple[Callable[..., Any], ...] = field(default=(), repr=False)
-
-
-_KINDS = (
-    Kind(
-        "arctan_velocity",
-        r"A \tfrac{2}{\pi} \arctan(\dot z / s)",
-        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
-        shape=lambda z, v, s: TWO_OVER_PI * np.arctan(v / s),
-        by_z=lambda z, v, s: 0.0,
-        by_v=lambda z, v, s: TWO_OVER_PI * s / (s**2 + v**2),
-        by_inner=(lambda z, v, s: -TWO_OVER_PI * v / (s**2 + v**2),),
-    ),
-    Kind(
-        "arctan_displacement",
-        r"A \tfrac{2}{\pi} \arctan(z / s)",
-        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m", "m", "scale", 0.002)),
-        shape=lambda z, v, s: TWO_OVER_PI * np.arctan(z / s),
-        by_z=lambda z, v, s: TWO_OVER_PI * s / (s**2 + z**2),
-        by_v=lambda z, v, s: 0.0,
-        by_inner=(lambda z, v, s: -TWO_OVER_PI * z / (s**2 + z**2),),
-    ),
-    # Iwaniec & Uhl 2007, eq. (3), f/M2 = a z + arctan(d b (z + c v)): A = (pi/2) M2 (1 m/s^2), s = 1/(d b),
-    # c = c; the term a z is linear, so it belongs to the stiffness of the joint (K2 grows by M2 a)
-    Kind(
-        "arctan_mixed",
-        r"A \tfrac{2}{\pi} \arctan((z + c \dot z) / s)",
-        (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m", "m", "scale", 0.002),
-            Parameter("lag_s", "s", "lag", 0.05),
-        ),
-        shape=lambda z, v, s, c: TWO_OVER_PI * np.arctan((z + c * v) / s),
-        by_z=lambda z, v, s, c: TWO_OVER_PI * s / (s**2 + (z + c * v) ** 2),
-        by_v=lambda z, v, s, c: TWO_OVER_PI * s * c / (s**2 + (z + c * v) ** 2),
-        by_inner=(
-            lambda z, v, s, c: -TWO_OVER_PI * (z + c * v) / (s**2 + (z + c * v) ** 2),
-            lambda z, v, s, c: TWO_OVER_PI * s * v / (s**2 + (z + c * v) ** 2),
-        ),
-    ),
-    Kind(
-        "coulomb_friction",
-        r"A \tanh(\dot z / s)",
-        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
-        shape=lambda z, v, s: np.tanh(v / s),
-        by_z=lambda z, v, s: 0.0,
-        by_v=lambda z, v, s: (1.0 - np.tanh(v / s) ** 2) / s,
-        by_inner=(lambda z, v, s: -(1.0 - np.tanh(v / s) ** 2) * v / s**2,),
-    ),
-    Kind(
-        "quadratic_damping",
-        r"c\, \dot z |\dot z|",
-        (Parameter("damping_n_s2_per_m2", "N s^2/m^2", "amplitude", 4e4),),
-        shape=lambda z, v: v * np.abs(v),
-        by_z=lambda z, v: 0.0,
-        by_v=lambda z, v: 2.0 * np.abs(v),
-    ),
-    Kind(
-        "cubic_damping",
-        r"c\, \dot z^3",
-        (Parameter("damping_n_s3_per_m3", "N s^3/m^3", "amplitude", 5e5),),
-        shape=lambda z, v: v * v**2,
-        by_z=lambda z, v: 0.0,
-        by_v=lambda z, v: 3.0 * v**2,
-    ),
-    Kind(
-        "signed_power_damping",
-        r"c\, |\dot z|^n \operatorname{sgn} \dot z",
-        (
-            Parameter("damping_n_sn_per_mn", "N s^n/m^n", "amplitude", 2e4),
-            Parameter("exponent", "1", "exponent", 1.5),
-        ),
-        shape=lambda z, v, n: np.sign(v) * np.abs(v) ** n,
-        by_z=lambda z, v, n: 0.0,
-        by_v=lambda z, v, n: n * np.maximum(np.abs(v), TINY) ** (n - 1.0),
-        by_inner=(lambda z, v, n: np.sign(v) * np.abs(v) ** n * np.log(np.maximum(np.abs(v), TINY)),),
-    ),
-    Kind(
-        "quadratic_stiffness",
-        r"k\, z |z|",
-        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
-        shape=lambda z, v: z * np.abs(z),
-        by_z=lambda z, v: 2.0 * np.abs(z),
-        by_v=lambda z, v: 0.0,
-    ),
-    Kind(
-        "cubic_stiffness",
-        r"k\, z^3",
-        (Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9),),
-        shape=lambda z, v: z * z**2,
-        by_z=lambda z, v: 3.0 * z**2,
-        by_v=lambda z, v: 0.0,
-    ),
-    Kind(
-        "quintic_stiffness",
-        r"k\, z^5",
-        (Parameter("stiffness_n_per_m5", "N/m^5", "amplitude", 5e13),),
-        shape=lambda z, v: z * (z**2) ** 2,
-        by_z=lambda z, v: 5.0 * (z**2) ** 2,
-        by_v=lambda z, v: 0.0,
-    ),
-    Kind(
-        "signed_power_stiffness",
-        r"k\, |z|^n \operatorname{sgn} z",
-        (
-            Parameter("stiffness_n_per_mn", "N/m^n", "amplitude", 1e6),
-            Parameter("exponent", "1", "exponent", 1.5),
-        ),
-        shape=lambda z, v, n: np.sign(z) * np.abs(z) ** n,
-        by_z=lambda z, v, n: n * np.maximum(np.abs(z), TINY) ** (n - 1.0),
-        by_v=lambda z, v, n: 0.0,
-        by_inner=(lambda z, v, n: np.sign(z) * np.abs(z) ** n * np.log(np.maximum(np.abs(z), TINY)),),
-    ),
-)
-
-LAWS: Mapping[str, Kind] = MappingProxyType({kind.name: kind for kind in _KINDS})
-"""Every kind of law by its name. A new kind is one entry above; nothing else changes."""
-
-_ORDER = {name: place for place, name in enumerate(LAWS)}
 
 
 @dataclass(frozen=True)
@@ -223,6 +63,15 @@ class Term:
         """The other values."""
         return self.values[1:]
 
+    def evaluate(self, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
+        """Return the force for unit amplitude and its derivatives by z, v and the (at most two) inner values.
+
+        Args:
+            z: extension, m.
+            v: its rate, m/s, of the same shape.
+        """
+        return self.kind.function(z, v, *self.inner, *(1.0,) * (2 - len(self.inner)))
+
 
 @dataclass(frozen=True)
 class Law:
@@ -244,7 +93,8 @@ class Law:
     terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
-        ordered = sorted(self.terms, key=lambda term: _ORDER[term.name])
+        order = list(LAWS)
+        ordered = sorted(self.terms, key=lambda term: order.index(term.name))
         merged = tuple(_added_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
         object.__setattr__(self, "terms", merged)
 
@@ -299,7 +149,7 @@ class Law:
         z, v = _broadcast(z, v)
         total = np.zeros(z.shape)
         for term in self.terms:
-            total += term.amplitude * term.kind.shape(z, v, *term.inner)
+            total += term.amplitude * term.evaluate(z, v)[0]
         return total
 
     def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -307,8 +157,9 @@ class Law:
         z, v = _broadcast(z, v)
         by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
         for term in self.terms:
-            by_z += term.amplitude * term.kind.by_z(z, v, *term.inner)
-            by_v += term.amplitude * term.kind.by_v(z, v, *term.inner)
+            _, term_by_z, term_by_v, *_ = term.evaluate(z, v)
+            by_z += term.amplitude * term_by_z
+            by_v += term.amplitude * term_by_v
         return by_z, by_v
 
     def parameter_gradient(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
@@ -320,11 +171,11 @@ class Law:
         gradient = np.zeros((*z.shape, self.vector.size))
         column = 0
         for term in self.terms:
-            gradient[..., column] = term.kind.shape(z, v, *term.inner)
-            for slope in term.kind.by_inner:
-                column += 1
-                gradient[..., column] = term.amplitude * slope(z, v, *term.inner)
-            column += 1
+            shape, _, _, *by_inner = term.evaluate(z, v)
+            gradient[..., column] = shape
+            for place in range(len(term.inner)):
+                gradient[..., column + 1 + place] = term.amplitude * by_inner[place]
+            column += len(term.values)
         return gradient
 
 

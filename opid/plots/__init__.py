@@ -5,6 +5,7 @@ The only room with matplotlib. Without Axes a function draws on a figure of its 
 """
 
 from opid.plots.answer import estimates, law_ladder
+from opid.plots.bench import bench_curves, bench_ladder, bench_residual, force_against_motion
 from opid.plots.force import law_curves, restoring_force_map, restoring_force_surface, slices
 from opid.plots.runs import accelerations, integration, recording
 from opid.plots.spectra import equation_residual, transmissibilities
@@ -12,9 +13,13 @@ from opid.plots.style import figure_of, house_style, png
 
 __all__ = [
     "accelerations",
+    "bench_curves",
+    "bench_ladder",
+    "bench_residual",
     "equation_residual",
     "estimates",
     "figure_of",
+    "force_against_motion",
     "house_style",
     "integration",
     "law_curves",

@@ -73,13 +73,13 @@ def rows(result: Identification, truth: Mapping[str, Any] | None = None) -> list
     """
     true = truth["parameters"] if truth else {}
     table = [
-        _row(*PARAMETER_LABELS[name], estimate, true.get(name), truth is not None)
+        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), truth is not None)
         for name, estimate in result.parameters.items()
     ]
     table += _law_rows(result, truth)
     table.append(Row("Ratios to the mass of the reference run"))
     table += [
-        _row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
+        estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
         for name, estimate in result.ratios.items()
     ]
     return table
@@ -95,7 +95,7 @@ def result_text(result: Identification, truth: Mapping[str, Any] | None = None) 
     parts = [f"{result.title or 'Identification'} ({result.method})", ""]
     if result.not_determined:
         parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    parts += [*_table(rows(result, truth), columns(truth)), "", *wrapped(limits(result))]
+    parts += [*table_lines(rows(result, truth), columns(truth)), "", *wrapped(limits(result))]
     if result.warnings:
         parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
     return "\n".join(parts) + "\n"
@@ -194,7 +194,16 @@ def rounded(value: float | None, std: float | None = None) -> str:
     return f"{number:.{max(0, decimals)}f}"
 
 
-def _row(label: str, unit: str, estimate: Estimate, true: float | None, with_truth: bool) -> Row:
+def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None, with_truth: bool = False) -> Row:
+    """Return an estimate as a line of the table.
+
+    Args:
+        label: what it is.
+        unit: of the value.
+        estimate: value and interval.
+        true: of a simulated run.
+        with_truth: whether the table has columns for the truth.
+    """
     std = estimate.std
     interval = estimate.interval95
     between = f"{rounded(interval[0], std)} .. {rounded(interval[1], std)}" if interval else "-"
@@ -211,18 +220,18 @@ def _row(label: str, unit: str, estimate: Estimate, true: float | None, with_tru
 def _law_rows(result: Identification, truth: Mapping[str, Any] | None) -> Iterator[Row]:
     per_mass = result.restoring_force.per_mass
     terms = result.law.terms
-    formula = f", {'f/M2' if per_mass else 'f'} = {_formula(result.law.latex)}" if len(terms) == 1 else ""
+    shown = f", {'f/M2' if per_mass else 'f'} = {formula(result.law.latex)}" if len(terms) == 1 else ""
     told = f"; truth: {truth['law']['name']}" if truth and truth["law"]["name"] != result.law.name else ""
-    yield Row(f"Law: {result.law.name}{formula}{told}")
+    yield Row(f"Law: {result.law.name}{shown}{told}")
     for term in terms:
         if len(terms) > 1:
-            yield Row(f"Term {term.name}: {_formula(term.kind.latex)}")
+            yield Row(f"Term {term.name}: {formula(term.kind.latex)}")
         for parameter in term.kind.parameters if term.name in result.law_estimates else ():
             amplitude = parameter.role == "amplitude"
             true = truth["law"]["parameters"].get(term.name, {}).get(parameter.name) if truth else None
             if truth and true is not None and amplitude and per_mass:
                 true /= truth["parameters"]["sprung_mass_kg"]
-            yield _row(
+            yield estimate_row(
                 # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
                 parameter.name.split("_n")[0] if amplitude else parameter.role,
                 f"{parameter.unit}/kg" if amplitude and per_mass else parameter.unit,
@@ -232,8 +241,12 @@ def _law_rows(result: Identification, truth: Mapping[str, Any] | None) -> Iterat
             )
 
 
-def _formula(latex: str) -> str:
-    """Return the LaTeX of a law as plain text."""
+def formula(latex: str) -> str:
+    """Return the LaTeX of a law as plain text.
+
+    Args:
+        latex: as in `opid.mechanics.laws`.
+    """
     for written, plain in _PLAIN:
         latex = latex.replace(written, plain)
     return latex
@@ -255,8 +268,13 @@ def _true_ratio(name: str, true: Mapping[str, float]) -> float | None:
     }.get(name)
 
 
-def _table(table: Sequence[Row], head: Sequence[str]) -> list[str]:
-    """Align the rows that have cells; headings stand between them."""
+def table_lines(table: Sequence[Row], head: Sequence[str]) -> list[str]:
+    """Align the rows that have cells; headings stand between them.
+
+    Args:
+        table: the rows.
+        head: of the columns.
+    """
     lines = iter(_aligned([head, *((row.label, *row.cells) for row in table if row.cells)], n_left=1))
     text = [next(lines)]
     for row in table:

@@ -18,8 +18,8 @@ from opid.report.as_text import columns, limits, rows
 from opid.report.directory import write_together
 
 Truth = Mapping[str, Any]
-# returns Axes
-Draw = Callable[[Identification, Truth | None], Any]
+# takes a result, returns Axes
+Draw = Callable[[Any, Truth | None], Any]
 
 
 @dataclass(frozen=True)
@@ -165,15 +165,33 @@ def reference_run(result: Identification) -> RunEvidence:
     return next((run for run in runs if run.mass_change_kg == 0), runs[0])
 
 
-def _page(result: Identification, truth: Truth | None, images: Mapping[str, bytes]) -> str:
-    from jinja2 import Environment, StrictUndefined
+def rendered(template: str, images: Mapping[str, bytes], **values: Any) -> str:
+    """Return a template of this package filled in, with the figures inside.
+
+    Args:
+        template: name of its file.
+        images: PNG by the name of the figure: `source` in the template.
+        values: what else it names.
+    """
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     from opid.plots.style import pretty
 
-    template = resources.files("opid.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    def text(name: str) -> str:
+        return resources.files("opid.report").joinpath(name).read_text(encoding="utf-8")
+
+    environment = Environment(
+        loader=FunctionLoader(text), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters["pretty"] = pretty
-    return environment.from_string(template).render(
+    source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
+    return environment.get_template(template).render(source=source, version=version("opid"), **values)
+
+
+def _page(result: Identification, truth: Truth | None, images: Mapping[str, bytes]) -> str:
+    return rendered(
+        "page.html.jinja",
+        images,
         title=result.title or "Identification",
         result=result,
         truth=truth,
@@ -182,10 +200,8 @@ def _page(result: Identification, truth: Truth | None, images: Mapping[str, byte
         limits=limits(result),
         runs=result.diagnostics["runs"],
         pictures=pictures(),
-        source={name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()},
         command=_command(result),
         python=_python(result),
-        version=version("opid"),
     )
 
 

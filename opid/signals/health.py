@@ -294,6 +294,28 @@ def _clipped(samples: FloatArray, step: float | None) -> int:
     return count
 
 
+def without_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
+    """Replace single samples that stand far out by the mean of their neighbours.
+
+    Args:
+        samples: (n,) one channel.
+        fs: sampling rate, Hz.
+
+    Returns:
+        The mended samples, (n,), and the places that were mended.
+
+    >>> signal = np.sin(np.arange(2000) / 20.0)
+    >>> signal[700] += 30.0
+    >>> mended, places = without_spikes(signal, fs=500.0)
+    >>> places.tolist(), bool(abs(mended[700] - np.sin(35.0)) < 0.01)
+    ([700], True)
+    """
+    mended = np.array(samples, dtype=np.float64)
+    places = _spikes(mended, fs, None)
+    mended[places] = 0.5 * (mended[places - 1] + mended[places + 1])
+    return mended, places
+
+
 def _spikes(samples: FloatArray, fs: float, step: float | None) -> np.ndarray:
     """Return the indices of single samples far from both neighbours, while those are close to each other.
 

@@ -34,9 +34,15 @@ _TABLE: dict[str, dict[str, float]] = {
     | {"mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY}
     | {"Gal": 1e-2, "gal": 1e-2, "mGal": 1e-5, "mgal": 1e-5},
     "m/s": _lengths_per("/s", "s-1", "/sec")
+    | {"ips": _INCH, "fps": _FOOT, "inch/s": _INCH, "inches/s": _INCH}
     | {"km/h": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704, "knot": 1852 / 3600, "knots": 1852 / 3600},
-    "m": _LENGTHS | {"metre": 1.0, "meter": 1.0, "inch": _INCH, "mil": 1e-3 * _INCH, "feet": _FOOT},
-    "N": _prefixed("N", "Mkm") | {"lbf": _POUND_FORCE, "kip": 1e3 * _POUND_FORCE, "kgf": STANDARD_GRAVITY},
+    "m": _LENGTHS
+    | dict.fromkeys(("metre", "meter", "metres", "meters"), 1.0)
+    | {"inch": _INCH, "inches": _INCH, "mil": 1e-3 * _INCH, "mils": 1e-3 * _INCH, "feet": _FOOT, "micron": 1e-6},
+    "N": _prefixed("N", "Mkm")
+    | dict.fromkeys(("newton", "newtons"), 1.0)
+    | {"lbf": _POUND_FORCE, "klbf": 1e3 * _POUND_FORCE, "kip": 1e3 * _POUND_FORCE, "kips": 1e3 * _POUND_FORCE}
+    | {"kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "tf": 1e3 * STANDARD_GRAVITY, "daN": 10.0},
     "N/m": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3, "kN/mm": 1e6, "lbf/in": _POUND_FORCE / _INCH},
     "N*m": {"Nm": 1.0, "kNm": 1e3},
     "kg": {"kg": 1.0, "t": 1e3, "lb": 0.45359237, "lbm": 0.45359237},
@@ -69,6 +75,7 @@ _USUAL = (
     "mm/s",
     "m",
     "mm",
+    "in",
     "N",
     "kN",
     "lbf",

@@ -1,0 +1,13 @@
+"""The `opid` command: each subcommand is a few public calls.
+
+Exit status 0: done. 1: the data do not determine the answer (what was determined is written). 2: bad input or usage.
+Heavy imports stand inside the commands, so that help and usage errors come at once.
+"""
+
+from opid.cli.bench import law
+from opid.cli.group import main
+from opid.cli.logs import inspect
+from opid.cli.studies import identify
+from opid.cli.virtual_tests import demo, simulate, taxi
+
+__all__ = ["demo", "identify", "inspect", "law", "main", "simulate", "taxi"]

@@ -1,0 +1,39 @@
+"""Force against motion on a test bench: `opid law`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from opid.cli.group import end, main, progress
+
+
+@main.command()
+@click.argument("bench", type=click.Path(path_type=Path), metavar="BENCH.csv")
+@click.option("--force", required=True, metavar="COL", help="Column of the force, in N, kN, lbf, ...")
+@click.option("--travel", required=True, metavar="COL", help="Column of the travel, in m, mm, in, ...")
+@click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figures.")
+def law(bench: Path, force: str, travel: str, velocity: str | None, out: Path | None) -> None:
+    """Find the law of a damper or spring from its measured force and motion.
+
+    F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals; and what of the force no law of
+    travel and velocity can explain (hysteresis, backlash).
+    """
+    from opid.identify.bench import bench_from_recording
+    from opid.identify.bench_law import law_of_bench
+    from opid.report import bench_text, write_bench_report
+    from opid.report.directory import require_directory
+    from opid.signals.logs import read_log
+
+    target = None if out is None else require_directory(out)
+    with progress() as say:
+        say("the record")
+        record = bench_from_recording(read_log(bench), force=force, travel=travel, velocity=velocity)
+        result = law_of_bench(record, title=bench.name, progress=say)
+        page = None if target is None else write_bench_report(result, target, progress=say)
+    click.echo(bench_text(result))
+    if page is not None:
+        click.echo(f"Report: {page} (open it in a browser)")
+    end(result)

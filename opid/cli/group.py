@@ -1,0 +1,78 @@
+"""What every command shares: the group, failures as sentences, progress on stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.errors import InputError, NotDeterminedError
+
+if TYPE_CHECKING:
+    from opid.identify.bench_law import BenchLaw
+    from opid.identify.result import Identification
+
+
+class BadInput(click.ClickException):
+    """What was given cannot be used."""
+
+    exit_code = 2
+
+
+class NotDetermined(click.ClickException):
+    """The data do not determine the answer."""
+
+    exit_code = 1
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C."""
+
+    exit_code = 130
+
+
+class Commands(click.Group):
+    """Commands whose failures for the user's reasons are sentences, not tracebacks."""
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run the command that was asked for."""
+        try:
+            return super().invoke(context)
+        except InputError as error:
+            raise BadInput(str(error)) from error
+        except NotDeterminedError as error:
+            raise NotDetermined(str(error)) from error
+        except OSError as error:
+            # without a name it is no file of the user's (a pipe whose reader has gone: click ends quietly)
+            if error.filename is None:
+                raise
+            raise BadInput(f"{error.filename}: {error.strerror}") from error
+        except KeyboardInterrupt as error:
+            raise Interrupted("interrupted") from error
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="opid")
+def main() -> None:
+    """Identify a nonlinear suspension from what two accelerometers recorded in operation.
+
+    Begin with `opid demo`, or with `opid inspect` and `opid identify` on logs of your own.
+    """
+
+
+def end(result: Identification | BenchLaw) -> None:
+    """Leave with status 1 and the reason if something is not determined."""
+    if result.not_determined:
+        raise NotDetermined(f"not determined: {result.not_determined}")
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Show the step that is under way on stderr; nothing where that is no terminal."""
+    from tqdm import tqdm
+
+    with tqdm(bar_format="{desc} ({elapsed})", file=sys.stderr, disable=None, leave=False) as bar:
+        yield bar.set_description_str

@@ -1,0 +1,100 @@
+"""Two runs at two masses: `opid identify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import end, main, progress
+
+if TYPE_CHECKING:
+    from opid.identify.study import Study
+
+
+@main.command()
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | LOG...")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
+@click.option(
+    "--method",
+    default="classical",
+    show_default=True,
+    help="classical, model (fits the driven suspension), or paper (its printed formula).",
+)
+@click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
+@click.option("--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.5 12]")
+@click.option("--high-pass", type=float, metavar="HZ", help="Corner of the integration.  [default: 0.3]")
+@click.option("--no-ground", is_flag=True, help="Fit no ground spring: K3 = 0.")
+@click.option(
+    "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
+)
+@click.option("--sprung", metavar="NAME", help="Without a study: channel on the airframe.")
+@click.option("--unsprung", metavar="NAME", help="Without a study: channel on the spindle.")
+@click.option(
+    "--mass-change",
+    "mass_changes",
+    multiple=True,
+    type=float,
+    metavar="KG",
+    help="Without a study: mass of a further log less that of the first; once for each.",
+)
+def identify(
+    paths: tuple[Path, ...],
+    out: Path | None,
+    method: str,
+    law: str | None,
+    band: tuple[float, float] | None,
+    high_pass: float | None,
+    no_ground: bool,
+    truth: Path | None,
+    sprung: str | None,
+    unsprung: str | None,
+    mass_changes: tuple[float, ...],
+) -> None:
+    """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
+
+    The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
+    """
+    from opid.identify.identification import identify_study
+    from opid.report import read_truth, result_text, write_report
+    from opid.report.directory import require_directory
+
+    target = require_directory(out or Path(f"{_name(paths[0])}_result"))
+    known = None if truth is None else read_truth(truth)
+    settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground}
+    settings |= {} if band is None else {"band_hz": band}
+    settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
+    with progress() as say:
+        say("logs")
+        study = _study(paths, sprung, unsprung, mass_changes)
+        result = identify_study(study, progress=say, **settings)
+        page = write_report(result, target, known, progress=say)
+    click.echo(result_text(result, known))
+    click.echo(f"Report: {page} (open it in a browser)")
+    end(result)
+
+
+def _name(path: Path) -> str:
+    """Name a result after its study; every other study is called study.toml, so after the directory of such a one."""
+    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
+
+
+def _study(paths: tuple[Path, ...], sprung: str | None, unsprung: str | None, mass_changes: tuple[float, ...]) -> Study:
+    from opid.identify.study import read_study, study_from_logs
+
+    studies = [path for path in paths if path.suffix.lower() == ".toml"]
+    if studies:
+        if len(paths) > 1:
+            raise click.UsageError(f"{len(paths)} files are given: give one study file, or logs only")
+        if sprung or unsprung or mass_changes:
+            raise click.UsageError(
+                f"{studies[0]} names the channels and mass changes: leave out --sprung, --unsprung and --mass-change"
+            )
+        return read_study(studies[0])
+    if paths[0].is_dir():
+        raise click.UsageError(f"{paths[0]} is a directory: name a study file in it, or logs")
+    if not (sprung and unsprung):
+        raise click.UsageError("name the channels of the logs: --sprung NAME --unsprung NAME, or give a study file")
+    title = " and ".join(path.name for path in paths)
+    return study_from_logs(paths, sprung=sprung, unsprung=unsprung, mass_changes_kg=mass_changes, title=title)

@@ -1,0 +1,174 @@
+"""Virtual field tests: `opid demo` and `opid simulate taxi`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import end, main, progress
+
+if TYPE_CHECKING:
+    from opid.mechanics.landing_gear import LandingGear, TaxiTest
+    from opid.mechanics.laws import Law
+
+
+@main.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("demo_taxi"),
+    show_default=True,
+    metavar="DIR",
+    help="For the runs and the report.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
+def demo(out: Path, seed: int) -> None:
+    """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
+    import numpy as np
+
+    from opid.identify.identification import identify_study
+    from opid.identify.study import read_study
+    from opid.mechanics.landing_gear import LandingGear, taxi_test
+    from opid.report import read_truth, result_text, write_field_test, write_report
+    from opid.report.directory import require_directory
+
+    require_directory(out)
+    with progress() as say:
+        say("two taxi runs")
+        test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
+        title = f"Two virtual taxi runs, seed {seed}"
+        study = write_field_test(test, out, title=title, settings={"seed": seed})
+        result = identify_study(read_study(study), progress=say)
+        truth = read_truth(out / "truth.json")
+        page = write_report(result, out / "report", truth, progress=say)
+    click.echo(result_text(result, truth))
+    click.echo(f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}")
+    click.echo(f"The study:  {study}")
+    click.echo(f"The report: {page} (open it in a browser)")
+    end(result)
+
+
+@main.group()
+def simulate() -> None:
+    """Make a field test with known truth."""
+
+
+# the defaults are those of opid.mechanics (a test compares them), written out so that help needs no heavy import
+@simulate.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
+@click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run.")
+@click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate.")
+@click.option("--sprung-mass", default=1850.0, show_default=True, metavar="KG", help="M2 of the heavy run.")
+@click.option("--mass-removed", default=220.0, show_default=True, metavar="KG", help="Before the light run.")
+@click.option("--stiffness", default=3.9e5, show_default=True, metavar="N/M", help="K2 of the suspension.")
+@click.option("--damping", type=float, metavar="NS/M", help="C2 of the suspension.  [default: 6000]")
+@click.option("--damping-ratio", type=float, metavar="ZETA", help="C2 / (2 sqrt((K2 + K3) M2)), instead of --damping.")
+@click.option("--ground-stiffness", default=0.0, show_default=True, metavar="N/M", help="K3 from the sprung mass.")
+@click.option("--law", default="arctan_velocity", show_default=True, help="Nonlinear law; sums joined by +; or linear.")
+@click.option(
+    "--friction",
+    type=click.FloatRange(min=0),
+    metavar="N",
+    help="Amplitude of the law's friction term; 0 leaves it out.",
+)
+@click.option("--road-class", default="B", show_default=True, metavar="A..H", help="Of ISO 8608.")
+@click.option("--speed-start", default=18.0, show_default=True, metavar="M/S")
+@click.option("--speed-stop", default=0.5, show_default=True, metavar="M/S")
+@click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")
+@click.option("--corner", default=0.0, show_default=True, metavar="HZ", help="Of the AC coupling; 0 for none.")
+@click.option("--corner-mismatch", default=0.0, show_default=True, metavar="%", help="Upper corner above the lower.")
+@click.option("--gain-error", default=0.0, show_default=True, metavar="%", help="Of the upper sensor.")
+@click.option("--cross-axis", default=0.0, show_default=True, metavar="%", help="Of the fore-aft motion leaking in.")
+@click.option("--bits", type=int, metavar="N", help="Resolution of the converter.  [default: fine]")
+@click.option(
+    "--range", "full_scale", type=float, metavar="M/S2", help="Of the converter, +-.  [default: 50 with --bits]"
+)
+def taxi(out: Path, seed: int, **settings: Any) -> None:
+    """Write two taxi runs of an aircraft at two masses into the directory OUT.
+
+    Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
+    """
+    from opid.report import write_field_test
+    from opid.report.directory import require_directory
+
+    require_directory(out)
+    with progress() as say:
+        say("two taxi runs")
+        test = _taxi_test(seed, settings)
+        title = f"Two virtual taxi runs, seed {seed}"
+        study = write_field_test(test, out, title=title, settings={"seed": seed} | settings)
+    click.echo(f"{test.heavy.gear.sprung_mass_kg:g} kg: {out / 'heavy.csv'}")
+    click.echo(f"{test.light.gear.sprung_mass_kg:g} kg: {out / 'light.csv'}")
+    click.echo(f"Next: opid identify {study} --truth {out / 'truth.json'}")
+
+
+def _taxi_test(seed: int, settings: dict[str, Any]) -> TaxiTest:
+    """Run the field test that the options of `simulate taxi` describe."""
+    import numpy as np
+
+    from opid.mechanics.landing_gear import taxi_test
+    from opid.mechanics.sensors import Sensor
+
+    fine = settings["bits"] is None
+    lower = {
+        "noise_m_per_s2": settings["noise"],
+        "corner_hz": settings["corner"],
+        "cross_axis": settings["cross_axis"] / 100,
+        "bits": settings["bits"],
+        "range_m_per_s2": settings["full_scale"] or (None if fine else 50.0),
+    }
+    upper = lower | {
+        "corner_hz": settings["corner"] * (1 + settings["corner_mismatch"] / 100),
+        "gain": 1 + settings["gain_error"] / 100,
+    }
+    return taxi_test(
+        _gear(settings),
+        rng=np.random.default_rng(seed),
+        mass_removed_kg=settings["mass_removed"],
+        duration_s=settings["duration"],
+        fs=settings["fs"],
+        speed_m_per_s=(settings["speed_start"], settings["speed_stop"]),
+        road_class=settings["road_class"],
+        lower_sensor=Sensor(**lower),
+        upper_sensor=Sensor(**upper),
+    )
+
+
+def _gear(settings: dict[str, Any]) -> LandingGear:
+    from opid.mechanics.landing_gear import LandingGear
+    from opid.mechanics.laws import default_law
+
+    mass, stiffness, ground = (settings[name] for name in ("sprung_mass", "stiffness", "ground_stiffness"))
+    damping, ratio = settings["damping"], settings["damping_ratio"]
+    if damping is not None and ratio is not None:
+        raise click.UsageError("--damping and --damping-ratio are both given: give one of them")
+    if ratio is not None:
+        damping = 2 * ratio * max((stiffness + ground) * mass, 0.0) ** 0.5
+    return LandingGear(
+        sprung_mass_kg=mass,
+        suspension_stiffness_n_per_m=stiffness,
+        suspension_damping_n_s_per_m=6000.0 if damping is None else damping,
+        ground_stiffness_n_per_m=ground,
+        law=_with_friction(default_law(settings["law"]), settings["friction"]),
+    )
+
+
+def _with_friction(law: Law, friction_n: float | None) -> Law:
+    """Give the friction term of a law another amplitude; none at all for an amplitude of 0."""
+    from dataclasses import replace
+
+    from opid.mechanics.laws import Law
+
+    if friction_n is None:
+        return law
+    rubbing = [term for term in law.terms if term.name in ("arctan_velocity", "coulomb_friction")]
+    if len(rubbing) != 1:
+        raise click.UsageError(
+            f"--friction needs one friction term in --law, arctan_velocity or coulomb_friction; it is {law.name}"
+        )
+    rest = tuple(term for term in law.terms if term is not rubbing[0])
+    rubbed = replace(rubbing[0], values=(friction_n, *rubbing[0].inner))
+    return Law((*rest, rubbed) if friction_n else rest)

@@ -1,0 +1,193 @@
+"""A test bench: force, travel and velocity of one damper or spring, and the velocity where none was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.signals.recording import FloatArray, Recording
+
+LEAST_SAMPLES = 200
+# a travel's noise floor is where its spectrum ends; the derivative is taken up to where it stands this far above
+ABOVE_FLOOR = 10.0
+LEFT_ABOVE = 0.1
+# measured velocity against the rate of the travel: neither factor nor correlation is far from one
+RATE_FACTOR, RATE_CORRELATION = (0.8, 1.25), 0.9
+_NEEDED = {"force": ("N", "N, kN or lbf"), "travel": ("m", "m, mm or in"), "velocity": ("m/s", "m/s, mm/s or in/s")}
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What a test bench recorded, in SI units.
+
+    Args:
+        travel: (n,) z, m, counted from `travel_zero_m` of the record.
+        velocity: (n,) z', m/s.
+        force: (n,) N.
+        fs: sampling rate, Hz.
+        travel_zero_m: place of the record's travel from which z is counted, m.
+        velocity_from: where the velocity comes from, in words.
+        velocity_band_hz: highest frequency of a differentiated travel, Hz; None for a recorded velocity.
+        channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
+        doubts: what to doubt about the record, one sentence each.
+    """
+
+    travel: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    fs: float
+    travel_zero_m: float
+    velocity_from: str
+    velocity_band_hz: float | None
+    channels: dict[str, str | None]
+    doubts: tuple[str, ...]
+
+
+def bench_from_recording(recording: Recording, *, force: str, travel: str, velocity: str | None = None) -> Bench:
+    """Take force and motion from a recording.
+
+    Where no velocity was recorded it is `rate_of` the travel. Travel is counted as recorded, or, where the record
+    never comes near its zero, from its mean: a law of the travel needs a zero that the motion passes.
+
+    Args:
+        recording: of the bench, in SI units.
+        force: name of the channel of the force.
+        travel: name of the channel of the travel (extension).
+        velocity: name of the channel of its rate, or None.
+
+    Raises:
+        InputError: an unknown channel, one in the wrong unit or named twice, or too few samples.
+        NotDeterminedError: a travel or a force that never changes.
+
+    >>> from opid.signals.recording import Channel
+    >>> t = np.arange(4000) / 500
+    >>> samples = np.stack([np.sin(9 * t), 0.01 * np.sin(9 * t)], axis=1)
+    >>> record = Recording(samples, fs=500.0, channels=(Channel("pull", "N"), Channel("stroke", "m")))
+    >>> bench = bench_from_recording(record, force="pull", travel="stroke")
+    >>> bool(np.abs(bench.velocity - 0.09 * np.cos(9 * t))[200:-200].max() < 1e-4)
+    True
+    """
+    names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
+    for role, name in names.items():
+        _check_channel(recording, role, name, names)
+    if recording.n_samples < LEAST_SAMPLES:
+        raise InputError(f"the record has {recording.n_samples} samples: at least {LEAST_SAMPLES} are needed")
+    y, raw = recording.channel(force), recording.channel(travel)
+    for role, values in (("travel", raw), ("force", y)):
+        if np.ptp(values) <= 1e-9 * np.abs(values).max():
+            what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
+            raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
+    doubts = []
+    zero = 0.0
+    if np.abs(raw.mean()) > np.ptp(raw):
+        zero = float(raw.mean())
+        doubts.append(
+            f"the travel {travel!r} never comes near its zero: it is counted from its mean, {1e3 * zero:.4g} mm"
+        )
+    rate, band_hz = rate_of(raw, fs=recording.fs)
+    if velocity is None:
+        v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
+    else:
+        v, origin = recording.channel(velocity), f"recorded, {velocity!r}"
+        doubts += _rate_doubts(v, rate, travel, velocity)
+    power = y - y.mean()
+    if np.mean(power * v) < -0.1 * np.std(y) * np.std(v):
+        doubts.append(
+            f"on balance the force drives the motion ({np.mean(power * v):.3g} W): for a passive part the sign of "
+            "force or travel is reversed"
+        )
+    channels = {"force": force, "travel": travel, "velocity": velocity}
+    band = band_hz if velocity is None else None
+    return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts))
+
+
+def rate_of(samples: FloatArray, *, fs: float) -> tuple[FloatArray, float]:
+    """Differentiate a signal in the band in which it stands above its noise.
+
+    The Fourier transform is multiplied by j omega / (1 + (f/f_c)^8), zero phase, on a record continued at both ends by
+    its point reflection, which keeps value and slope. f_c lies half above the frequency at which the motion ends: where
+    the Welch spectrum last stands `ABOVE_FLOOR` times above its floor (the median of the top fifth), or before that
+    where the spectrum of the rate is lowest, if all above it holds less than `LEFT_ABOVE` of the rate's power.
+
+    Args:
+        samples: (n,) the signal.
+        fs: sampling rate, Hz.
+
+    Returns:
+        (n,) the rate, in the unit of the signal per second, and f_c, Hz.
+
+    >>> t = np.arange(5000) / 500
+    >>> noisy = np.sin(9 * t) + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    >>> rate, band_hz = rate_of(noisy, fs=500.0)
+    >>> bool(np.std(rate - 9 * np.cos(9 * t)) < 0.05 < np.std(np.gradient(noisy, t) - 9 * np.cos(9 * t)))
+    True
+    """
+    from scipy import fft, signal
+
+    n = samples.size
+    line = np.linspace(samples[0], samples[-1], n)
+    bent = samples - line
+    frequency, power = signal.welch(bent, fs, nperseg=min(n, max(256, n // 8)))
+    # a little room: a filter that begins to fall at the last strong line would take from it
+    band_hz = float(np.clip(1.5 * _motion_ends(frequency, power), 8 * fs / n, fs / 2))
+    # both ends of `bent` are zero, so the point reflection is the odd one
+    extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
+    n_fft = fft.next_fast_len(extended.size, real=True)
+    f = fft.rfftfreq(n_fft, 1 / fs)
+    gain = 2j * np.pi * f / (1 + (f / band_hz) ** 8)
+    rate = fft.irfft(fft.rfft(extended, n_fft) * gain, n_fft)[n - 1 : 2 * n - 1]
+    return rate + (samples[-1] - samples[0]) / (n - 1) * fs, band_hz
+
+
+def _motion_ends(frequency: FloatArray, power: FloatArray) -> float:
+    """Return the frequency above which a spectrum holds noise, Hz."""
+    floor = float(np.median(power[-max(1, power.size // 5) :]))
+    above = np.flatnonzero(power > ABOVE_FLOOR * floor)
+    end = int(above[-1]) if above.size else power.size - 1
+    # noise that is not white: the rate of the motion falls, the rate of the noise rises
+    rate = frequency**2 * power
+    edges = np.unique(np.geomspace(1, power.size, 40).astype(int))
+    thirds = np.add.reduceat(rate, edges[:-1]) / np.diff(edges)
+    peak = int(np.argmax(thirds))
+    valley = int(edges[peak + int(np.argmin(thirds[peak:]))])
+    if np.sum(rate[valley:]) < LEFT_ABOVE * np.sum(rate):
+        end = min(end, valley)
+    return float(frequency[end])
+
+
+def _check_channel(recording: Recording, role: str, name: str, names: dict[str, str]) -> None:
+    if name not in recording.names:
+        raise InputError(f"there is no column {name!r} for the {role}: {nearest(name, recording.names)}")
+    others = [other for other in names if other != role and names[other] == name]
+    if others:
+        raise InputError(f"the column {name!r} is given for both {role} and {others[0]}: each needs its own")
+    unit, usual = _NEEDED[role]
+    found = recording.unit(name)
+    if found == unit:
+        return
+    hint = next((other for other in names if other != role and recording.unit(names[other]) == unit), None)
+    if hint is not None:
+        remedy = f"{names[hint]!r} is in {unit}: are {role} and {hint} swapped?"
+    elif role == "force" and found == "kg":
+        remedy = f"give {usual} in the header (lb is a mass, lbf a force)"
+    else:
+        fitting = [channel.name for channel in recording.channels if channel.unit == unit]
+        remedy = f"in {unit} there is {', '.join(map(repr, fitting))}" if fitting else f"give {usual} in the header"
+    raise InputError(f"the column {name!r} is in {found}, a {role} is in {unit}: {remedy}")
+
+
+def _rate_doubts(v: FloatArray, rate: FloatArray, travel: str, velocity: str) -> list[str]:
+    """Compare a recorded velocity with the rate of the travel."""
+    spread = float(np.std(v) * np.std(rate))
+    correlation = float(np.mean((v - v.mean()) * (rate - rate.mean()))) / spread if spread > 0 else 0.0
+    if correlation < -RATE_CORRELATION:
+        return [f"the velocity {velocity!r} has the opposite sign of the rate of the travel {travel!r}: turn one round"]
+    factor = float(np.std(v) / max(float(np.std(rate)), 1e-300))
+    if correlation < RATE_CORRELATION or not RATE_FACTOR[0] <= factor <= RATE_FACTOR[1]:
+        return [
+            f"the velocity {velocity!r} is not the rate of the travel {travel!r} ({factor:.3g} times it, correlation "
+            f"{correlation:.2f}): check columns and units, or leave the velocity out"
+        ]
+    return []

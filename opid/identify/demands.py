@@ -1,0 +1,161 @@
+"""What the runs demand beside the suspension: a spring to the ground, or a fault of the sensors that nobody stated.
+
+Each is first tried by a score test, one simulation each. What would lower the error most is fitted, and kept if the
+information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
+spring, say): all that explain the runs about as well as the one that was let in are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.identify.driven_run import DrivenRun
+from opid.identify.joint_fit import JointFit
+from opid.identify.model_fit import ModelFit, fit_model, score_of_parameter
+from opid.identify.sensor_facts import SensorPair, nuisance_values
+
+# a score (chi-square of one degree of freedom under a sound model) below this is not looked at further
+SCORE_LOOKED_AT = 30.0
+# as for a term of the law: the criterion and the error must both fall
+BIC_MARGIN, ERROR_MARGIN = 20.0, 0.002
+# explanations whose criterion is this close to the best one cannot be told from it
+ALIKE_BIC = 10.0
+GAIN_TOLERANCE, LAG_SAMPLES = 0.03, 2.0
+CORNER_HZ, CORNER_TOLERANCE = 0.2, 0.5
+MOST = 3
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Something that was let into the model because the runs demand it.
+
+    Args:
+        name: the parameter, "ground_stiffness_per_mass" or a fault of the sensors.
+        words: what it is.
+        value: its estimate.
+        std: its standard deviation.
+        error_before: error without it, m/s^2.
+        error_after: error with it, m/s^2.
+        alike: what would explain the runs as well.
+    """
+
+    name: str
+    words: str
+    value: float
+    std: float
+    error_before: float
+    error_after: float
+    alike: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    names: tuple[str, ...]
+    words: str
+    sensors: SensorPair
+    ground: bool
+
+
+def let_in(
+    runs: Sequence[DrivenRun],
+    fit: ModelFit,
+    *,
+    ground_start: JointFit | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[tuple[DrivenRun, ...], ModelFit, tuple[Demand, ...]]:
+    """Let in what the runs demand, and return the runs with the sensors as they turned out.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        fit: the model without it.
+        ground_start: a fit with a ground spring, to start from where one is tried; None: none may be let in.
+        progress: called with the name of each step as it begins.
+    """
+    say = progress or (lambda step: None)
+    runs, demands = tuple(runs), []
+    for _ in range(MOST):
+        tried = []
+        for hypothesis in _promising(runs, fit, ground_start is not None):
+            say(hypothesis.words)
+            changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
+            tried.append((_refit(changed, fit, hypothesis, ground_start), changed, hypothesis))
+        if not tried:
+            break
+        best, changed, hypothesis = min(tried, key=lambda entry: entry[0].bic)
+        if not _better(best, fit):
+            break
+        alike = tuple(h.words for other, _, h in tried if h is not hypothesis and other.bic < best.bic + ALIKE_BIC)
+        demands += [_demand(best, name, hypothesis, fit.noise_m_per_s2, alike) for name in hypothesis.names]
+        runs, fit = changed, best
+    if fit.ground:
+        without = _refit(runs, fit, _Hypothesis((), "", fit.sensors, False), None)
+        if not _better(fit, without):
+            fit, demands = without, [each for each in demands if each.name != "ground_stiffness_per_mass"]
+    return runs, fit, tuple(demands)
+
+
+def _better(fit: ModelFit, than: ModelFit) -> bool:
+    return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
+
+
+def _demand(fit: ModelFit, name: str, hypothesis: _Hypothesis, before: float, alike: tuple[str, ...]) -> Demand:
+    value, std = fit[name], float(fit.std[fit.names.index(name)])
+    return Demand(name, hypothesis.words, value, std, before, fit.noise_m_per_s2, alike)
+
+
+def _promising(runs: tuple[DrivenRun, ...], fit: ModelFit, ground: bool) -> list[_Hypothesis]:
+    """What a score test speaks for, the best first."""
+    variance = (fit.noise_m_per_s2 / float(np.sqrt(np.mean(np.square(fit.noise))))) ** 2
+    scored = []
+    for hypothesis in _hypotheses(fit, ground, runs[0].fs):
+        scores = [
+            score_of_parameter(runs, fit, name, sensors=hypothesis.sensors, ground=hypothesis.ground)[0]
+            for name in hypothesis.names
+        ]
+        scored.append((max(scores) / variance, hypothesis))
+    scored.sort(key=lambda entry: -entry[0])
+    return [hypothesis for score, hypothesis in scored if score > SCORE_LOOKED_AT]
+
+
+def _hypotheses(fit: ModelFit, ground: bool, fs: float) -> Iterator[_Hypothesis]:
+    """What is not in the model yet, with what is known of such faults in general."""
+    pair = fit.sensors
+    if ground and not fit.ground:
+        yield _Hypothesis(("ground_stiffness_per_mass",), "a spring to the ground", pair, True)
+    if not (pair.unsprung.gain_tolerance or pair.sprung.gain_tolerance):
+        sprung = replace(pair.sprung, gain_tolerance=GAIN_TOLERANCE)
+        yield _Hypothesis(
+            ("gain_sprung",), "a gain error between the sensors", replace(pair, sprung=sprung), fit.ground
+        )
+    if not (pair.unsprung.lag_tolerance_s or pair.sprung.lag_tolerance_s):
+        sprung = replace(pair.sprung, lag_tolerance_s=LAG_SAMPLES / fs)
+        yield _Hypothesis(("lag_s",), "a lag between the channels", replace(pair, sprung=sprung), fit.ground)
+    if not (pair.unsprung.corner_hz or pair.sprung.corner_hz):
+        coupled = {"corner_hz": CORNER_HZ, "corner_tolerance": CORNER_TOLERANCE}
+        both = replace(pair, unsprung=replace(pair.unsprung, **coupled), sprung=replace(pair.sprung, **coupled))
+        names = ("corner_unsprung_hz", "corner_sprung_hz")
+        yield _Hypothesis(names, "AC coupling of the sensors", both, fit.ground)
+
+
+def _refit(
+    runs: Sequence[DrivenRun], fit: ModelFit, hypothesis: _Hypothesis, ground_start: JointFit | None
+) -> ModelFit:
+    # a ground spring changes stiffness and damping too: all three start where it was free
+    new_ground = hypothesis.ground and not fit.ground and ground_start is not None
+    start: JointFit = ground_start if new_ground and ground_start is not None else fit
+    return fit_model(
+        runs,
+        fit.law,
+        stiffness_per_mass=start["stiffness_per_mass"],
+        damping_per_mass=start["damping_per_mass"],
+        ground_stiffness_per_mass=start["ground_stiffness_per_mass"] if hypothesis.ground else None,
+        inverse_mass=fit["inverse_mass"] if fit.held_inverse_mass is None else fit.held_inverse_mass,
+        hold_mass=fit.held_inverse_mass is not None,
+        noise_m_per_s2=fit.noise,
+        motion_rms=fit.motion_rms,
+        start=fit.start,
+        nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
+    )

@@ -1,0 +1,197 @@
+"""Fit again from where a fit stands, in few simulations: another law, or fewer runs to predict the ones left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from opid.identify.driven_run import DrivenRun
+from opid.identify.law_parameters import positive, to_free
+from opid.identify.model_fit import Errors, Model, ModelFit
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws import Law
+from opid.signals.recording import FloatArray
+
+MOST_EVALUATIONS = 15
+# the search ends when the next step promises less than this of the squared error over its variance
+LEAST_PROMISE = 1e-2
+# the logarithm of a scale moves by so much in a step at the most
+LARGEST_LOG_STEP = 1.0
+# first damping of a step that failed, over the squared size of each column
+DAMPING = 1e-3
+
+
+def refit(
+    runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, most_evaluations: int = MOST_EVALUATIONS
+) -> ModelFit:
+    """Fit another law, from everything else that a fit found.
+
+    What a dropped term did on average goes to the start values of stiffness and damping.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        fit: where to start.
+        law: the law per unit of sprung mass to start from.
+        most_evaluations: simulations at the most.
+
+    Raises:
+        UnboundedResponseError: the law makes a suspension that grows without bound.
+    """
+    before = [float(np.mean(slope)) for slope in fit.law.gradient(fit.travel, fit.velocity)]
+    now = [float(np.mean(slope)) for slope in law.gradient(fit.travel, fit.velocity)]
+    model = model_of(runs, fit, law)
+    theta = vector_of(fit, law)
+    theta[:2] += np.subtract(before, now)
+    theta, n_evaluations = settled(model, theta, most_evaluations=most_evaluations)
+    return model.result(theta, n_evaluations)
+
+
+def model_of(runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, held_inverse_mass: float | None = None) -> Model:
+    """Return the model of a fit for another law or other runs.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        fit: whose settings are taken.
+        law: per unit of sprung mass.
+        held_inverse_mass: 1/M2 to hold, 1/kg; as in the fit where left out.
+    """
+    held = fit.held_inverse_mass if held_inverse_mass is None else held_inverse_mass
+    return Model(tuple(runs), law, fit.ground, held, fit.noise, fit.motion_rms)
+
+
+def vector_of(fit: ModelFit, law: Law) -> FloatArray:
+    """Return where a fit stands as the vector of `Model`, for the model of another law.
+
+    Args:
+        fit: the fit.
+        law: takes the place of the fitted one.
+    """
+    n_head = 2 + fit.ground
+    after = fit.value[n_head + fit.law.vector.size :]
+    return np.concatenate([fit.value[:n_head], to_free(law), after, fit.start.ravel()])
+
+
+def settled(
+    model: Model,
+    theta: FloatArray,
+    *,
+    free: slice = slice(None),
+    most_evaluations: int = MOST_EVALUATIONS,
+) -> tuple[FloatArray, int]:
+    """Return the vector of least squared error near `theta` and the simulations spent (Levenberg 1944, Marquardt 1963).
+
+    The last step is taken on its promise, without a look.
+
+    Args:
+        model: the model.
+        theta: where to start.
+        free: the entries that may move.
+        most_evaluations: simulations at the most.
+
+    Raises:
+        UnboundedResponseError: the start itself grows without bound.
+    """
+    lower, upper = (bound[free] for bound in model.bounds(float(theta[1])))
+    caps = _caps(model)[free]
+    best = theta.copy()
+    best[free] = np.clip(best[free], lower, upper)
+    errors = model.evaluate(best)
+    cost, damping, n_data = _cost(errors), 0.0, errors.stacked.size
+    for spent in range(1, most_evaluations):
+        step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
+        trial = best.copy()
+        trial[free] = np.clip(best[free] + step, lower, upper)
+        if promise * n_data < LEAST_PROMISE * cost:
+            return trial, spent
+        new = _evaluated(model, trial)
+        if new is not None and _cost(new) < cost:
+            best, errors, cost, damping = trial, new, _cost(new), damping / 10 if damping > DAMPING else 0.0
+        else:
+            damping = max(10 * damping, DAMPING)
+    return best, most_evaluations
+
+
+def left_out_error(runs: Sequence[DrivenRun], fit: ModelFit) -> float | None:
+    """Return how well each run is predicted by a fit of the others, m/s^2; None for a single run.
+
+    The rms of the whitened prediction errors in the band, times the level of the sensors' noise, as
+    `JointFit.noise_m_per_s2` is of the runs that were fitted. Of the run left out only its start is fitted. The mass
+    stays that of all runs where the others have but one.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        fit: of all of them.
+    """
+    if len(runs) < 2:
+        return None
+    cost, n_data = 0.0, 0
+    for place, run in enumerate(runs):
+        errors = _predicted(runs, fit, place)
+        n = 2 * run.omega.size
+        cost, n_data = cost + float(np.sum(errors.stacked[:n] ** 2)), n_data + n
+    return float(np.sqrt(np.mean(np.square(fit.noise))) * np.sqrt(cost / n_data))
+
+
+def _predicted(runs: Sequence[DrivenRun], fit: ModelFit, place: int) -> Errors:
+    """Errors of one run as the others predict it."""
+    others = [run for i, run in enumerate(runs) if i != place]
+    one_mass = len({run.mass_change_kg for run in others}) < 2
+    held = fit["inverse_mass"] if one_mass and fit.held_inverse_mass is None else None
+    model = model_of(others, fit, fit.law, held_inverse_mass=held)
+    whole = vector_of(fit, fit.law)
+    shared = whole[: fit.value.size]
+    if held is not None:
+        shared = np.delete(shared, fit.names.index("inverse_mass"))
+    start = np.delete(fit.start, place, axis=0).ravel()
+    found, _ = settled(model, np.concatenate([shared, start]))
+    alone = model_of([runs[place]], fit, fit.law, held_inverse_mass=held)
+    theta = np.concatenate([found[: shared.size], fit.start[place]])
+    theta, _ = settled(alone, theta, free=slice(shared.size, None))
+    return alone.evaluate(theta, sensitivity=False)
+
+
+def _cost(errors: Errors) -> float:
+    return float(errors.stacked @ errors.stacked)
+
+
+def _evaluated(model: Model, theta: FloatArray) -> Errors | None:
+    try:
+        return model.evaluate(theta)
+    except UnboundedResponseError:
+        return None
+
+
+def _caps(model: Model) -> FloatArray:
+    """How far each entry may move in a step."""
+    caps = np.full(len(model.names) + 2 * len(model.runs), np.inf)
+    of_law = slice(model.n_head, model.n_head + model.law.vector.size)
+    caps[of_law][positive(model.law)] = LARGEST_LOG_STEP
+    return caps
+
+
+def _step(
+    errors: Errors,
+    free: slice,
+    damping: float,
+    at: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    caps: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return the next step of the free entries and how far the linear model says it lowers the squared error."""
+    jacobian, residual = errors.jacobian[:, free], errors.stacked
+    gradient = jacobian.T @ residual
+    # an entry at its bound that would go beyond stays there
+    moving = ~(((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0)))
+    columns = jacobian[:, moving]
+    size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
+    scaled = columns / size
+    if damping:
+        scaled = np.concatenate([scaled, np.sqrt(damping) * np.eye(size.size)])
+        residual = np.concatenate([residual, np.zeros(size.size)])
+    step = np.zeros(at.size)
+    step[moving] = -np.linalg.lstsq(scaled, residual, rcond=1e-12)[0] / size
+    step /= max(1.0, float(np.max(np.abs(step) / caps)))
+    ahead = errors.stacked + jacobian @ step
+    return step, _cost(errors) - float(ahead @ ahead)

@@ -1,0 +1,284 @@
+"""The kinds of restoring-force law: what a term of a law can be, one function each.
+
+A kind is a force for unit amplitude together with its derivatives. The first entry of every kind says what the force
+is, the comment above it what it stands for in a suspension.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+ForceAndDerivatives = tuple[Any, Any, Any, Any, Any]
+
+TWO_OVER_PI = 2.0 / math.pi
+# keeps log(|z|) and |z|^(n-1) finite at z = 0
+TINY = 1e-30
+# polytropic exponent of the gas in an oleo strut: 1.1 where oil and gas mix (nearly isothermal), up to 1.4 (adiabatic)
+# where they are apart and quick (Currey 1988, Aircraft Landing Gear Design)
+POLYTROPIC = 1.3
+# share of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
+BOTTOM = 0.95
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
+
+    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` any number.
+    """
+
+    name: str
+    unit: str
+    role: Literal["amplitude", "scale", "exponent", "lag"]
+    default: float
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of law: an amplitude times a force of unit amplitude.
+
+    Args:
+        name: the name in files, options and results.
+        latex: the force as a formula, with r"\\dot z" for the rate.
+        parameters: the amplitude first, then at most two inner ones, a and b.
+        function: (z, v, a, b) -> the force for unit amplitude and its derivatives by z, v, a and b. It is pure and
+            written with numpy, works on arrays and, compiled by numba, on numbers; a parameter that the kind does not
+            have is passed all the same, and its derivative is 0.0. Squares and products are twenty times faster than
+            z**3.
+    """
+
+    name: str
+    latex: str
+    parameters: tuple[Parameter, ...]
+    function: Callable[..., ForceAndDerivatives] = field(repr=False)
+
+
+def _arctan_velocity(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    by_ratio = TWO_OVER_PI / (s**2 + v**2)
+    return TWO_OVER_PI * np.arctan(v / s), 0.0, by_ratio * s, -by_ratio * v, 0.0
+
+
+def _arctan_displacement(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    by_ratio = TWO_OVER_PI / (s**2 + z**2)
+    return TWO_OVER_PI * np.arctan(z / s), by_ratio * s, 0.0, -by_ratio * z, 0.0
+
+
+def _arctan_mixed(z: Any, v: Any, s: Any, c: Any) -> ForceAndDerivatives:
+    ahead = z + c * v
+    by_ratio = TWO_OVER_PI / (s**2 + ahead**2)
+    by_z = by_ratio * s
+    return TWO_OVER_PI * np.arctan(ahead / s), by_z, c * by_z, -by_ratio * ahead, by_z * v
+
+
+def _coulomb_friction(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    shape = np.tanh(v / s)
+    by_v = (1.0 - shape**2) / s
+    return shape, 0.0, by_v, -by_v * v / s, 0.0
+
+
+def _quadratic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    speed = np.abs(v)
+    return v * speed, 0.0, 2.0 * speed, 0.0, 0.0
+
+
+def _cubic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    square = v**2
+    return v * square, 0.0, 3.0 * square, 0.0, 0.0
+
+
+def _signed_power_damping(z: Any, v: Any, n: Any, _: Any) -> ForceAndDerivatives:
+    speed = np.maximum(np.abs(v), TINY)
+    power = speed ** (n - 1.0)
+    return v * power, 0.0, n * power, v * power * np.log(speed), 0.0
+
+
+def _asymmetric_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    return np.abs(v), 0.0, np.sign(v), 0.0, 0.0
+
+
+def _blow_off_damping(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    beyond = np.maximum(np.abs(v) - s, 0.0)
+    open_side = np.sign(v) * np.sign(beyond)
+    return np.sign(v) * beyond, 0.0, np.sign(beyond), -open_side, 0.0
+
+
+def _quadratic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    travel = np.abs(z)
+    return z * travel, 2.0 * travel, 0.0, 0.0, 0.0
+
+
+def _cubic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    square = z**2
+    return z * square, 3.0 * square, 0.0, 0.0, 0.0
+
+
+def _quintic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    square = z**2
+    fourth = square**2
+    return z * fourth, 5.0 * fourth, 0.0, 0.0, 0.0
+
+
+def _signed_power_stiffness(z: Any, v: Any, n: Any, _: Any) -> ForceAndDerivatives:
+    travel = np.maximum(np.abs(z), TINY)
+    power = travel ** (n - 1.0)
+    return z * power, n * power, 0.0, z * power * np.log(travel), 0.0
+
+
+def _asymmetric_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    return np.abs(z), np.sign(z), 0.0, 0.0, 0.0
+
+
+def _dead_zone_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    beyond = np.maximum(np.abs(z) - s, 0.0)
+    touching_side = np.sign(z) * np.sign(beyond)
+    return np.sign(z) * beyond, np.sign(beyond), 0.0, -touching_side, 0.0
+
+
+def _gas_spring(z: Any, v: Any, h: Any, _: Any) -> ForceAndDerivatives:
+    extension = z / h
+    within = np.maximum(extension, -BOTTOM)
+    pressure = (1.0 + within) ** -POLYTROPIC
+    by_extension = POLYTROPIC * (pressure / (1.0 + within) - 1.0)
+    shape = 1.0 - pressure - POLYTROPIC * within + by_extension * (extension - within)
+    return shape, by_extension / h, 0.0, -by_extension * extension / h, 0.0
+
+
+BUILT_IN = (
+    # dry friction that turns over within the velocity s
+    Kind(
+        "arctan_velocity",
+        r"A \tfrac{2}{\pi} \arctan(\dot z / s)",
+        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
+        _arctan_velocity,
+    ),
+    # a spring that gives way beyond the travel s
+    Kind(
+        "arctan_displacement",
+        r"A \tfrac{2}{\pi} \arctan(z / s)",
+        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m", "m", "scale", 0.002)),
+        _arctan_displacement,
+    ),
+    # Iwaniec & Uhl 2007, eq. (3), f/M2 = a z + arctan(d b (z + c v)): A = (pi/2) M2 (1 m/s^2), s = 1/(d b),
+    # c = c; the term a z is linear, so it belongs to the stiffness of the joint (K2 grows by M2 a)
+    Kind(
+        "arctan_mixed",
+        r"A \tfrac{2}{\pi} \arctan((z + c \dot z) / s)",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m", "m", "scale", 0.002),
+            Parameter("lag_s", "s", "lag", 0.05),
+        ),
+        _arctan_mixed,
+    ),
+    # dry friction that is full soon beyond the velocity s
+    Kind(
+        "coulomb_friction",
+        r"A \tanh(\dot z / s)",
+        (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
+        _coulomb_friction,
+    ),
+    # oil pressed through an orifice
+    Kind(
+        "quadratic_damping",
+        r"c\, \dot z |\dot z|",
+        (Parameter("damping_n_s2_per_m2", "N s^2/m^2", "amplitude", 4e4),),
+        _quadratic_damping,
+    ),
+    # the next odd term of any smooth damper
+    Kind(
+        "cubic_damping",
+        r"c\, \dot z^3",
+        (Parameter("damping_n_s3_per_m3", "N s^3/m^3", "amplitude", 5e5),),
+        _cubic_damping,
+    ),
+    # a damper between friction (n = 0) and orifice (n = 2)
+    Kind(
+        "signed_power_damping",
+        r"c\, |\dot z|^n \operatorname{sgn} \dot z",
+        (
+            Parameter("damping_n_sn_per_mn", "N s^n/m^n", "amplitude", 2e4),
+            Parameter("exponent", "1", "exponent", 1.5),
+        ),
+        _signed_power_damping,
+    ),
+    # other valves in rebound than in compression: damping C + c while it extends, C - c while it shortens
+    Kind(
+        "asymmetric_damping",
+        r"c\, |\dot z|",
+        (Parameter("damping_n_s_per_m", "N s/m", "amplitude", 1.5e3),),
+        _asymmetric_damping,
+    ),
+    # damping that changes by c beyond the velocity s: a relief valve opens and c is negative
+    Kind(
+        "blow_off_damping",
+        r"c\, (|\dot z| - s)_+ \operatorname{sgn} \dot z",
+        (Parameter("damping_n_s_per_m", "N s/m", "amplitude", -3e3), Parameter("scale_m_per_s", "m/s", "scale", 0.05)),
+        _blow_off_damping,
+    ),
+    # a spring whose stiffness grows with the travel, the same on both sides
+    Kind(
+        "quadratic_stiffness",
+        r"k\, z |z|",
+        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
+        _quadratic_stiffness,
+    ),
+    # the next odd term of any smooth spring
+    Kind(
+        "cubic_stiffness",
+        r"k\, z^3",
+        (Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9),),
+        _cubic_stiffness,
+    ),
+    # and the one after that: a spring that hardens late
+    Kind(
+        "quintic_stiffness",
+        r"k\, z^5",
+        (Parameter("stiffness_n_per_m5", "N/m^5", "amplitude", 5e13),),
+        _quintic_stiffness,
+    ),
+    # contact (n = 1.5 is Hertz) and rubber
+    Kind(
+        "signed_power_stiffness",
+        r"k\, |z|^n \operatorname{sgn} z",
+        (
+            Parameter("stiffness_n_per_mn", "N/m^n", "amplitude", 1e6),
+            Parameter("exponent", "1", "exponent", 1.5),
+        ),
+        _signed_power_stiffness,
+    ),
+    # a helper spring or a preload that acts on one side: stiffness K + k in extension, K - k in compression
+    Kind(
+        "asymmetric_stiffness",
+        r"k\, |z|",
+        (Parameter("stiffness_n_per_m", "N/m", "amplitude", 5e4),),
+        _asymmetric_stiffness,
+    ),
+    # bump stops on both sides (k > 0), or backlash taken from K (k > 0 with K small), beyond the gap s
+    Kind(
+        "dead_zone_stiffness",
+        r"k\, (|z| - s)_+ \operatorname{sgn} z",
+        (Parameter("stiffness_n_per_m", "N/m", "amplitude", 3e5), Parameter("gap_m", "m", "scale", 0.004)),
+        _dead_zone_stiffness,
+    ),
+    # gas compressed in an oleo strut, F0 carried at rest, h the volume over the piston area; without its tangent
+    # n F0 / h, which belongs to the stiffness of the joint
+    Kind(
+        "gas_spring",
+        r"F_0 (1 - (1 + z / h)^{-1.3} - 1.3 z / h)",
+        (Parameter("static_force_n", "N", "amplitude", 1.8e4), Parameter("gas_length_m", "m", "scale", 0.1)),
+        _gas_spring,
+    ),
+)
+"""The kinds that are always there. A new one is one function and one entry above; nothing else changes."""
+
+# what the process knows: the built-in kinds and those registered by `opid.mechanics.own_kinds.register_kind`
+KNOWN = {kind.name: kind for kind in BUILT_IN}
+
+LAWS: Mapping[str, Kind] = MappingProxyType(KNOWN)
+"""Every kind of law by its name."""

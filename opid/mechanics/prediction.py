@@ -1,0 +1,158 @@
+"""Predict what the sensors on a driven body read next, from all that they read before.
+
+The measured acceleration below each suspension drives the body (`opid.mechanics.driven`), and it is noisy: simulated
+freely, the model carries that noise along, more so where a law is stiff, a ground spring takes part or an AC coupling
+was undone. Here every reading on the body corrects the simulated motion by as much as the noise levels make right (a
+Kalman filter about the nonlinear trajectory). What is left, the innovation, is white for the true model whatever the
+law: least squares over it is maximum likelihood (Ljung 1999, System Identification, sections 3.2 and 7.4).
+
+No acceleration is integrated without a restoring force, and with exact sensors nothing is corrected at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError
+from opid.mechanics.driven import Interface, UnboundedResponseError
+from opid.mechanics.kernels import law_arrays, predictions
+from opid.mechanics.laws import FloatArray
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the sensors below and on the body, one number for all interfaces or one for each.
+
+    Args:
+        drive: rms of the white noise on the drive, m/s^2.
+        measured: rms of the white noise on the readings of the body, m/s^2.
+        drive_walk: what the offset of the drive walks in a sample, rms m/s^2.
+        measured_walk: what the offset of the readings walks in a sample, rms m/s^2.
+    """
+
+    drive: float | Sequence[float]
+    measured: float | Sequence[float]
+    drive_walk: float | Sequence[float] = 0.0
+    measured_walk: float | Sequence[float] = 0.0
+
+    def table(self, n: int) -> FloatArray:
+        """(4, n) the four rows.
+
+        Args:
+            n: number of interfaces.
+        """
+        rows = (self.drive, self.measured, self.drive_walk, self.measured_walk)
+        return np.array([np.broadcast_to(np.asarray(row, dtype=np.float64), n) for row in rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What was predicted of each sample from the ones before it.
+
+    Args:
+        innovation: (n_interfaces, n) reading less prediction over its standard deviation: white of unit variance for
+            the true model and noise.
+        spread: (n_interfaces, n) that standard deviation, m/s^2.
+        sensitivity: (n_interfaces, n_parameters, n) derivatives of `innovation`: by stiffness, damping, ground
+            stiffness and law of each interface in turn, by each direction of the accelerance, of the drive and of
+            the readings, and by travel, velocity (and, with ground, displacement and velocity of the body) at the
+            start; no parameters if not asked for.
+        travel: (n, n_interfaces) z, m.
+        velocity: (n, n_interfaces) z', m/s.
+        acceleration: (n, n_interfaces) predicted x2'' of the body at the interfaces, m/s^2.
+    """
+
+    innovation: FloatArray
+    spread: FloatArray
+    sensitivity: FloatArray
+    travel: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+def predict(
+    interfaces: Sequence[Interface],
+    accelerance: ArrayLike,
+    drive: ArrayLike,
+    measured: ArrayLike,
+    *,
+    fs: float,
+    noise: Noise,
+    start: ArrayLike,
+    start_std: ArrayLike,
+    accelerance_directions: ArrayLike | None = None,
+    drive_directions: ArrayLike | None = None,
+    measured_directions: ArrayLike | None = None,
+    ground: bool = False,
+    sensitivity: bool = True,
+) -> Prediction:
+    """Return the innovations of a body driven by the accelerations measured below its suspensions.
+
+    Args:
+        interfaces: the suspensions.
+        accelerance: (n_interfaces, n_interfaces) A, 1/kg.
+        drive: (2 n - 1, n_interfaces) acceleration below each suspension at half steps, m/s^2.
+        measured: (n, n_interfaces) acceleration of the body at each interface, m/s^2.
+        fs: samples a second, Hz.
+        noise: of the sensors.
+        start: (6 or 4, n_interfaces) rows z, z', [x2, x2'], offset of the drive and of the readings at the first
+            sample; the two in brackets with `ground` only.
+        start_std: likewise, standard deviations.
+        accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
+        drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive to differentiate by.
+        measured_directions: (n, n_directions, n_interfaces) changes of the readings to differentiate by.
+        ground: whether a spring acts between body and ground, which needs the body's own displacement.
+        sensitivity: whether derivatives are wanted.
+
+    Raises:
+        InputError: shapes that do not match.
+        UnboundedResponseError: a motion that grows without bound.
+
+    >>> rng = np.random.default_rng(0)
+    >>> readings = 0.01 * rng.standard_normal((500, 1))
+    >>> still = predict([Interface(400.0, 4.0)], [[1.0]], np.zeros((999, 1)), readings, fs=100.0,
+    ...                 noise=Noise(0.0, 0.01), start=np.zeros((4, 1)), start_std=np.zeros((4, 1)))
+    >>> bool(np.allclose(still.innovation[0], readings[:, 0] / 0.01)), still.sensitivity.shape
+    (True, (1, 5, 500))
+    """
+    n = len(interfaces)
+    matrix, u, y, first, std = (
+        np.ascontiguousarray(array, dtype=np.float64) for array in (accelerance, drive, measured, start, start_std)
+    )
+    rows = 6 if ground else 4
+    shapes = (matrix.shape, u.shape, y.shape, first.shape, std.shape)
+    needed = ((n, n), (2 * y.shape[0] - 1, n), (y.shape[0], n), (rows, n), (rows, n))
+    if shapes != needed:
+        raise InputError(
+            f"accelerance, drive, measured, start and start_std have shapes {', '.join(map(str, shapes))}: give "
+            f"{', '.join(map(str, needed))} for {n} interface(s)"
+        )
+    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
+    firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
+    n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
+    innovation, spread, changes, motion = predictions(
+        (linear, firsts, codes, n_inner, values),
+        matrix,
+        _directions(accelerance_directions, (0, n, n)),
+        u,
+        _directions(drive_directions, (u.shape[0], 0, n)),
+        y,
+        _directions(measured_directions, (y.shape[0], 0, n)),
+        1.0 / fs,
+        first.ravel(),
+        np.diag(std.ravel() ** 2),
+        noise.table(n),
+        ground,
+        sensitivity,
+    )
+    if not np.isfinite(innovation[:, -1]).all():
+        raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
+    return Prediction(innovation, spread, changes, motion[:, 0], motion[:, 1], motion[:, 2])
+
+
+def _directions(given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
+    return np.zeros(empty) if given is None else np.ascontiguousarray(given, dtype=np.float64)

@@ -1,0 +1,186 @@
+"""Figures of a test bench: force against motion, the law, the laws that were tried, and what is left over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from opid.identify.bench_ladder import Rung
+from opid.identify.bench_law import BenchLaw
+from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
+
+__all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
+
+_TRAVEL, _VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
+_DOTS: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.2, "markeredgewidth": 0}
+# laws shown that the search did not go on from
+N_OTHERS = 8
+
+
+def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
+    """Draw the measured force over velocity and over travel, and what the law makes of the same motion.
+
+    Args:
+        result: the law of a bench.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    bench = result.bench
+    shown = every(bench.force.size)
+    fitted = bench.force - result.residual
+    scale, unit = _force_unit(bench.force)
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.7, sharey=True)
+        for ax, motion, label in zip(grid[0], _motions(result), (_VELOCITY, _TRAVEL), strict=True):
+            ax.plot(motion[shown], scale * bench.force[shown], color=PALE, label="measured", **_DOTS)
+            ax.plot(motion[shown], scale * fitted[shown], color=RUN_COLORS[1], label="law", **_DOTS)
+            ax.set_xlabel(label)
+        grid[0, 0].set_ylabel(f"force [{unit}]")
+        grid[0, 0].set_title(result.law.name.replace("_", " ").replace("+", " + "))
+        grid[0, 1].set_title(f"{100 * result.r2_left_out:.4g} % explained where left out", fontweight="normal")
+        thick(grid[0, 0].legend(loc="upper left"))
+    return grid
+
+
+def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
+    """Draw the law over velocity (at z = 0) and over travel (at z' = 0), among the measured force less the rest of it.
+
+    Args:
+        result: the law of a bench.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    bench = result.bench
+    shown = every(bench.force.size)
+    scale, unit = _force_unit(bench.force)
+    slopes = [result.parameters[name].value or 0.0 for name in ("damping_n_s_per_m", "stiffness_n_per_m")]
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.7)
+        for ax, raw, drawn, slope, along in zip(
+            grid[0], (bench.velocity, bench.travel), _motions(result), slopes, ("velocity", "travel"), strict=True
+        ):
+            line = np.linspace(raw.min(), raw.max(), 601)
+            factor = 1.0 if along == "velocity" else 1e3
+            curve, straight = _along(result, line, slope, along), slope * line
+            dots = _along(result, raw[shown], slope, along) + result.residual[shown]
+            ax.plot(drawn[shown], scale * dots, color=PALE, label="measured, less the rest of the law", **_DOTS)
+            symbol = "C z′" if along == "velocity" else "K z"
+            ax.plot(factor * line, scale * straight, color=GREY, linestyle="--", linewidth=1.1, label=symbol)
+            ax.plot(factor * line, scale * curve, color=RUN_COLORS[1], linewidth=2.0, label=f"{symbol} + f")
+            ax.set_xlabel(_VELOCITY if along == "velocity" else _TRAVEL)
+            ax.set_title("Over velocity, z = 0" if along == "velocity" else "Over travel, z′ = 0")
+            low, high = (float(scale * each) for each in (min(dots.min(), curve.min()), max(dots.max(), curve.max())))
+            room = 0.06 * (high - low)
+            # a straight part far steeper than the whole law would flatten everything else
+            ax.set_ylim(low - room, high + 5 * room)
+            thick(ax.legend(loc="upper left"))
+        grid[0, 0].set_ylabel(f"share of the force [{unit}]")
+    return grid
+
+
+def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
+    """Draw the share of the force that each law leaves unexplained: those kept, and the best of the others.
+
+    Args:
+        result: the law of a bench.
+        ax: one Axes, or None for a new figure.
+    """
+    rungs = _shown(result.ladder)
+    least = 1e-12
+    with house_style():
+        ax = panels(ax, 1, height_in=1.5 + 0.26 * len(rungs))[0, 0]
+        for row, rung in enumerate(rungs):
+            color = RUN_COLORS[1] if rung.chosen else INK if rung.kept else GREY
+            inside, outside = (max(1 - share, least) for share in (rung.r2, rung.r2_left_out))
+            ax.plot([inside, outside], [row, row], color=color, linewidth=1)
+            ax.plot([inside], [row], marker="o", markersize=6, color=color, markerfacecolor="white", linestyle="none")
+            ax.plot([outside], [row], marker="o", markersize=6, color=color, linestyle="none")
+            text = f"{100 * outside:.3g} %"
+            ax.annotate(text, (max(inside, outside), row), (7, 0), textcoords="offset points", va="center", fontsize=8)
+        static = max(1 - result.memory.r2_at_most, least)
+        ax.axvline(static, color=INK, linestyle="--", linewidth=1)
+        ax.annotate(
+            "best of any law",
+            (static, 1),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
+        ax.set_xscale("log")
+        low, high = ax.get_xlim()
+        ax.set_xlim(low / 1.1, high * (high / low) ** 0.15)
+        ax.xaxis.set_major_formatter(FuncFormatter(_percent))
+        ax.xaxis.set_minor_formatter(NullFormatter() if high / low > 5 else FuncFormatter(_percent))
+        ax.tick_params(axis="x", which="minor", labelsize=7.5)
+        ax.set_yticks(range(len(rungs)), [rung.law_name.replace("_", " ").replace("+", " + ") for rung in rungs])
+        for label, rung in zip(ax.get_yticklabels(), rungs, strict=True):
+            label.set_color(RUN_COLORS[1] if rung.chosen else INK if rung.kept else GREY)
+            label.set_fontweight("bold" if rung.chosen else "normal")
+        ax.set_ylim(len(rungs) - 0.5, -0.5)
+        ax.grid(True, axis="x", which="both")
+        ax.grid(False, axis="y")
+        ax.set_xlabel("unexplained share of the force: fitted ○, left out ●")
+        ax.set_title("Laws tried", pad=16)
+    return ax
+
+
+def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
+    """Draw what the law leaves over, over time, velocity and travel.
+
+    Args:
+        result: the law of a bench.
+        axes: three Axes, or None for a new figure.
+
+    Returns:
+        (1, 3) Axes.
+    """
+    bench = result.bench
+    shown = every(bench.force.size)
+    scale, unit = _force_unit(bench.force)
+    time = np.arange(bench.force.size) / bench.fs
+    with house_style():
+        grid = panels(axes, 1, 3, height_in=3.1, sharey=True)
+        velocity, travel = _motions(result)
+        for ax, place, label in zip(grid[0], (time, velocity, travel), ("time [s]", _VELOCITY, _TRAVEL), strict=True):
+            ax.plot(place[shown], scale * bench.force[shown], color=PALE, label="force", **_DOTS)
+            ax.plot(place[shown], scale * result.residual[shown], color=RUN_COLORS[0], label="residual", **_DOTS)
+            ax.axhline(0, color=INK, linewidth=0.8)
+            ax.set_xlabel(label)
+            ax.locator_params(axis="x", nbins=5)
+        grid[0, 0].set_ylabel(f"force [{unit}]")
+        grid[0, 0].set_title(f"{scale * result.residual_rms:.3g} {unit} rms left over")
+        thick(grid[0, 1].legend(loc="upper left"))
+    return grid
+
+
+def _motions(result: BenchLaw) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity in m/s and travel in mm, as they are drawn."""
+    return result.bench.velocity, 1e3 * result.bench.travel
+
+
+def _along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> np.ndarray:
+    zero = np.zeros_like(position)
+    place = (zero, position) if along == "velocity" else (position, zero)
+    return slope * position + result.law.force(*place)
+
+
+def _force_unit(force: np.ndarray) -> tuple[float, str]:
+    return (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
+
+
+def _shown(ladder: tuple[Rung, ...]) -> list[Rung]:
+    others = sorted((rung for rung in ladder if not rung.kept), key=lambda rung: rung.bic)[:N_OTHERS]
+    return [rung for rung in ladder if rung.kept or rung in others]
+
+
+def _percent(share: float, place: int | None = None) -> str:
+    return f"{100 * share:g} %"

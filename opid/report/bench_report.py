@@ -1,0 +1,218 @@
+"""The law of a test bench as text, JSON and a page with its figures."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from opid.identify.bench_law import SCHEMA, BenchLaw
+from opid.report.as_json import json_text, plain
+from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
+from opid.report.directory import write_together
+from opid.report.page import Picture, rendered
+
+LABELS = {
+    "stiffness_n_per_m": ("stiffness K", "N/m"),
+    "damping_n_s_per_m": ("damping C", "N s/m"),
+    "offset_n": ("offset F0", "N"),
+}
+
+
+def bench_text(result: BenchLaw) -> str:
+    """Return the law of a test bench as text: the numbers, how good it is, and what to doubt.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    parts = [f"{result.title or 'Test bench'}: F = F0 + K z + C z' + f(z, z')", ""]
+    if result.not_determined:
+        parts += [*wrapped("Not determined: " + result.not_determined), ""]
+    parts += [*table_lines(bench_rows(result), columns(None)), "", *wrapped(quality(result))]
+    parts += ["", *wrapped(_sentence(result.memory.statement))]
+    doubts = _doubts(result)
+    if doubts:
+        parts += ["", *(line for doubt in doubts for line in wrapped(doubt, "Warning: "))]
+    return "\n".join(parts) + "\n"
+
+
+def bench_json(result: BenchLaw) -> dict[str, Any]:
+    """Return the law of a test bench as the content of result.json.
+
+    Args:
+        result: from `law_of_bench`.
+
+    Returns:
+        `schema`, `title`, `parameters` {name: {value, std, interval95}}, `law` {name, latex, parameters {kind:
+        {parameter: {value, std, interval95}}}}, `r2`, `r2_left_out`, `residual_rms_n`, `n_independent`, `ladder` [{law,
+        r2, r2_left_out, bic, kept, chosen}], `memory`, `warnings`, `not_determined`, `settings`.
+    """
+    return plain(
+        {
+            "schema": SCHEMA,
+            "title": result.title,
+            "parameters": {name: asdict(estimate) for name, estimate in result.parameters.items()},
+            "law": {
+                "name": result.law.name,
+                "latex": result.law.latex,
+                "parameters": {
+                    kind: {name: asdict(estimate) for name, estimate in estimates.items()}
+                    for kind, estimates in result.law_estimates.items()
+                },
+            },
+            "r2": result.r2,
+            "r2_left_out": result.r2_left_out,
+            "residual_rms_n": result.residual_rms,
+            "n_independent": result.n_independent,
+            "ladder": [
+                {
+                    "law": rung.law_name,
+                    "r2": rung.r2,
+                    "r2_left_out": rung.r2_left_out,
+                    "bic": rung.bic,
+                    "kept": rung.kept,
+                    "chosen": rung.chosen,
+                }
+                for rung in result.ladder
+            ],
+            "memory": asdict(result.memory) | {"seen": result.memory.seen},
+            "warnings": result.warnings,
+            "not_determined": result.not_determined,
+            "settings": result.settings,
+        }
+    )
+
+
+def write_bench_report(
+    result: BenchLaw, directory: str | os.PathLike[str], *, progress: Callable[[str], None] | None = None
+) -> Path:
+    """Write result.json, report.html and the figures as PNG, and return the path of the page.
+
+    Args:
+        result: from `law_of_bench`.
+        directory: made if it is not there; all files appear together, any other file in it stays.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a place that cannot be written to.
+    """
+    from opid.plots.style import figure_of, png
+
+    say = progress or (lambda step: None)
+    images: dict[str, bytes] = {}
+    for picture in bench_pictures():
+        say(f"figure {picture.name}")
+        images[picture.name] = png(figure_of(picture.draw(result, None)))
+    page = rendered(
+        "bench.html.jinja",
+        images,
+        title=result.title or "Test bench",
+        result=result,
+        columns=columns(None),
+        rows=bench_rows(result),
+        quality=quality(result),
+        memory=_sentence(result.memory.statement),
+        warnings=_doubts(result),
+        pictures=bench_pictures(),
+        command=_command(result),
+    )
+    contents = {f"{name}.png": image for name, image in images.items()}
+    contents["report.html"] = page.encode()
+    # last, so that a result.json is never there without its report
+    contents["result.json"] = json_text(bench_json(result)).encode()
+    write_together(directory, contents)
+    return Path(directory) / "report.html"
+
+
+def bench_pictures() -> tuple[Picture, ...]:
+    """Return the figures of the report of a test bench."""
+    from opid import plots
+
+    return (
+        Picture(
+            "force_against_motion",
+            "Force against motion",
+            "What was measured (grey) and what the law makes of the same motion (in colour). Where grey loops stand "
+            "outside the colour the force depends on more than travel and velocity.",
+            lambda result, truth: plots.force_against_motion(result),
+        ),
+        Picture(
+            "bench_curves",
+            "The law",
+            "Its share of the force over velocity and over travel; grey dots are the measured force less the rest of "
+            "the law. Beyond them the law is an extrapolation.",
+            lambda result, truth: plots.bench_curves(result),
+        ),
+        Picture(
+            "bench_ladder",
+            "Which law",
+            "Share of the force that each law leaves unexplained, on the samples it was fitted to (hollow) and on "
+            "stretches of time that were left out (full): the chosen law in colour, those on the way to it in black. "
+            "No law of travel and velocity predicts better than the dashed line.",
+            lambda result, truth: plots.bench_ladder(result),
+        ),
+        Picture(
+            "bench_residual",
+            "What is left over",
+            "Force minus law over time, and over velocity and travel. A pattern is a shape that the library lacks, or "
+            "memory.",
+            lambda result, truth: plots.bench_residual(result),
+        ),
+    )
+
+
+def bench_rows(result: BenchLaw) -> list[Row]:
+    """Return the table of numbers: stiffness, damping, offset, and the parameters of the law.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    table = [estimate_row(*LABELS[name], estimate) for name, estimate in result.parameters.items()]
+    return [*table, *_law_rows(result)]
+
+
+def quality(result: BenchLaw) -> str:
+    """Return the sentences that say how good the law is and what it rests on.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    bench = result.bench
+    return (
+        f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
+        f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.force.size} "
+        f"samples at {bench.fs:.6g} Hz ({result.n_independent:.0f} independent ones in the residual); velocity: "
+        f"{bench.velocity_from}."
+    )
+
+
+def _law_rows(result: BenchLaw) -> Iterator[Row]:
+    if not result.law.terms:
+        yield Row("Law: linear, f = 0")
+    for term in result.law.terms:
+        head = "Law" if len(result.law.terms) == 1 else "Term"
+        yield Row(f"{head}: {term.name}, {formula(term.kind.latex)}")
+        for parameter in term.kind.parameters:
+            # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
+            label = parameter.name.split("_n")[0] if parameter.role == "amplitude" else parameter.role
+            yield estimate_row(label, parameter.unit, result.law_estimates[term.name][parameter.name])
+
+
+def _doubts(result: BenchLaw) -> list[str]:
+    """Return the warnings; what the paragraph on memory says already is not said again."""
+    told = result.memory.statement
+    shortened = (warning.removeprefix(told).lstrip(". ") for warning in result.warnings)
+    return [warning for warning in shortened if warning]
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+def _command(result: BenchLaw) -> str:
+    names = {role: name for role, name in result.bench.channels.items() if name is not None}
+    options = " ".join(f"--{role} {shlex.quote(name)}" for role, name in names.items())
+    return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}"

@@ -1,0 +1,315 @@
+"""A law from measured force against motion: known laws come back, memory is told, and intervals hold the truth."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from opid.errors import InputError, NotDeterminedError
+from opid.identify.bench import Bench, bench_from_recording, rate_of
+from opid.identify.bench_law import law_of_bench
+from opid.identify.memory import play
+from opid.mechanics.laws import LINEAR, law
+from opid.report import bench_json, bench_text
+from opid.signals.recording import Channel, Recording
+
+FS = 500.0
+STIFFNESS, DAMPING, OFFSET = 2e4, 500.0, 12.0
+# a library of every shape, small enough for a quick search
+LIBRARY = (
+    "arctan_velocity",
+    "coulomb_friction",
+    "quadratic_damping",
+    "cubic_damping",
+    "cubic_stiffness",
+)
+TRUTHS = [
+    LINEAR,
+    law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.03),
+    law("coulomb_friction", amplitude_n=400.0, scale_m_per_s=0.03),
+    law("quadratic_damping", damping_n_s2_per_m2=4e3),
+    law("cubic_stiffness", stiffness_n_per_m3=2e8),
+    law("coulomb_friction", amplitude_n=400.0, scale_m_per_s=0.03) + law("cubic_stiffness", stiffness_n_per_m3=2e8),
+]
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+def random_motion(rng, n=3000, rms_m=0.01, band_hz=4.0):
+    sections = signal.butter(3, band_hz, fs=FS, output="sos")
+    z = signal.sosfiltfilt(sections, rng.standard_normal(n + 2000))[1000:-1000]
+    z *= rms_m / z.std()
+    return z, np.gradient(z, 1 / FS)
+
+
+def coloured(rng, n, correlation):
+    """First-order noise of unit variance."""
+    drive = np.sqrt(1 - correlation**2) * rng.standard_normal(n + 500)
+    return signal.lfilter([1.0], [1.0, -correlation], drive)[500:]
+
+
+def bench_of(z, v, force):
+    return Bench(z, v, force, FS, 0.0, "recorded", None, {"force": "F", "travel": "z", "velocity": "v"}, ())
+
+
+def simulated(nonlinear, seed=0, n=3000, noise_n=30.0, correlation=0.0):
+    rng = np.random.default_rng(seed)
+    z, v = random_motion(rng, n)
+    force = OFFSET + STIFFNESS * z + DAMPING * v + nonlinear.force(z, v)
+    return bench_of(z, v, force + noise_n * coloured(rng, n, correlation))
+
+
+def bouc_wen(z, yield_n=400.0, stiffness=1e5):
+    """x' = k z' (1 - |x/x_y| (1 + sgn(x z'))/2), in steps of the travel."""
+    share = np.zeros_like(z)
+    for i, step in enumerate(np.diff(z)):
+        turned = 0.5 * (1 + np.sign(step * share[i]))
+        share[i + 1] = share[i] + step * stiffness / yield_n * (1 - abs(share[i]) * turned)
+    return yield_n * share
+
+
+# ---- which law -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("truth", "correlation"),
+    [*zip(TRUTHS, (0.9, 0.0, 0.9, 0.0, 0.9, 0.9), strict=True)],
+    ids=lambda each: getattr(each, "name", str(each)),
+)
+def test_the_true_law_is_found(truth, correlation):
+    found = law_of_bench(simulated(truth, seed=3, n=2000, correlation=correlation), candidates=LIBRARY, most_terms=3)
+    assert found.law.name == truth.name
+    assert found.not_determined is None
+    assert not found.memory.seen
+    for name, true in zip(found.parameters, (STIFFNESS, DAMPING, OFFSET), strict=True):
+        estimate = found.parameters[name]
+        assert abs(estimate.value - true) < 4 * estimate.std
+    np.testing.assert_allclose(found.law.vector, truth.vector, rtol=0.25)
+    # what is left is the noise, and stretches that were left out are predicted almost as well
+    np.testing.assert_allclose(found.residual_rms, 30, rtol=0.1)
+    assert found.r2 - 0.01 < found.r2_left_out <= found.r2
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    truth = TRUTHS[1]
+    held = []
+    for seed in range(24):
+        found = law_of_bench(simulated(truth, seed, n=1500, correlation=0.8), candidates=(truth.name,))
+        estimates = [*found.parameters.values(), *found.law_estimates[truth.name].values()]
+        true = [STIFFNESS, DAMPING, OFFSET, *truth.vector]
+        held += [estimate.holds(value) for estimate, value in zip(estimates, true, strict=True)]
+    # 120 intervals of 95 %: three standard deviations below
+    assert len(held) == 120
+    assert np.mean(held) > 0.88
+
+
+def test_the_ladder_tells_what_was_tried():
+    found = law_of_bench(simulated(TRUTHS[4]), candidates=LIBRARY, most_terms=2)
+    ladder = bench_json(found)["ladder"]
+    assert ladder[0]["law"] == "linear"
+    assert sum(rung["chosen"] for rung in ladder) == 1
+    chosen = next(rung for rung in ladder if rung["chosen"])
+    assert (chosen["law"], chosen["kept"]) == ("cubic_stiffness", True)
+    assert chosen["bic"] < ladder[0]["bic"] - 10
+    assert {rung["law"] for rung in ladder} >= set(LIBRARY)
+
+
+def test_a_term_that_the_motion_does_not_bend_is_told_from_no_other():
+    # friction of a scale far above the velocities: its cubic part is all that is seen of it
+    soft = law("arctan_velocity", amplitude_n=4e3, scale_m_per_s=0.35)
+    found = law_of_bench(simulated(soft, noise_n=60.0), candidates=LIBRARY, most_terms=1)
+    assert any("cannot be told from" in warning for warning in found.warnings)
+
+
+def test_a_long_record_is_thinned_for_the_search_and_fitted_whole():
+    # a sine whose period is the step of an even thinning would be seen at one phase only
+    t = np.arange(200_000) / FS
+    z, v = 0.01 * np.sin(2 * np.pi * 12.5 * t), 0.01 * 2 * np.pi * 12.5 * np.cos(2 * np.pi * 12.5 * t)
+    force = STIFFNESS * z + DAMPING * v + 30 * np.random.default_rng(0).standard_normal(t.size)
+    found = law_of_bench(bench_of(z, v, force), candidates=("cubic_stiffness",))
+    assert found.settings["n_search_samples"] <= 5000
+    assert found.residual.size == t.size
+    assert found.parameters["stiffness_n_per_m"].holds(STIFFNESS)
+    # the interval is that of all samples: 30 N over the root of sum z^2
+    assert found.parameters["stiffness_n_per_m"].std == pytest.approx(30 / np.sqrt(np.sum(z**2)), rel=0.2)
+
+
+def test_exact_data_give_the_exact_law():
+    found = law_of_bench(simulated(TRUTHS[4], noise_n=0.0), candidates=LIBRARY, most_terms=3)
+    assert found.law.name == "cubic_stiffness"
+    np.testing.assert_allclose(found.law.vector, TRUTHS[4].vector, rtol=1e-6)
+
+
+# ---- memory ----------------------------------------------------------------------------------------
+
+
+def test_play_is_the_recursion_it_is_defined_by():
+    z = np.cumsum(np.random.default_rng(0).standard_normal(777))
+    widths = np.array([0.0, 0.5, 3.0, 100.0])
+    expected = np.empty((z.size, widths.size))
+    state = np.full(widths.size, z[0])
+    for i, value in enumerate(z):
+        state = np.minimum(value + widths, np.maximum(value - widths, state))
+        expected[i] = state
+    np.testing.assert_array_equal(play(z, widths), expected)
+
+
+HYSTERETIC = {
+    "bouc_wen": bouc_wen,
+    # Jenkins elements in parallel (Iwan): springs in series with sliders
+    "iwan": lambda z: (z[:, np.newaxis] - play(z, np.array([0.002, 0.006, 0.015]))) @ np.array([6e4, 3e4, 2e4]),
+    "backlash": lambda z: 4e4 * play(z, np.array([0.005])).ravel(),
+}
+
+
+@pytest.mark.parametrize("kind", HYSTERETIC)
+def test_hysteresis_is_told(kind):
+    z, v = random_motion(np.random.default_rng(1))
+    memory_force = HYSTERETIC[kind](z)
+    force = 5e3 * z + 200 * v + memory_force + 5 * np.random.default_rng(2).standard_normal(z.size)
+    found = law_of_bench(bench_of(z, v, force), candidates=("coulomb_friction", "cubic_stiffness"))
+    assert found.memory.cause == "hysteresis"
+    assert found.memory.r2_with_past > found.memory.r2_at_most + 0.02
+    assert found.r2_left_out <= found.memory.r2_at_most
+    assert "remembers the past (hysteresis or backlash), which is outside the library" in found.memory.statement
+    assert found.warnings[0].startswith(found.memory.statement)
+
+
+def test_a_maxwell_element_and_a_moving_mass_are_no_hysteresis():
+    z, v = random_motion(np.random.default_rng(1))
+    noise = 5 * np.random.default_rng(2).standard_normal(z.size)
+    lagged = signal.lfilter([1 - np.exp(-1 / 50)], [1, -np.exp(-1 / 50)], v)
+    slow = law_of_bench(bench_of(z, v, 2e4 * z + 3e3 * lagged + noise), candidates=())
+    assert slow.memory.cause == "relaxation"
+    heavy = law_of_bench(bench_of(z, v, 2e4 * z + 500 * v + 40 * np.gradient(v, 1 / FS) + noise), candidates=())
+    assert heavy.memory.cause == "inertia"
+    assert heavy.memory.moving_mass_kg == pytest.approx(40, rel=0.1)
+
+
+def test_one_cycle_over_and_over_cannot_tell_memory():
+    t = np.arange(5000) / FS
+    z, v = 0.01 * np.sin(9 * t), 0.09 * np.cos(9 * t)
+    force = 5e3 * z + bouc_wen(z) + 5 * np.random.default_rng(0).standard_normal(t.size)
+    found = law_of_bench(bench_of(z, v, force), candidates=("coulomb_friction",))
+    assert not found.memory.testable
+    assert any("repeats one cycle" in warning for warning in found.warnings)
+
+
+# ---- the record ------------------------------------------------------------------------------------
+
+
+def recording(**columns):
+    units = {"x": "m", "F": "N", "v": "m/s", "y": "V"}
+    channels = tuple(Channel(name, units[name[0]]) for name in columns)
+    return Recording(np.stack(list(columns.values()), axis=1), fs=FS, channels=channels)
+
+
+def good(n=1000):
+    z, v = random_motion(np.random.default_rng(0), n)
+    return {"x": z, "v": v, "F": STIFFNESS * z + DAMPING * v, "y": np.ones(n)}
+
+
+def test_the_rate_of_a_travel_is_its_velocity():
+    t = np.arange(4000) / FS
+    travel = 3 + 2 * t + np.sin(7 * t) + 0.2 * np.sin(31 * t)
+    exact = 2 + 7 * np.cos(7 * t) + 6.2 * np.cos(31 * t)
+    rate, _ = rate_of(travel, fs=FS)
+    assert np.abs(rate - exact)[100:-100].max() < 0.01
+    noisy = travel + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    rate, band_hz = rate_of(noisy, fs=FS)
+    assert np.std((rate - exact)[100:-100]) < 0.2 * np.std(np.gradient(noisy, 1 / FS) - exact)
+    assert 31 / (2 * np.pi) < band_hz < 50
+
+
+def test_velocity_is_differentiated_where_none_is_given():
+    bench = bench_from_recording(recording(**good()), force="F", travel="x")
+    assert "differentiated up to" in bench.velocity_from
+    assert bench.velocity_band_hz > 4
+    np.testing.assert_allclose(bench.velocity[50:-50], good()["v"][50:-50], atol=0.01 * good()["v"].std())
+    given = bench_from_recording(recording(**good()), force="F", travel="x", velocity="v")
+    assert (given.velocity_from, given.doubts) == ("recorded, 'v'", ())
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ({"force": "Fz", "travel": "x"}, ("no column 'Fz' for the force", "did you mean 'F'")),
+        ({"force": "x", "travel": "F"}, ("'x' is in m", "force and travel swapped")),
+        ({"force": "F", "travel": "v"}, ("'v' is in m/s, a travel is in m", "'x'")),
+        ({"force": "F", "travel": "x", "velocity": "y"}, ("'y' is in V, a velocity is in m/s",)),
+        ({"force": "F", "travel": "F"}, ("given for both",)),
+    ],
+)
+def test_wrong_columns_are_named(names, words):
+    with pytest.raises(InputError) as error:
+        bench_from_recording(recording(**good()), **names)
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_too_short_still_and_constant_records():
+    with pytest.raises(InputError, match="at least 200"):
+        bench_from_recording(recording(**good(150)), force="F", travel="x")
+    still = good() | {"x": np.full(1000, 0.01)}
+    with pytest.raises(NotDeterminedError, match="never moves"):
+        bench_from_recording(recording(**still), force="F", travel="x")
+    slack = good() | {"F": np.zeros(1000)}
+    with pytest.raises(NotDeterminedError, match="never changes"):
+        bench_from_recording(recording(**slack), force="F", travel="x")
+
+
+def test_doubtful_records_are_doubted():
+    def doubts(**changed):
+        return bench_from_recording(recording(**(good() | changed)), force="F", travel="x", velocity="v").doubts
+
+    one = good()
+    assert "opposite sign" in doubts(v=-one["v"])[0]
+    assert "0.0254 times" in doubts(v=0.0254 * one["v"])[0]
+    assert "never comes near its zero" in doubts(x=one["x"] + 3)[0]
+    assert "sign of force or travel is reversed" in doubts(F=-one["F"])[0]
+
+
+def test_force_that_is_noise_gives_no_law():
+    z, v = random_motion(np.random.default_rng(0), 2000)
+    found = law_of_bench(bench_of(z, v, np.random.default_rng(1).standard_normal(2000)), candidates=LIBRARY[:3])
+    assert found.r2_left_out < 0.02
+    assert "no law of travel and velocity predicts the force" in found.not_determined
+    assert "Not determined:" in bench_text(found)
+
+
+def test_an_unknown_candidate_is_named():
+    with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
+        law_of_bench(simulated(LINEAR), candidates=("cubic_stifness",))
+
+
+# ---- real dampers ----------------------------------------------------------------------------------
+
+
+def real(name):
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"the measured data {path} are not there")
+    return np.load(path)
+
+
+def test_a_magnetorheological_damper_follows_a_law_that_saturates():
+    data = {
+        name: values.astype(float).ravel()[:18000] for name, values in real("mr_damper/random_first_half.npz").items()
+    }
+    bench = Bench(data["D"] / 100, data["V"] / 100, data["F"], 3004.8, 0.0, "recorded", None, {}, ())
+    found = law_of_bench(bench, candidates=("arctan_velocity", "quadratic_damping", "cubic_stiffness"))
+    assert found.law.name == "arctan_velocity"
+    assert 0.8 < found.r2_left_out < 0.9
+    # its voltage changes at random, and is not told: no law of travel and velocity can do much better
+    assert found.memory.r2_at_most < 0.9
+
+
+def test_a_friction_damper_with_backlash_remembers_the_past():
+    records = real("friction_damper_brfd/brfd.npz")
+    table = next(records[name] for name in records if "0.5Hz30lbtension1amplitude" in name).astype(float)
+    bench = Bench(
+        table[:, 1] * 0.0254, table[:, 3] * 0.0254, table[:, 2] * 4448.2, 1024.0, 0.0, "recorded", None, {}, ()
+    )
+    found = law_of_bench(bench, candidates=("coulomb_friction", "arctan_mixed"))
+    assert 0.85 < found.r2_left_out < found.memory.r2_at_most < 0.96
+    assert found.memory.cause == "hysteresis"

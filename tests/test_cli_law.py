@@ -1,0 +1,141 @@
+"""`opid law` as a user drives it: what it writes, what it says, and with which status it ends."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from opid import cli
+from opid.identify import bench_law
+
+N, FS = 1500, 200.0
+
+
+@pytest.fixture(autouse=True)
+def short_library(monkeypatch):
+    """Search few kinds: which law is found is tested elsewhere."""
+    few = {name: bench_law.LAWS[name] for name in ("arctan_velocity", "cubic_stiffness")}
+    monkeypatch.setattr(bench_law, "LAWS", few)
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    assert done.exit_code == status, done.output
+    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+    assert len(lines) == 1
+    for word in words:
+        assert word in lines[0]
+
+
+def damper():
+    """Travel in mm, velocity in in/s and force in kN of 1e5 N/m, 2e3 N s/m and 300 N of friction."""
+    rng = np.random.default_rng(0)
+    t = np.arange(N) / FS
+    z = sum(2e-3 * np.sin(2 * np.pi * f * t + phase) for f, phase in zip((0.7, 1.9, 3.1), rng.uniform(0, 6, 3)))  # noqa: B905
+    v = np.gradient(z, 1 / FS)
+    force = 1e5 * z + 2e3 * v + 300 * 2 / np.pi * np.arctan(v / 0.01) + 5 * rng.standard_normal(N)
+    return {"time [s]": t, "stroke [mm]": 1e3 * z, "speed [in/s]": v / 0.0254, "load [kN]": 1e-3 * force}
+
+
+def written(path, columns):
+    table = np.stack(list(columns.values()), axis=1)
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.10g")
+    return path
+
+
+@pytest.fixture
+def bench(tmp_path):
+    return written(tmp_path / "bench.csv", damper())
+
+
+COLUMNS = ("--force", "load", "--travel", "stroke")
+
+
+def test_a_law_is_found_and_reported(bench, tmp_path):
+    done = opid("law", bench, *COLUMNS, "--velocity", "speed", "--out", tmp_path / "result")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "Law: arctan_velocity" in done.stdout
+    assert "no memory is seen" in done.stdout.lower()
+    assert max(len(line) for line in done.stdout.splitlines() if "Report" not in line) <= 80
+    names = sorted(path.name for path in (tmp_path / "result").iterdir())
+    assert names == [
+        "bench_curves.png",
+        "bench_ladder.png",
+        "bench_residual.png",
+        "force_against_motion.png",
+        "report.html",
+        "result.json",
+    ]
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert result["schema"] == "opid.law/1"
+    assert result["law"]["name"] == "arctan_velocity"
+    low, high = result["law"]["parameters"]["arctan_velocity"]["amplitude_n"]["interval95"]
+    assert low < 300 < high
+    assert result["parameters"]["stiffness_n_per_m"]["value"] == pytest.approx(1e5, rel=0.01)
+    assert result["parameters"]["damping_n_s_per_m"]["value"] == pytest.approx(2e3, rel=0.05)
+    assert 0.99 < result["r2_left_out"] <= result["r2"] < 1
+    assert {"law", "r2", "r2_left_out", "bic", "kept", "chosen"} == set(result["ladder"][0])
+    assert result["memory"]["seen"] is False
+    page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+    assert "--force load --travel stroke --velocity speed" in page
+    assert page.count("data:image/png") == 4
+
+
+def test_without_a_velocity_it_is_differentiated_and_nothing_is_written(bench, tmp_path):
+    done = opid("law", bench, *COLUMNS)
+    assert done.exit_code == 0
+    assert "'stroke' differentiated up to" in done.stdout.replace("\n", " ")
+    assert [path.name for path in tmp_path.iterdir()] == ["bench.csv"]
+
+
+def test_noise_ends_with_status_1_and_what_there_is(tmp_path):
+    columns = damper() | {"load [kN]": np.random.default_rng(2).standard_normal(N)}
+    path = written(tmp_path / "noise.csv", columns)
+    done = opid("law", path, *COLUMNS, "--out", tmp_path / "result")
+    refused(done, "not determined", "no law of travel and velocity", status=1)
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert result["not_determined"]
+
+
+def test_a_still_specimen_ends_with_status_1(tmp_path):
+    path = written(tmp_path / "still.csv", damper() | {"stroke [mm]": np.full(N, 3.0)})
+    refused(opid("law", path, *COLUMNS), "'stroke' never moves", status=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--force", "lod", "--travel", "stroke"), ("no column 'lod' for the force", "did you mean 'load'")),
+        (("--force", "stroke", "--travel", "load"), ("are force and travel swapped",)),
+        ((*COLUMNS, "--velocity", "load"), ("given for both force and velocity",)),
+        (("--force", "load"), ()),
+    ],
+)
+def test_wrong_columns_end_with_status_2(bench, tmp_path, options, words):
+    done = opid("law", bench, *options, "--out", tmp_path / "result")
+    refused(done, *words) if words else None
+    assert done.exit_code == 2
+    assert not (tmp_path / "result").exists()
+
+
+def test_bad_records_end_with_status_2(tmp_path):
+    columns = damper()
+    pounds = {name.replace("kN", "lb"): values for name, values in columns.items()}
+    refused(opid("law", written(tmp_path / "pounds.csv", pounds), *COLUMNS), "lb is a mass, lbf a force")
+    strange = {name.replace("kN", "parsec"): values for name, values in columns.items()}
+    refused(opid("law", written(tmp_path / "strange.csv", strange), *COLUMNS), "parsec")
+    short = {name: values[:50] for name, values in columns.items()}
+    refused(opid("law", written(tmp_path / "short.csv", short), *COLUMNS), "50 samples", "at least 200")
+    columns["load [kN]"][7] = np.nan
+    refused(opid("law", written(tmp_path / "gap.csv", columns), *COLUMNS), "line 9", "load")
+    refused(opid("law", tmp_path / "missing.csv", *COLUMNS), "there is no file")
+
+
+def test_a_place_that_cannot_be_written_to_is_said_before_the_work(bench, monkeypatch):
+    monkeypatch.setattr(bench_law, "law_of_bench", None)
+    refused(opid("law", bench, *COLUMNS, "--out", bench), "is no directory")
