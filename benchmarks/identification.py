@@ -1,115 +1,94 @@
-"""Time and memory of one identification of two 40 s runs at 512 Hz, and a plain reference in the same process.
+"""Time and memory of one identification of two 40 s runs at 512 Hz, beside two plain chains (`plain_chain.py`).
 
-Run `python benchmarks/identification.py`. The reference is what one writes in an afternoon with scipy: each run is
-integrated twice, every signal passes the same zero-phase 0.3 Hz high-pass, the law (known to it) is fitted to -x2''
-over (z, z') by `curve_fit`, and the mass follows from the two ratios K2/M2. Everything is timed after one call of
-each, best of several; memory is the peak of what Python and numpy allocate in one call.
+Run `python benchmarks/identification.py`. Each way has a process of its own: one call to import and compile, then
+several calls on several studies, the median of which is printed; memory is the peak of the whole process, libraries
+and compiler with it.
 """
 
+import multiprocessing
+import resource
+import statistics
+import sys
 import time
-import tracemalloc
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
-from scipy import integrate, optimize, signal
-from trials import study_of
+from tqdm import tqdm
+from trials import Case, compared, simulated, study_of
 
-from opid.identify.classical import classical_chain
 from opid.identify.identification import identify_study
-from opid.identify.result import Identification
-from opid.identify.study import Study
-from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.mechanics.landing_gear import LandingGear
 
-N_SEEDS, N_REPEATS = 5, 3
+N_STUDIES, N_REPEATS = 3, 3
 GEAR = LandingGear()
-LAW_NAME = GEAR.law.name
+FORCE = f"{GEAR.law.name}.amplitude_n"
+WAYS = (
+    ("model", "given"),
+    ("model", "searched"),
+    ("classical", "given"),
+    ("classical", "searched"),
+    ("least squares", "given"),
+    ("pysindy", "searched"),
+)
 
 
-def reference(study: Study) -> tuple[float, float, float]:
-    """Mass, stiffness and friction force by high-pass, trapezoidal rule, curve_fit and two ratios."""
-    high_pass = signal.butter(2, 0.3, "highpass", fs=study.fs, output="sos")
-    margin = round(4 * study.fs)
+@dataclass(frozen=True)
+class Timing:
+    """What one identification costs, and how far off it was.
 
-    def force_per_mass(motion, k, c, a, s):
-        z, v = motion
-        return k * z + c * v + a * np.arctan(v / s)
+    Args:
+        method: one of `trials.METHODS`.
+        law: "given" or "searched".
+        seconds: median of all calls but the first of the process.
+        peak_mib: largest memory of the process, MiB.
+        percent: median absolute error of M2, K2 and the friction force, %; NaN where there is none.
+    """
 
-    def filtered(samples):
-        return signal.sosfiltfilt(high_pass, samples)
-
-    def integral(samples):
-        return integrate.cumulative_trapezoid(samples, dx=1 / study.fs, initial=0)
-
-    fits = []
-    for run in study.runs:
-        lower, upper = study.accelerations(run)
-        once = filtered(integral(filtered(upper - lower)))
-        travel, velocity, target = filtered(integral(once)), filtered(once), -filtered(filtered(filtered(upper)))
-        motion = np.stack([travel, velocity])[:, margin:-margin]
-        fits.append(optimize.curve_fit(force_per_mass, motion, target[margin:-margin], p0=(200.0, 3.0, 0.1, 0.05))[0])
-    (heavy, light), change = fits, study.runs[1].mass_change_kg
-    mass = change * light[0] / (heavy[0] - light[0])
-    # amplitude and scale may both have turned their sign
-    return mass, heavy[0] * mass, abs(heavy[2] * mass) * np.pi / 2
+    method: str
+    law: str
+    seconds: float
+    peak_mib: float
+    percent: tuple[float, float, float]
 
 
-def answer(found: Identification) -> tuple[float, float, float]:
-    parameters, law = found.parameters, found.law_estimates[LAW_NAME]
-    return (
-        parameters["sprung_mass_kg"].value,
-        parameters["suspension_stiffness_n_per_m"].value,
-        law["amplitude_n"].value,
-    )
+def measured(method: str, law: str) -> Timing:
+    """Time one way in this process."""
+    case = Case(GEAR, law=GEAR.law.name if law == "given" else None)
+    studies = [study_of(simulated(case, seed)) for seed in range(N_STUDIES)]
+    compared(case, 0, studies[0], method)
+    trials = [compared(case, seed, study, method) for seed, study in enumerate(studies) for _ in range(N_REPEATS)]
+    percents = np.abs([[each.percent(name) for name in ("M2", "K2", FORCE)] for each in trials])
+    # kibibytes on Linux, bytes on macOS
+    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    errors = tuple(np.median(percents, axis=0).tolist())
+    return Timing(method, law, statistics.median(each.seconds for each in trials), peak_mib, errors)
 
 
-def best_s(function: Callable[[], Any]) -> float:
-    times = []
-    for _ in range(N_REPEATS):
-        begin = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - begin)
-    return min(times)
-
-
-def peak_mib(function: Callable[[], Any]) -> float:
-    tracemalloc.start()
-    function()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return peak / 2**20
+def timings() -> Iterator[Timing]:
+    """Yield the timing of each of `WAYS`, one after the other, each in a fresh process."""
+    fresh = multiprocessing.get_context("spawn")
+    for way in tqdm(WAYS, unit="way", disable=None):
+        with ProcessPoolExecutor(1, mp_context=fresh) as pool:
+            yield pool.submit(measured, *way).result()
 
 
 def main() -> None:
-    truth = np.array(
-        [GEAR.sprung_mass_kg, GEAR.suspension_stiffness_n_per_m, GEAR.law.parameters[LAW_NAME]["amplitude_n"]]
-    )
-    studies = [study_of(taxi_test(GEAR, rng=np.random.default_rng(seed))) for seed in range(N_SEEDS)]
-    first = studies[0]
-    ways: dict[str, Callable[[Study], tuple[float, float, float]]] = {
-        "classical, law searched": lambda study: answer(identify_study(study)),
-        "classical, law given": lambda study: answer(identify_study(study, law=LAW_NAME)),
-        "model, law searched": lambda study: answer(identify_study(study, method="model")),
-        "model, law given": lambda study: answer(identify_study(study, method="model", law=LAW_NAME)),
-        "plain reference, law given": reference,
-    }
-    errors = {
-        name: np.median([np.abs(np.array(way(study)) / truth - 1) for study in studies], axis=0)
-        for name, way in ways.items()
-    }
-    seconds = {name: best_s(lambda way=way: way(first)) for name, way in ways.items()}
-    plain_s = seconds["plain reference, law given"]
-
-    print(f"Two 40 s runs at 512 Hz; median error of {N_SEEDS} seeds, best time of {N_REPEATS}\n")
-    print("| | time, s | over plain | peak memory, MiB | M2, % | K2, % | friction force, % |")
+    found = list(timings())
+    plain_s = next(each.seconds for each in found if each.method == "least squares")
+    print(f"Two 40 s runs at 512 Hz; medians of {N_REPEATS} calls on each of {N_STUDIES} studies\n")
+    print("| | time, s | over plain least squares | peak memory, MiB | M2, % | K2, % | friction force, % |")
     print("|---|---|---|---|---|---|---|")
-    for name, way in ways.items():
-        memory = peak_mib(lambda way=way: way(first))
-        percent = " | ".join(f"{100 * error:.2f}" for error in errors[name])
-        print(f"| {name} | {seconds[name]:.2f} | {seconds[name] / plain_s:.1f} | {memory:.0f} | {percent} |")
+    for each in found:
+        errors = " | ".join("-" if np.isnan(error) else f"{error:.2f}" for error in each.percent)
+        over = each.seconds / plain_s
+        print(f"| {each.method}, law {each.law} | {each.seconds:.2f} | {over:.1f} | {each.peak_mib:.0f} | {errors} |")
 
+    study = study_of(simulated(Case(GEAR), 0))
+    identify_study(study, method="model")
     steps: list[tuple[str, float]] = []
-    classical_chain(first, progress=lambda step: steps.append((step, time.perf_counter())))
+    identify_study(study, method="model", progress=lambda step: steps.append((step, time.perf_counter())))
     end = time.perf_counter()
     print("\nsteps of the search: ", end="")
     spans = zip(steps, [*steps[1:], ("", end)], strict=True)

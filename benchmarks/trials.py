@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from plain_chain import PlainAnswer, least_squares, sparse_regression
 
 from opid.identify.identification import identify_study, strongest_pair
 from opid.identify.result import PARAMETERS, Identification
+from opid.identify.sensor_facts import IDEAL_PAIR, SensorPair
 from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
 
 SHORT = dict(zip(PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
+PLAIN = ("least squares", "pysindy")
+METHODS = ("model", "classical", *PLAIN)
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is simulated: a gear, the mass taken away, the settings of `taxi_run`, the law given or searched."""
+    """What is simulated: a gear, the mass taken away, the settings of `taxi_run`, the law given or searched.
+
+    `sensors` is what the study says of the sensors.
+    """
 
     gear: LandingGear
     mass_removed_kg: float = 220.0
     run: Mapping[str, Any] = field(default_factory=dict)
     law: str | None = None
+    sensors: SensorPair = IDEAL_PAIR
 
 
 @dataclass(frozen=True)
@@ -34,11 +43,13 @@ class Trial:
         seed: of the roads and the noise.
         error: {"M2": estimate - truth, ..., "law.parameter": ...}, SI; NaN where nothing was estimated.
         std: the stated standard deviations, likewise.
+        holds: whether the 95 % interval holds the truth, likewise; None where no interval was given.
         truth: the true values, likewise.
         law_name: the law that was found.
         law_right: whether it is the true one.
         reason: why the mass is not determined, or None.
         unexplained: residual over the sensors' noise.
+        seconds: that the identification took.
         printed: mass by the printed peak formula less the truth, kg; NaN without a pair of peaks.
         two_ratios: mass by K2/M2 of each run from complex least squares less the truth, kg.
     """
@@ -46,13 +57,15 @@ class Trial:
     seed: int
     error: dict[str, float]
     std: dict[str, float]
+    holds: dict[str, bool | None]
     truth: dict[str, float]
     law_name: str
     law_right: bool
     reason: str | None
     unexplained: float
-    printed: float
-    two_ratios: float
+    seconds: float
+    printed: float = np.nan
+    two_ratios: float = np.nan
 
     def percent(self, name: str) -> float:
         """Error over truth, %; K3, whose truth may be 0, over K2."""
@@ -63,52 +76,102 @@ class Trial:
         return self.error[name] / self.std[name]
 
 
-def study_of(test: TaxiTest) -> Study:
+def simulated(case: Case, seed: int) -> TaxiTest:
+    """Return the taxi test of one seed of a case."""
+    return taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
+
+
+def study_of(test: TaxiTest, sensors: SensorPair = IDEAL_PAIR) -> Study:
     """Return the study of the two runs of a taxi test."""
     runs = (Run("heavy", test.heavy.recording, 0.0), Run("light", test.light.recording, test.mass_change_kg))
-    return Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    return Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=sensors)
 
 
 def trial(case: Case, seed: int, *, method: str = "classical") -> Trial:
-    """Simulate one seed of a case and identify it by a method of `identify_study`."""
-    test = taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
-    found = identify_study(study_of(test), method=method, law=case.law)
+    """Simulate one seed of a case and identify it by one of `METHODS`."""
+    return compared(case, seed, study_of(simulated(case, seed), case.sensors), method)
+
+
+def compared(case: Case, seed: int, study: Study, method: str) -> Trial:
+    """Identify the study of a case by one of `METHODS` and compare with the truth; a refusal is a result too.
+
+    "least squares" is always given the law, "pysindy" always searches.
+    """
     truth = _truth(case.gear)
-    value, std = _found(found, truth)
-    mass = truth["M2"]
-    pair = strongest_pair(found.evidence.pairs)
+    begin = time.perf_counter()
+    try:
+        if method == "least squares":
+            found: PlainAnswer | Identification = least_squares(study, case.gear.law.name)
+        elif method == "pysindy":
+            found = sparse_regression(study)
+        else:
+            found = identify_study(study, method=method, law=case.law)
+    # opid's own errors are among these, and curve_fit's; a mistake in a program is none of them and stops the run
+    except (ValueError, RuntimeError, ArithmeticError) as error:
+        return _refused(seed, truth, f"{type(error).__name__}: {error}", time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    if isinstance(found, PlainAnswer):
+        return _of_plain(case, seed, truth, found, seconds)
+    return _of_opid(case, seed, truth, found, seconds)
+
+
+def _refused(seed: int, truth: dict[str, float], reason: str, seconds: float) -> Trial:
+    nothing = dict.fromkeys(truth, np.nan)
+    return Trial(seed, nothing, nothing, dict.fromkeys(truth), truth, "none", False, reason, np.nan, seconds)
+
+
+def _of_plain(case: Case, seed: int, truth: dict[str, float], found: PlainAnswer, seconds: float) -> Trial:
+    value = {"M2": found.mass_kg, "K2": found.stiffness_n_per_m, "C2": found.damping_n_s_per_m}
+    value |= _law_values(found.law.parameters)
     return Trial(
         seed=seed,
-        error={name: value[name] - truth[name] for name in truth},
-        std=std,
+        error={name: value.get(name, np.nan) - true for name, true in truth.items()},
+        std=dict.fromkeys(truth, np.nan),
+        holds=dict.fromkeys(truth),
         truth=truth,
         law_name=found.law.name,
         law_right=found.law.name == case.gear.law.name,
-        reason=found.not_determined,
-        unexplained=found.diagnostics["unexplained_over_floor"],
-        printed=pair.as_printed.sprung_mass_kg - mass if pair and pair.as_printed else np.nan,
-        two_ratios=_mass_from_two_ratios(found, case.mass_removed_kg) - mass,
+        reason=None,
+        unexplained=np.nan,
+        seconds=seconds,
     )
 
 
-def _truth(gear: LandingGear) -> dict[str, float]:
-    linear = {short: float(getattr(gear, name)) for name, short in SHORT.items()}
-    law = {f"{kind}.{key}": v for kind, values in gear.law.parameters.items() for key, v in values.items()}
-    return linear | law
-
-
-def _found(found: Identification, truth: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Values and standard deviations of the true parameters; a law's are absent where another law was found."""
+def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identification, seconds: float) -> Trial:
     estimates = {short: found.parameters[name] for name, short in SHORT.items()}
-    if found.parameters["sprung_mass_kg"].value is not None:
-        law = found.law_estimates
-        estimates |= {f"{kind}.{key}": each for kind, values in law.items() for key, each in values.items()}
+    if estimates["M2"].value is not None:
+        estimates |= _law_values(found.law_estimates)
 
     def read(attribute: str) -> dict[str, float]:
         values = {name: getattr(estimates.get(name), attribute, None) for name in truth}
         return {name: np.nan if value is None else value for name, value in values.items()}
 
-    return read("value"), read("std")
+    value = read("value")
+    given = {name: name in estimates and estimates[name].interval95 is not None for name in truth}
+    pair = strongest_pair(found.evidence.pairs)
+    return Trial(
+        seed=seed,
+        error={name: value[name] - truth[name] for name in truth},
+        std=read("std"),
+        holds={name: estimates[name].holds(truth[name]) if given[name] else None for name in truth},
+        truth=truth,
+        law_name=found.law.name,
+        law_right=found.law.name == case.gear.law.name,
+        reason=found.not_determined,
+        unexplained=found.diagnostics["unexplained_over_floor"],
+        seconds=seconds,
+        printed=pair.as_printed.sprung_mass_kg - truth["M2"] if pair and pair.as_printed else np.nan,
+        two_ratios=_mass_from_two_ratios(found, case.mass_removed_kg) - truth["M2"],
+    )
+
+
+def _truth(gear: LandingGear) -> dict[str, float]:
+    return {short: float(getattr(gear, name)) for name, short in SHORT.items()} | _law_values(gear.law.parameters)
+
+
+def _law_values(law: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """{kind: {parameter: value}} as {"kind.parameter": value}; absent where another law was found."""
+    return {f"{kind}.{key}": value for kind, values in law.items() for key, value in values.items()}
 
 
 def _mass_from_two_ratios(found: Identification, mass_removed_kg: float) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -130,6 +131,7 @@ class Evidence:
         noise_floor: noise of the sprung channel, m/s^2, which dominates the equation above resonance; never taken
             below `LEAST_NOISE` of its rms.
         mean_static_transmissibility: T(0) read from the lowest lines, for the peak formula.
+        model: what was found out about the driven model (`ModelEvidence`), None for the classical chain alone.
     """
 
     runs: tuple[RunEvidence, ...]
@@ -140,6 +142,7 @@ class Evidence:
     not_determined: str | None
     noise_floor: float
     mean_static_transmissibility: float
+    model: Any = None
 
 
 def classical_chain(

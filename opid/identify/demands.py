@@ -24,7 +24,8 @@ BIC_MARGIN, ERROR_MARGIN = 20.0, 0.002
 # explanations whose criterion is this close to the best one cannot be told from it
 ALIKE_BIC = 10.0
 GAIN_TOLERANCE, LAG_SAMPLES = 0.03, 2.0
-CORNER_HZ, CORNER_TOLERANCE = 0.2, 0.5
+CORNER_HZ, CORNER_TOLERANCE = 0.25, 0.5
+PLAUSIBLE_STD = 5.0
 MOST = 3
 
 
@@ -78,10 +79,11 @@ def let_in(
     runs, demands = tuple(runs), []
     for _ in range(MOST):
         tried = []
-        for hypothesis in _promising(runs, fit, ground_start is not None):
+        for hypothesis in _promising(runs, fit, ground_start):
             say(hypothesis.words)
             changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
             tried.append((_refit(changed, fit, hypothesis, ground_start), changed, hypothesis))
+        tried = [entry for entry in tried if _plausible(entry[0])]
         if not tried:
             break
         best, changed, hypothesis = min(tried, key=lambda entry: entry[0].bic)
@@ -90,15 +92,58 @@ def let_in(
         alike = tuple(h.words for other, _, h in tried if h is not hypothesis and other.bic < best.bic + ALIKE_BIC)
         demands += [_demand(best, name, hypothesis, fit.noise_m_per_s2, alike) for name in hypothesis.names]
         runs, fit = changed, best
-    if fit.ground:
-        without = _refit(runs, fit, _Hypothesis((), "", fit.sensors, False), None)
+    runs, fit, demands = _given_up(runs, fit, demands)
+    return runs, fit, tuple(at_last(demand, fit) for demand in demands)
+
+
+def _given_up(
+    runs: tuple[DrivenRun, ...], fit: ModelFit, demands: list[Demand]
+) -> tuple[tuple[DrivenRun, ...], ModelFit, list[Demand]]:
+    """Take out again what the later ones made useless, the ground spring first."""
+    words = dict.fromkeys(demand.words for demand in demands)
+    for what in [*(["ground"] if fit.ground else []), *words]:
+        names = [demand.name for demand in demands if demand.words == what]
+        if what == "ground" or "ground_stiffness_per_mass" in names:
+            if not fit.ground:
+                continue
+            hypothesis = _Hypothesis((), "", fit.sensors, False)
+            names = ["ground_stiffness_per_mass"]
+        else:
+            hypothesis = _Hypothesis((), "", _without(fit.sensors, names[0]), fit.ground)
+        changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
+        without = _refit(changed, fit, hypothesis, None)
         if not _better(fit, without):
-            fit, demands = without, [each for each in demands if each.name != "ground_stiffness_per_mass"]
-    return runs, fit, tuple(demands)
+            runs, fit, demands = changed, without, [each for each in demands if each.name not in names]
+    return runs, fit, demands
+
+
+def _without(pair: SensorPair, name: str) -> SensorPair:
+    """The sensors without a fault that nobody stated."""
+    zero: dict[str, float] = {"corner_hz": 0.0, "corner_tolerance": 0.0}
+    if name.startswith("gain"):
+        zero = {"gain_tolerance": 0.0}
+    elif name.startswith("lag"):
+        zero = {"lag_tolerance_s": 0.0}
+    return replace(pair, unsprung=replace(pair.unsprung, **zero), sprung=replace(pair.sprung, **zero))
+
+
+def at_last(demand: Demand, fit: ModelFit) -> Demand:
+    """Return a demand with its value in a later fit.
+
+    Args:
+        demand: of `let_in`.
+        fit: a fit that has it.
+    """
+    return replace(demand, value=fit[demand.name], std=float(fit.std[fit.names.index(demand.name)]))
 
 
 def _better(fit: ModelFit, than: ModelFit) -> bool:
     return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
+
+
+def _plausible(fit: ModelFit) -> bool:
+    """A fault that lies far beyond what such sensors do stands in for something else."""
+    return all(abs(fit[each.name] - each.nominal) < PLAUSIBLE_STD * each.std for each in fit.sensors.nuisances)
 
 
 def _demand(fit: ModelFit, name: str, hypothesis: _Hypothesis, before: float, alike: tuple[str, ...]) -> Demand:
@@ -106,16 +151,20 @@ def _demand(fit: ModelFit, name: str, hypothesis: _Hypothesis, before: float, al
     return Demand(name, hypothesis.words, value, std, before, fit.noise_m_per_s2, alike)
 
 
-def _promising(runs: tuple[DrivenRun, ...], fit: ModelFit, ground: bool) -> list[_Hypothesis]:
-    """What a score test speaks for, the best first."""
+def _promising(runs: tuple[DrivenRun, ...], fit: ModelFit, ground_start: JointFit | None) -> list[_Hypothesis]:
+    """What a score test speaks for, the best first; a strong spring is beyond it, so the other fit speaks for that."""
     variance = (fit.noise_m_per_s2 / float(np.sqrt(np.mean(np.square(fit.noise))))) ** 2
     scored = []
-    for hypothesis in _hypotheses(fit, ground, runs[0].fs):
+    for hypothesis in _hypotheses(fit, ground_start is not None, runs[0].fs):
         scores = [
             score_of_parameter(runs, fit, name, sensors=hypothesis.sensors, ground=hypothesis.ground)[0]
             for name in hypothesis.names
         ]
-        scored.append((max(scores) / variance, hypothesis))
+        score = max(scores) / variance
+        if hypothesis.ground and not fit.ground and ground_start is not None:
+            place = ground_start.names.index("ground_stiffness_per_mass")
+            score = max(score, float(ground_start.value[place] / ground_start.std[place]) ** 2)
+        scored.append((score, hypothesis))
     scored.sort(key=lambda entry: -entry[0])
     return [hypothesis for score, hypothesis in scored if score > SCORE_LOOKED_AT]
 
@@ -156,6 +205,7 @@ def _refit(
         hold_mass=fit.held_inverse_mass is not None,
         noise_m_per_s2=fit.noise,
         motion_rms=fit.motion_rms,
-        start=fit.start,
+        # the starts of a fit without the spring are as wrong as it is
+        start=None if new_ground else fit.start,
         nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 from opid.identify.classical import Evidence, PeakPair, RunEvidence
 from opid.identify.doubts import unexplained_noise
-from opid.identify.joint_fit import chosen
+from opid.identify.joint_fit import alternatives, chosen
 
 
 def diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
@@ -33,11 +33,14 @@ def diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
                 "law": rung.law_name,
                 "bic": rung.fit.bic,
                 "unexplained_noise_m_per_s2": rung.fit.noise_m_per_s2,
+                "left_out_m_per_s2": rung.left_out_m_per_s2,
+                "road": rung.road,
                 "kept": rung.kept,
                 "chosen": rung is step,
             }
             for rung in evidence.ladder
         ],
+        "law_alternatives": list(alternatives(evidence.ladder)),
         "peak_pairs": [_pair_diagnostics(pair) for pair in evidence.pairs],
         "runs": [_run_diagnostics(run) for run in evidence.runs],
     }

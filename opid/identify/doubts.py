@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.identify.classical import Evidence
+from opid.identify.classical import LEAST_NOISE, Evidence
+from opid.identify.model_evidence import ModelEvidence
+from opid.identify.model_fit import ModelFit
 from opid.identify.result import Estimate
 from opid.mechanics.laws import LAWS
 
@@ -15,7 +17,10 @@ from opid.mechanics.laws import LAWS
 UNEXPLAINED_NOTED = 1.5
 UNEXPLAINED_DOUBTED = 3.0
 UNEXPLAINED_REFUSED = 20.0
+# the driven model is refused where it leaves more than this share of the airframe's motion
+SHARE_REFUSED = 0.25
 FEW_AVERAGES = 4
+LOOSELY_KNOWN = 0.2
 # a ground spring below this share of K2 is what a gain error of a per cent or two looks like
 GAIN_LIKE = 0.05
 NEGLIGIBLE_GROUND = 0.002
@@ -25,9 +30,53 @@ def unexplained_noise(evidence: Evidence) -> float:
     """Return the noise that would explain the residual of the joint fit over the sensors' own noise floor.
 
     Args:
-        evidence: of `classical_chain`.
+        evidence: of a chain.
     """
-    return evidence.joint.noise_m_per_s2 / max(evidence.noise_floor, 1e-12)
+    if evidence.model is None:
+        return evidence.joint.noise_m_per_s2 / max(evidence.noise_floor, 1e-12)
+    fit: ModelFit = evidence.model.fit
+    ratios = []
+    for side, facts, level in zip((0, 1), (fit.sensors.unsprung, fit.sensors.sprung), fit.noise, strict=True):
+        signals = [(run.unsprung, run.sprung)[side] for run in evidence.runs]
+        floors = [
+            max(run.noise_floor[side], LEAST_NOISE * float(signal.std()))
+            for run, signal in zip(evidence.runs, signals, strict=True)
+        ]
+        known = facts.noise_m_per_s2 or float(np.sqrt(np.mean(np.square(floors))))
+        ratios.append(level * float(np.sqrt(fit.variance)) / known)
+    return max(ratios)
+
+
+def unexplained_share(evidence: Evidence) -> float:
+    """Return the noise that would explain the residual over the rms of the airframe acceleration.
+
+    Args:
+        evidence: of a chain.
+    """
+    signal = float(np.sqrt(np.mean([np.mean(run.sprung**2) for run in evidence.runs])))
+    return evidence.joint.noise_m_per_s2 / max(signal, 1e-12)
+
+
+def refused(evidence: Evidence) -> bool:
+    """Return whether the model is too wrong for any number of it to be given.
+
+    Args:
+        evidence: of a chain.
+    """
+    if evidence.model is None:
+        return unexplained_noise(evidence) > UNEXPLAINED_REFUSED
+    return unexplained_noise(evidence) > UNEXPLAINED_DOUBTED and unexplained_share(evidence) > SHARE_REFUSED
+
+
+def widening(evidence: Evidence) -> float:
+    """Return how much wider than the residual makes them the intervals have to be: what a model lacks is no noise.
+
+    Args:
+        evidence: of a chain.
+    """
+    over = max(1.0, unexplained_noise(evidence) / UNEXPLAINED_DOUBTED)
+    # the intervals of the driven model allow for the colour of the residual already
+    return over if evidence.model is None else float(np.sqrt(over))
 
 
 def gain_like_share(evidence: Evidence) -> float:
@@ -39,7 +88,8 @@ def gain_like_share(evidence: Evidence) -> float:
         evidence: of `classical_chain`.
     """
     joint = evidence.joint
-    if "ground_stiffness_per_mass" not in joint.names:
+    # the driven model weighs a gain error against the spring by itself
+    if evidence.model is not None or "ground_stiffness_per_mass" not in joint.names:
         return 0.0
     ground, std = joint["ground_stiffness_per_mass"], joint.std[joint.names.index("ground_stiffness_per_mass")]
     share = abs(ground / joint["stiffness_per_mass"])
@@ -56,6 +106,81 @@ def doubts(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[s
     for run in evidence.runs:
         for finding in run.findings:
             yield f"run {run.name!r}, {finding.channel!r}: {finding.message}"
+    if evidence.model is None:
+        yield from _classical_residual(evidence)
+        averages = min(run.T.spectra.n_averages for run in evidence.runs)
+        if averages < FEW_AVERAGES:
+            yield (
+                f"each transmissibility rests on {averages:.1f} independent averages: its coherence is near 1 by "
+                "construction and its peaks are chance (the parameters do not come from it)"
+            )
+    else:
+        yield from _model_residual(evidence)
+        yield from _demand_warnings(evidence.model)
+    yield from _ground_warning(evidence, parameters)
+    yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
+    yield from _straight_warnings(evidence)
+
+
+def _model_residual(evidence: Evidence) -> Iterator[str]:
+    model: ModelEvidence = evidence.model
+    unexplained, found = unexplained_noise(evidence), model.whiteness
+    if sum(model.mended_spikes):
+        yield (
+            f"{sum(model.mended_spikes)} spike(s) of one sample were mended ({model.mended_spikes[0]} on the unsprung, "
+            f"{model.mended_spikes[1]} on the sprung channel)"
+        )
+    if found.white and unexplained < UNEXPLAINED_NOTED:
+        return
+    stands_out = (
+        f"it stands out most from {found.band_hz[0]:.2g} to {found.band_hz[1]:.2g} Hz ({found.excess:.1f} times its "
+        f"mean level): {_reason(evidence)}"
+    )
+    if unexplained > UNEXPLAINED_NOTED:
+        grown = f"; the intervals are widened by {widening(evidence):.1f}" if widening(evidence) > 1 else ""
+        yield f"the residual is {unexplained:.1f} times the noise of the sensors; {stands_out}{grown}"
+    else:
+        yield (
+            f"the residual is as small as the noise of the sensors but not white; {stands_out}; the intervals allow "
+            "for it"
+        )
+
+
+def _reason(evidence: Evidence) -> str:
+    """What usually leaves a residual in such a band."""
+    joint, band = evidence.joint, evidence.model.whiteness.band_hz
+    resonance_hz = float(np.sqrt(max(joint["stiffness_per_mass"] + joint["ground_stiffness_per_mass"], 0.0))) / (
+        2 * np.pi
+    )
+    if band[1] < 0.6 * resonance_hz:
+        return "AC coupling, a drifting sensor or a law of the travel outside the library make such slow motion"
+    if band[0] > 2.5 * resonance_hz:
+        return "a second resonance (a roll, pitch or bending mode, a loose bracket) or a lag between the channels"
+    return (
+        "a gear on a body that rolls or pitches is no gear alone, a law outside the library, memory in the strut or "
+        "motion across the axis leave such a residual"
+    )
+
+
+def _demand_warnings(model: ModelEvidence) -> Iterator[str]:
+    told: set[str] = set()
+    for demand in model.demands:
+        if demand.words in told:
+            continue
+        told.add(demand.words)
+        values = ", ".join(
+            f"{other.name} = {other.value:.4g} +- {other.std:.1g}"
+            for other in model.demands
+            if other.words == demand.words
+        )
+        also = f"; {' and '.join(demand.alike)} would explain the runs as well" if demand.alike else ""
+        yield (
+            f"the runs demand {demand.words}, which nobody stated ({values}): without it the error is "
+            f"{1e3 * demand.error_before:.3g} instead of {1e3 * demand.error_after:.3g} mm/s^2{also}"
+        )
+
+
+def _classical_residual(evidence: Evidence) -> Iterator[str]:
     unexplained = unexplained_noise(evidence)
     if unexplained > UNEXPLAINED_DOUBTED:
         yield (
@@ -68,15 +193,6 @@ def doubts(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[s
             f"the residual is {unexplained:.1f} times the sensor noise: most of it is the slow motion that the "
             "integration cannot give to the law"
         )
-    averages = min(run.T.spectra.n_averages for run in evidence.runs)
-    if averages < FEW_AVERAGES:
-        yield (
-            f"each transmissibility rests on {averages:.1f} independent averages: its coherence is near 1 by "
-            "construction and its peaks are chance (the parameters do not come from it)"
-        )
-    yield from _ground_warning(evidence, parameters)
-    yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
-    yield from _straight_warnings(evidence)
 
 
 def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[str]:
@@ -144,9 +260,20 @@ def straight_terms(evidence: Evidence) -> list[StraightTerm]:
                 continue
             motions = [r.surface.velocity if parameter.unit == "m/s" else r.surface.travel for r in evidence.runs]
             rms = max(float(motion.std()) for motion in motions)
-            if value > 2 * rms:
+            if value > 2 * rms and _loosely_known(evidence, term.name):
                 found.append(StraightTerm(term.name, parameter.unit, value, rms))
     return found
+
+
+def _loosely_known(evidence: Evidence, name: str) -> bool:
+    """Whether the amplitude of a term is not known to a fifth, so that its interval is no straight line's either."""
+    joint, place = evidence.joint, 0
+    for term in joint.law.terms:
+        if term.name == name:
+            std = float(joint.std[joint.names.index(f"law[{place}]")])
+            return evidence.model is None or std > LOOSELY_KNOWN * abs(term.amplitude)
+        place += len(term.values)
+    return False
 
 
 def _straight_warnings(evidence: Evidence) -> Iterator[str]:

@@ -97,9 +97,7 @@ class DrivenRun:
 
     @cached_property
     def _splines(self) -> dict[str, interpolate.BSpline]:
-        return {
-            name: interpolate.make_interp_spline(self._time, part, k=5) for name, part in self._answer.items()
-        }
+        return {name: interpolate.make_interp_spline(self._time, part, k=5) for name, part in self._answer.items()}
 
     def _parts(self, side: str) -> dict[str, FloatArray]:
         """The signal of a side and of what leaks into it, and their integrals where the sensor is AC coupled."""

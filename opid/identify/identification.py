@@ -8,26 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, nearest
-from opid.identify.added_mass import AddedMass
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.identify.added_mass import AddedMass, absolute_parameters
 from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_chain
 from opid.identify.diagnostics import diagnostics
 from opid.identify.direct_parameters import NAMES
-from opid.identify.doubts import (
-    UNEXPLAINED_DOUBTED,
-    UNEXPLAINED_REFUSED,
-    doubts,
-    gain_like_share,
-    straight_terms,
-    unexplained_noise,
-)
+from opid.identify.doubts import doubts, gain_like_share, refused, straight_terms, unexplained_noise, widening
 from opid.identify.model_chain import model_chain
 from opid.identify.result import PARAMETERS, RATIOS, Estimate, Identification, VisitedForce, visited_force
 from opid.identify.study import Study
 from opid.mechanics.laws import LAWS, Law
 from opid.signals.recording import FloatArray
 
-METHODS = ("classical", "model", "paper")
+METHODS = ("model", "classical", "paper")
 # what a law that is straight in velocity (its scale in m/s) or in travel (m) cannot be told from
 TRADES_WITH = {
     "m/s": ("suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"),
@@ -40,7 +33,7 @@ EQUAL_GAINS = 0.001
 def identify_study(
     study: Study,
     *,
-    method: str = "classical",
+    method: str = "model",
     law: str | None = None,
     band_hz: tuple[float, float] = BAND_HZ,
     high_pass_hz: float = HIGH_PASS_HZ,
@@ -49,14 +42,14 @@ def identify_study(
 ) -> Identification:
     """Identify mass, springs, damping and law of a suspension from runs at known mass changes.
 
-    `classical` is the chain of Iwaniec & Uhl (2007) with every step mended: sound integration, the complex equation,
-    noise on both channels, all runs in one least-squares problem. `model` starts there and fits the suspension that the
-    measured spindle acceleration drives: nothing is integrated, so a law of the travel keeps its slow motion. `paper`
+    `model` fits the suspension that the measured spindle acceleration drives: nothing is integrated by itself, so a
+    law keeps its slow motion. It starts from `classical`, the chain of Iwaniec & Uhl (2007) with every step mended:
+    sound integration, the complex equation, noise on both channels, all runs in one least-squares problem. `paper`
     gives what the printed formula makes of the strongest matched peaks; it has no intervals.
 
     Args:
         study: the runs.
-        method: "classical", "model" or "paper".
+        method: "model", "classical" or "paper".
         law: a law to fit (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched when left out.
         band_hz: lines used by direct parameters and added mass, Hz.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
@@ -92,21 +85,18 @@ def identify_study(
 
 
 def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
-    joint, added = evidence.joint, evidence.added_mass
-    unexplained = unexplained_noise(evidence)
-    reason = evidence.not_determined
-    if unexplained > UNEXPLAINED_REFUSED:
+    if refused(evidence):
         return _refuse(method, study, evidence, settings)
-    # what the model lacks is no noise: the intervals grow with it
-    widening = max(1.0, unexplained / UNEXPLAINED_DOUBTED)
+    evidence = _with_honest_covariance(evidence)
+    joint, added = evidence.joint, evidence.added_mass
     gain = gain_like_share(evidence)
-    ratios = _ratios(joint.value, joint.covariance * widening**2, joint.names, gain)
+    ratios = _ratios(joint.value, joint.covariance, joint.names, gain)
     if added is None:
-        law, law_std, parameters = joint.law, joint.std * widening, {name: Estimate() for name in PARAMETERS}
+        law, law_std, parameters = joint.law, joint.std, {name: Estimate() for name in PARAMETERS}
         law_std = np.array([law_std[joint.names.index(f"law[{i}]")] for i in range(law.vector.size)])
         stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
     else:
-        law, law_std, parameters = added.law, added.std[4:] * widening, _parameters(added, widening, gain)
+        law, law_std, parameters = added.law, added.std[4:], _parameters(added, gain)
         stiffness, damping = (added[name] for name in PARAMETERS[1:3])
     result = Identification(
         method=method,
@@ -124,10 +114,25 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
         ),
         diagnostics=diagnostics(evidence, settings),
         warnings=tuple(doubts(evidence, parameters)),
-        not_determined=reason,
+        not_determined=evidence.not_determined,
         evidence=evidence,
     )
     return _withheld(result)
+
+
+def _with_honest_covariance(evidence: Evidence) -> Evidence:
+    """Widen the covariance by the colour of the residual and by what the model lacks, and carry it to the mass."""
+    joint, wider = evidence.joint, np.full(len(evidence.joint.names), widening(evidence))
+    if evidence.model is not None and not evidence.model.whiteness.white:
+        wider = wider * evidence.model.coloured_std / np.maximum(joint.std, 1e-300)
+    joint = replace(joint, covariance=joint.covariance * np.outer(wider, wider))
+    if evidence.added_mass is None:
+        return replace(evidence, joint=joint)
+    try:
+        added = absolute_parameters(joint, [run.mass_change_kg for run in evidence.runs])
+    except NotDeterminedError as error:
+        return replace(evidence, joint=joint, added_mass=None, not_determined=str(error))
+    return replace(evidence, joint=joint, added_mass=added)
 
 
 def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:
@@ -167,17 +172,18 @@ def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, A
     )
 
 
-def _parameters(added: AddedMass, widening: float, gain: float) -> dict[str, Estimate]:
-    """Absolute parameters with intervals: widened, and with what a gain error can do to them."""
-    std = added.std * widening
+def _parameters(added: AddedMass, gain: float) -> dict[str, Estimate]:
+    """Absolute parameters with intervals, with what a gain error can do to them."""
+    std = added.std.copy()
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
-    std[3] = np.hypot(std[3], max(EQUAL_GAINS, gain) * added["suspension_stiffness_n_per_m"])
+    if "gain_sprung" not in added.fit.names:
+        std[3] = np.hypot(std[3], max(EQUAL_GAINS, gain) * added["suspension_stiffness_n_per_m"])
     parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
     if "ground_stiffness_per_mass" not in added.fit.names:
         parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
     # the mass is 1/mu: its interval is the image of that of mu, longer upwards
-    mu, mu_std = added.fit["inverse_mass"], added.fit.std[added.fit.names.index("inverse_mass")] * widening
+    mu, mu_std = added.fit["inverse_mass"], added.fit.std[added.fit.names.index("inverse_mass")]
     if mu > 1.96 * mu_std:
         interval = (float(1 / (mu + 1.96 * mu_std)), float(1 / (mu - 1.96 * mu_std)))
         parameters["sprung_mass_kg"] = Estimate(1 / mu, float(std[0]), interval)

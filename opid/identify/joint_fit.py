@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.mechanics.laws import Law
+from opid.mechanics.laws import Law, Term
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
+
+
+# criteria that are closer than this do not tell two laws apart
+BIC_MARGIN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,3 +89,47 @@ def chosen(ladder: tuple[LadderStep, ...]) -> LadderStep:
         ladder: of `search_law` or `pursue_law`.
     """
     return [step for step in ladder if step.kept][-1]
+
+
+def alternatives(ladder: tuple[LadderStep, ...]) -> tuple[str, ...]:
+    """Say which other laws of a ladder explain the runs as well as the chosen one, a sentence each.
+
+    A law that is the chosen one and more besides is no alternative.
+
+    Args:
+        ladder: of `search_law` or `pursue_law`.
+    """
+    best = chosen(ladder)
+    mine = {term.name: term for term in best.fit.law.terms}
+    found: dict[str, str] = {}
+    for step in ladder:
+        behind = step.fit.bic - best.fit.bic
+        theirs = {term.name: term for term in step.fit.law.terms}
+        gone = [term for name, term in mine.items() if name not in theirs]
+        if behind > BIC_MARGIN or not gone or step.law_name in found:
+            continue
+        new = [term for name, term in theirs.items() if name not in mine]
+        motions = sorted({_moved_by(term) for term in (*gone, *new)})
+        what = " and ".join(_words(term) for term in new)
+        found[step.law_name] = (
+            f"{what} in place of {' and '.join(term.name for term in gone)} explains the runs as well (BIC "
+            f"{behind:+.0f}): the visited {' and '.join(motions)} do not tell them apart"
+            if new
+            else f"the runs are explained as well without {' and '.join(term.name for term in gone)} (BIC "
+            f"{behind:+.0f}): the visited {' and '.join(motions)} do not show it"
+        )
+    return tuple(found.values())
+
+
+def _moved_by(term: Term) -> str:
+    """What the force of a term depends on, by its name in a sentence."""
+    travel, velocity = np.linspace(-1e-2, 1e-2, 21), np.linspace(-0.1, 0.1, 21)
+    by_travel, by_velocity = Law((Term(term.name, (1.0, *term.inner)),)).gradient(travel, velocity)
+    if np.any(by_travel) and np.any(by_velocity):
+        return "motions"
+    return "velocities" if np.any(by_velocity) else "travels"
+
+
+def _words(term: Term) -> str:
+    inner = [f"{value:.3g} {p.unit}" for p, value in zip(term.kind.parameters[1:], term.inner, strict=True)]
+    return f"{term.name} ({', '.join(inner)})" if inner else term.name

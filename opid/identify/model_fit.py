@@ -77,6 +77,22 @@ class ModelFit(JointFit):
         return Model(tuple(runs), self.law, self.ground, self.held_inverse_mass, self.noise, self.motion_rms)
 
     @property
+    def level(self) -> float:
+        """Noise that was assumed, as white noise of equal level on both channels, m/s^2."""
+        return float(np.sqrt(np.mean(np.square(self.noise))))
+
+    @property
+    def variance(self) -> float:
+        """Variance of the whitened errors: 1 if the noise is what was assumed."""
+        return (self.noise_m_per_s2 / self.level) ** 2
+
+    @property
+    def errors(self) -> FloatArray:
+        """(n_data,) whitened errors in the order of `jacobian`."""
+        lines = [np.sqrt(2) / self.level * line for line in self.residual]
+        return np.concatenate([part for line in lines for part in (line.real, line.imag)])
+
+    @property
     def vector(self) -> FloatArray:
         """The vector of the model at the fit."""
         value = self.value.copy()
@@ -366,7 +382,7 @@ class Model:
             if self.mass_free:
                 by[self.n_head + n_law] = change[3 + n_law] * (-(share**2) * run.mass_change_kg)
             for row, name in enumerate([*by_drive, *by_measured], start=4 + n_law):
-                            by[self.names.index(name)] = change[row]
+                by[self.names.index(name)] = change[row]
             first = 4 + n_law + len(by_drive) + len(by_measured)
             by[len(self.names) + N_OWN * place :][:N_OWN] = change[first : first + N_OWN]
             self._add_spread(by, prediction, nuisance)
@@ -432,16 +448,29 @@ class Model:
         jacobian[np.arange(len(std)), first + np.arange(len(std))] = 1 / np.array(std)
         return (theta[first:] - nominal) / np.array(std), jacobian
 
-    def log_likelihood(self, errors: Errors) -> float:
+    def log_likelihood(self, errors: Errors, theta: FloatArray) -> float:
         """Logarithm of the likelihood of the lines, with the noise level at its estimate, up to a constant.
 
+        The spread of a line is that of both noises, the spindle's passed through the transmissibility T with the
+        mean slopes of the law: s2^2 + |T|^2 s1^2.
+
         Args:
-            errors: at some vector.
+            errors: at a vector.
+            theta: the vector.
         """
         n_data = 2 * sum(line.size for line in errors.lines)
         cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
-        spread = float(np.mean([np.mean(np.log(each.spread)) for each in errors.predictions]))
-        return -0.5 * n_data * float(np.log(cost / n_data)) - n_data * spread
+        n_law = self.law.vector.size
+        law = from_free(self.law, theta[self.n_head : self.n_head + n_law])[0] if n_law else LINEAR
+        mu = float(theta[self.n_head + n_law]) if self.held_inverse_mass is None else self.held_inverse_mass
+        spread = 0.0
+        for run, prediction in zip(self.runs, errors.predictions, strict=True):
+            by_z, by_v = (float(np.mean(slope)) for slope in law.gradient(prediction.travel, prediction.velocity))
+            share, omega = 1.0 / (1.0 + mu * run.mass_change_kg), run.omega
+            spring = share * (theta[0] + by_z + 1j * omega * (theta[1] + by_v))
+            ratio = spring / (spring + share * (theta[2] if self.ground else 0.0) - omega**2)
+            spread += float(np.sum(np.log(self.noise[1] ** 2 + np.abs(ratio) ** 2 * self.noise[0] ** 2)))
+        return -0.5 * n_data * float(np.log(cost / n_data)) - spread
 
     def result(self, theta: FloatArray, n_evaluations: int) -> ModelFit:
         """Return the fit that a vector stands for.
@@ -475,7 +504,7 @@ class Model:
             frequency_hz=frequency_hz,
             residual=tuple(level * line / np.sqrt(2) for line in errors.lines),
             noise_m_per_s2=level * float(np.sqrt(variance)),
-            log_likelihood=self.log_likelihood(errors),
+            log_likelihood=self.log_likelihood(errors, theta),
             n_data=n_data,
             n_evaluations=n_evaluations,
             band_hz=(float(frequency_hz[0][0]), float(frequency_hz[0][-1])),

@@ -10,7 +10,7 @@ run left out.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -19,11 +19,11 @@ from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import LadderStep
 from opid.identify.law_search import BIC_MARGIN
 from opid.identify.model_fit import ModelFit
-from opid.identify.refit import left_out_error, model_of, refit, vector_of
+from opid.identify.law_dictionary import Proposal, dictionary_of
+from opid.identify.refit import left_out_error, refit
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.kinds import BUILT_IN, LAWS
-from opid.mechanics.laws import Law, Term
-from opid.signals.recording import FloatArray
+from opid.mechanics.laws import Law
 
 # the fitted error must fall by this share: below, a term only mends what the sensors did
 ERROR_MARGIN = 0.005
@@ -31,22 +31,6 @@ ERROR_MARGIN = 0.005
 N_REFITTED, N_ROUNDS = 3, 8
 # terms exchanged at once: each of two near relatives can hold the other in place
 MOST_EXCHANGED = 2
-# inner scales at which a candidate is tried, over the rms motion
-SCALES = (0.15, 0.5, 1.5)
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A law that is worth a fit.
-
-    Args:
-        law: with the amplitudes that the derivatives suggest, per unit of sprung mass.
-        bic: the criterion that it would reach, its scales at their best.
-    """
-
-    law: Law
-    bic: float
-
 
 def library() -> tuple[str, ...]:
     """Return the names of the kinds that a search may use: every registered one, and the built-in ones by their scales.
@@ -125,106 +109,14 @@ def proposals(
         names: kinds that may enter.
         most_terms: terms at the most.
     """
-    dictionary = _dictionary(runs, fit, names)
-    have = [term.name for term in fit.law.terms]
-    others = [name for name in dictionary.places if name not in have]
+    dictionary = dictionary_of(runs, fit, names)
+    have, others = list(dictionary.fitted), list(dictionary.offered)
     moves = [tuple(kept) for kept in combinations(have, max(len(have) - 1, 0))] if have else []
     for n_exchanged in range(1, min(len(have), MOST_EXCHANGED) + 1):
         for kept in combinations(have, len(have) - n_exchanged):
             moves += [(*kept, *new) for new in combinations(others, n_exchanged)]
     moves += [(*have, new) for new in others] if len(have) < most_terms else []
-    return sorted((dictionary.proposal(fit, move) for move in moves), key=lambda proposal: proposal.bic)
-
-
-@dataclass(frozen=True, eq=False)
-class _Dictionary:
-    """Derivatives of the prediction errors by the amplitudes of many terms, as far as nothing else does the same.
-
-    Args:
-        terms: what each column is, inner values and all; None for the inner parameter of a fitted term.
-        places: columns of each kind.
-        target: (n_data,) errors less what the fitted law does to them.
-        gram: (n_columns, n_columns) of columns of unit size.
-        along: (n_columns,) the target along them.
-        size: (n_columns,) of the columns.
-    """
-
-    terms: tuple[Term | None, ...]
-    places: dict[str, list[int]]
-    target: FloatArray
-    gram: FloatArray
-    along: FloatArray
-    size: FloatArray
-
-    def left(self, places: Sequence[int]) -> tuple[float, FloatArray]:
-        """Squared error that columns leave, and their weights."""
-        chosen = np.array(places, dtype=int)
-        if not chosen.size:
-            return float(self.target @ self.target), np.empty(0)
-        inverse = np.linalg.pinv(self.gram[np.ix_(chosen, chosen)], rcond=1e-7, hermitian=True)
-        weights = -inverse @ self.along[chosen]
-        return float(self.target @ self.target + self.along[chosen] @ weights), weights / self.size[chosen]
-
-    def proposal(self, fit: ModelFit, names: Sequence[str]) -> Proposal:
-        """What the law of some kinds would reach, and its start values: each kind at the scale that serves best."""
-        now, _ = self.left([place for term in fit.law.terms for place in self.places[term.name]])
-        cost, _ = self.left([place for name in names for place in self.places[name]])
-        n_more = sum(len(LAWS[name].parameters) for name in names) - fit.law.vector.size
-        bic = fit.bic + fit.n_data * np.log(max(cost, 1e-300) / now) + n_more * np.log(fit.n_data)
-        picked: list[int] = []
-        for name in sorted(names, key=lambda name: name not in fit.law.parameters):
-            single = [place for place in self.places[name] if self.terms[place] is not None]
-            picked.append(min(single, key=lambda place: self.left([*picked, place])[0]))
-        weights = self.left(picked)[1]
-        terms = [(self.terms[place], weight) for place, weight in zip(picked, weights.tolist(), strict=True)]
-        return Proposal(Law(tuple(Term(t.name, (weight, *t.inner)) for t, weight in terms if t is not None)), bic)
-
-
-def _dictionary(runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str]) -> _Dictionary:
-    columns: list[FloatArray] = []
-    terms: list[Term | None] = []
-    fitted = {term.name: term for term in fit.law.terms}
-    for turn, share in enumerate(SCALES):
-        silent = [_silent(name, share, fit) for name in names if name not in fitted]
-        law = fit.law + Law(tuple(term for term in silent if turn == 0 or term.inner))
-        model = model_of(runs, fit, law)
-        errors = model.evaluate(vector_of(fit, law))
-        place, of_law = model.n_head, slice(model.n_head, model.n_head + law.vector.size)
-        if turn == 0:
-            others = np.delete(errors.jacobian, of_law, axis=1)
-            basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
-            target = errors.stacked.copy()
-        for term in law.terms:
-            if term.name not in fitted:
-                columns.append(errors.jacobian[:, place])
-                terms.append(term)
-            elif turn == 0:
-                columns += list(errors.jacobian[:, place : place + len(term.values)].T)
-                terms += [term, *(None for _ in term.inner)]
-                target -= term.amplitude * errors.jacobian[:, place]
-            place += len(term.values)
-    matrix = np.stack(columns, axis=1)
-    matrix -= basis @ (basis.T @ matrix)
-    target -= basis @ (basis.T @ target)
-    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    matrix /= size
-    places: dict[str, list[int]] = {}
-    owner = ""
-    for place, entry in enumerate(terms):
-        owner = entry.name if entry is not None else owner
-        places.setdefault(owner, []).append(place)
-    return _Dictionary(tuple(terms), places, target, matrix.T @ matrix, matrix.T @ target, size)
-
-
-def _silent(name: str, share: float, fit: ModelFit) -> Term:
-    """Return a term of amplitude zero whose inner scale is a share of the rms motion."""
-    values = [0.0]
-    for parameter in LAWS[name].parameters[1:]:
-        if parameter.role == "scale":
-            values.append(share * float((fit.velocity if parameter.unit == "m/s" else fit.travel).std()))
-        else:
-            values.append(parameter.default)
-    return Term(name, tuple(values))
+    return sorted((dictionary.proposal(move) for move in moves), key=lambda proposal: proposal.bic)
 
 
 def _fitted(
@@ -265,14 +157,28 @@ def _refitted(runs: Sequence[DrivenRun], current: ModelFit, law: Law) -> ModelFi
         return None
 
 
-def judged_by_left_out(runs: Sequence[DrivenRun], ladder: tuple[LadderStep, ...]) -> tuple[LadderStep, ...]:
-    """Return the ladder with the left-out errors of its kept rungs; the choice goes back where they say so.
+def judged_by_left_out(runs: Sequence[DrivenRun], ladder: Sequence[LadderStep]) -> tuple[LadderStep, ...]:
+    """Return the ladder with left-out errors: of the choice, its closest rivals and the best law with fewer terms.
+
+    The smaller law is chosen instead where it predicts runs that were left out as well.
 
     Args:
         runs: one `DrivenRun` a run.
         ladder: fitted laws.
     """
-    return ladder
-
-
-__all__ = ["Proposal", "better", "library", "proposals", "pursue_law", "refit", "replace", "left_out_error"]
+    steps = list(ladder)
+    choice = max(place for place, step in enumerate(steps) if step.kept)
+    fit = steps[choice].fit
+    smaller = [k for k, step in enumerate(steps) if len(step.fit.law.terms) < len(fit.law.terms)]
+    below = min(smaller, key=lambda k: steps[k].fit.bic) if smaller else None
+    rivals = [k for k, step in enumerate(steps) if step.fit.bic < fit.bic + BIC_MARGIN and k not in (choice, below)]
+    for k in [choice, *([] if below is None else [below]), *rivals]:
+        each = steps[k].fit
+        if isinstance(each, ModelFit):
+            steps[k] = replace(steps[k], left_out_m_per_s2=left_out_error(runs, each))
+    if below is not None:
+        with_it, without = steps[choice].left_out_m_per_s2, steps[below].left_out_m_per_s2
+        if with_it is not None and without is not None and without <= with_it:
+            # the last one that was kept is the choice
+            steps.append(replace(steps.pop(below), kept=True))
+    return tuple(steps)

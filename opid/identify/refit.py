@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,36 +41,23 @@ def refit(
     """
     before = [float(np.mean(slope)) for slope in fit.law.gradient(fit.travel, fit.velocity)]
     now = [float(np.mean(slope)) for slope in law.gradient(fit.travel, fit.velocity)]
-    model = model_of(runs, fit, law)
-    theta = vector_of(fit, law)
+    model, theta = in_place_of(runs, fit, law)
     theta[:2] += np.subtract(before, now)
     theta, n_evaluations = settled(model, theta, most_evaluations=most_evaluations)
     return model.result(theta, n_evaluations)
 
 
-def model_of(runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, held_inverse_mass: float | None = None) -> Model:
-    """Return the model of a fit for another law or other runs.
+def in_place_of(runs: Sequence[DrivenRun], fit: ModelFit, law: Law) -> tuple[Model, FloatArray]:
+    """Return the model of a fit with another law, and the vector at which everything else is as it was fitted.
 
     Args:
         runs: one `DrivenRun` a run.
-        fit: whose settings are taken.
-        law: per unit of sprung mass.
-        held_inverse_mass: 1/M2 to hold, 1/kg; as in the fit where left out.
-    """
-    held = fit.held_inverse_mass if held_inverse_mass is None else held_inverse_mass
-    return Model(tuple(runs), law, fit.ground, held, fit.noise, fit.motion_rms)
-
-
-def vector_of(fit: ModelFit, law: Law) -> FloatArray:
-    """Return where a fit stands as the vector of `Model`, for the model of another law.
-
-    Args:
         fit: the fit.
-        law: takes the place of the fitted one.
+        law: takes the place of the fitted one, per unit of sprung mass.
     """
-    n_head = 2 + fit.ground
-    after = fit.value[n_head + fit.law.vector.size :]
-    return np.concatenate([fit.value[:n_head], to_free(law), after, fit.start.ravel()])
+    model = replace(fit.model(runs), law=law)
+    before, after = fit.vector[: model.n_head], fit.vector[model.n_head + fit.law.vector.size :]
+    return model, np.concatenate([before, to_free(law), after])
 
 
 def settled(
@@ -130,24 +118,21 @@ def left_out_error(runs: Sequence[DrivenRun], fit: ModelFit) -> float | None:
         errors = _predicted(runs, fit, place)
         n = 2 * run.omega.size
         cost, n_data = cost + float(np.sum(errors.stacked[:n] ** 2)), n_data + n
-    return float(np.sqrt(np.mean(np.square(fit.noise))) * np.sqrt(cost / n_data))
+    return fit.level * float(np.sqrt(cost / n_data))
 
 
 def _predicted(runs: Sequence[DrivenRun], fit: ModelFit, place: int) -> Errors:
     """Errors of one run as the others predict it."""
     others = [run for i, run in enumerate(runs) if i != place]
-    one_mass = len({run.mass_change_kg for run in others}) < 2
-    held = fit["inverse_mass"] if one_mass and fit.held_inverse_mass is None else None
-    model = model_of(others, fit, fit.law, held_inverse_mass=held)
-    whole = vector_of(fit, fit.law)
-    shared = whole[: fit.value.size]
-    if held is not None:
+    n_shared, model = len(fit.names), fit.model(others)
+    shared = fit.vector[:n_shared]
+    if model.mass_free and len({run.mass_change_kg for run in others}) < 2:
+        model = replace(model, held_inverse_mass=fit["inverse_mass"])
         shared = np.delete(shared, fit.names.index("inverse_mass"))
-    start = np.delete(fit.start, place, axis=0).ravel()
-    found, _ = settled(model, np.concatenate([shared, start]))
-    alone = model_of([runs[place]], fit, fit.law, held_inverse_mass=held)
-    theta = np.concatenate([found[: shared.size], fit.start[place]])
-    theta, _ = settled(alone, theta, free=slice(shared.size, None))
+    found, _ = settled(model, np.concatenate([shared, np.delete(fit.start, place, axis=0).ravel()]))
+    alone = replace(model, runs=(runs[place],))
+    begun = np.concatenate([found[: shared.size], fit.start[place]])
+    theta, _ = settled(alone, begun, free=slice(shared.size, None))
     return alone.evaluate(theta, sensitivity=False)
 
 

@@ -98,6 +98,9 @@ class SensorPair:
         return tuple(_nuisances(self))
 
 
+IDEAL_PAIR = SensorPair()
+
+
 @dataclass(frozen=True)
 class Nuisance:
     """One property of the sensors that a fit moves.

@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from opid.errors import InputError, nearest
-from opid.identify.sensor_facts import SIDES, Leak, SensorFacts, SensorPair
+from opid.identify.sensor_facts import IDEAL_PAIR, SIDES, Leak, SensorFacts, SensorPair
 from opid.signals.files import written_whole
 from opid.signals.logs import read_log, write_log
 from opid.signals.recording import FloatArray, Recording
@@ -76,7 +76,7 @@ class Study:
     unsprung: str
     runs: tuple[Run, ...]
     source: Path | None = None
-    sensors: SensorPair = SensorPair()
+    sensors: SensorPair = IDEAL_PAIR
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))

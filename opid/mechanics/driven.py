@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.kernels import driven_runge_kutta_4, law_arrays
+from opid.mechanics.kernels import law_arrays, predictions
 from opid.mechanics.laws import LINEAR, FloatArray, Law
 
 # half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
@@ -109,26 +109,38 @@ def driven_response(
     n = len(interfaces)
     matrix = np.ascontiguousarray(accelerance, dtype=np.float64)
     u = np.ascontiguousarray(drive, dtype=np.float64)
-    by_mass = _directions(accelerance_directions, (0, n, n))
-    by_drive = _directions(drive_directions, (u.shape[0], 0, n))
     first = np.zeros((4, n)) if start is None else np.ascontiguousarray(start, dtype=np.float64)
     if matrix.shape != (n, n) or u.ndim != 2 or u.shape[1] != n or u.shape[0] % 2 == 0 or first.shape != (4, n):
         raise InputError(
             f"accelerance, drive and start have shapes {matrix.shape}, {u.shape} and {first.shape}: give ({n}, {n}), "
             f"(2 n_samples - 1, {n}) and (4, {n}) for {n} interface(s)"
         )
-    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
-    firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
-    n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
-    if not ground and linear[:, 2].any():
-        raise InputError("an interface has a ground stiffness, but ground is False: set it to 0, or leave ground out")
-    motion, answer, by_answer = driven_runge_kutta_4(
-        (linear, firsts, codes, n_inner, values), matrix, by_mass, u, by_drive, 1.0 / fs, first, ground, sensitivity
+    n_samples = u.shape[0] // 2 + 1
+    # readings of zero: the innovation is what the body does, with the other sign
+    nothing, exact = np.zeros((n_samples, n)), np.array([[0.0], [1.0], [0.0], [0.0]]).repeat(n, axis=1)
+    states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
+    _, _, changes, motion = predictions(
+        joint_arrays(interfaces, ground=ground),
+        matrix,
+        directions("accelerance_directions", accelerance_directions, (0, n, n)),
+        u,
+        directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
+        nothing,
+        nothing[:, :0, np.newaxis].repeat(n, axis=2),
+        1.0 / fs,
+        states,
+        np.zeros((states.size, states.size)),
+        exact,
+        ground,
+        sensitivity,
     )
-    if not np.isfinite(answer[:, -1]).all() or not np.isfinite(by_answer[..., -1]).all():
+    n_absent = 2 * n if sensitivity and not ground else 0
+    by_answer = np.zeros((n, changes.shape[1] + n_absent, n_samples))
+    np.negative(changes, out=by_answer[:, : changes.shape[1]])
+    if not np.isfinite(motion[2, :, -1]).all() or not np.isfinite(by_answer[..., -1]).all():
         raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
     # one signal after the other in memory, for transforms along time
-    return DrivenResponse(motion[0].T, motion[1].T, answer.T, by_answer.transpose(2, 0, 1))
+    return DrivenResponse(motion[0].T, motion[1].T, motion[2].T, by_answer.transpose(2, 0, 1))
 
 
 def half_steps(samples: ArrayLike) -> FloatArray:
@@ -157,5 +169,43 @@ def half_steps(samples: ArrayLike) -> FloatArray:
     return doubled
 
 
-def _directions(given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
-    return np.zeros(empty) if given is None else np.ascontiguousarray(given, dtype=np.float64)
+def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.ndarray, ...]:
+    """Return interfaces as the compiled functions take them.
+
+    Args:
+        interfaces: the suspensions.
+        ground: whether the place of the body is followed.
+
+    Returns:
+        Stiffness, damping and ground stiffness, (n_interfaces, 3); rows, codes, number of inner values and values of
+        the laws, see `opid.mechanics.kernels.law_arrays`.
+
+    Raises:
+        InputError: a ground stiffness with ground=False.
+    """
+    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
+    if not ground and linear[:, 2].any():
+        raise InputError("an interface has a ground stiffness, but ground is False: set it to 0, or leave ground out")
+    firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
+    n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
+    return linear, firsts, codes, n_inner, values
+
+
+def directions(name: str, given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
+    """Return changes to differentiate by as an array of the right shape.
+
+    Args:
+        name: of the argument, for the error.
+        given: as many as one likes, or None.
+        empty: the shape of none of them: the number 0 is that of the directions.
+
+    Raises:
+        InputError: another shape.
+    """
+    if given is None:
+        return np.zeros(empty)
+    array = np.ascontiguousarray(given, dtype=np.float64)
+    if array.ndim != len(empty) or any(wanted not in (0, got) for got, wanted in zip(array.shape, empty, strict=True)):
+        shape = ", ".join("n_directions" if size == 0 else str(size) for size in empty)
+        raise InputError(f"{name} has shape {array.shape}: give ({shape})")
+    return array

@@ -1,7 +1,7 @@
 """The compiled part of mechanics: the laws on single numbers and the time step, by numba.
 
-The functions of `opid.mechanics.steps` are compiled for a table of kinds of law: for the built-in kinds numba keeps the
-machine code on disk, with a user's own kinds it compiles anew in each process.
+The functions of `opid.mechanics.steps` and of the two modules of predictions are compiled for a table of kinds of law:
+for the built-in kinds numba keeps the machine code on disk, with a user's own kinds it compiles anew in each process.
 """
 
 from __future__ import annotations
@@ -20,30 +20,34 @@ from numpy.typing import NDArray
 
 from opid.errors import InputError
 from opid.mechanics import kinds as kinds_module
-from opid.mechanics import prediction_steps, steps
+from opid.mechanics import prediction_of_one, prediction_steps, steps
 from opid.mechanics.kinds import BUILT_IN, LAWS, Kind
 from opid.mechanics.laws import FloatArray, Law
 
 # most parameters of a kind: an amplitude and two inner ones
 N_VALUES = 3
-# what `steps` holds, each after what it calls
+# what is compiled into the kernels, each after what it calls
 _PARTS = (
     "_force",
     "_accelerate",
     "_joint_force",
-    "_joint_forces",
     "_places",
-    "_free_start",
-    "_free_motion",
-    "_answer_sensitivity",
     "_step_matrices",
-    "_step_sensitivity",
-    "_answer_of",
-    "_correct_by",
+    "_by_offset_and_ground",
+    "_carry",
+    "_carry_covariance",
+    "_gain",
+    "_correct",
+    "_push",
+    "_carried",
+    "_carried_covariance",
+    "_covariance_with_reading",
+    "_corrected_covariance",
+    "_upper",
 )
 # called once a run
-_ONCE = ("_places", "_free_start")
-_KERNELS = ("_force_many", "_structure_steps", "_driven_steps", "_driven_steps_of_one", "_predictions")
+_ONCE = ("_places", "_upper")
+_KERNELS = ("_force_many", "_structure_steps", "_predictions", "_predictions_of_one")
 
 
 def law_arrays(*laws: Law) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
@@ -97,35 +101,6 @@ def runge_kutta_4(
     return _kernel("_structure_steps", system[5])(system, drive, step_s, x0, v0)
 
 
-def driven_runge_kutta_4(
-    joints: tuple[Any, ...],
-    accelerance: FloatArray,
-    by_mass: FloatArray,
-    drive: FloatArray,
-    by_drive: FloatArray,
-    step_s: float,
-    start: FloatArray,
-    ground: bool,
-    sensitivity: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return travel and velocity (2, n_interfaces, n), body acceleration (n_interfaces, n) and its derivatives.
-
-    Args:
-        joints: stiffness, damping, ground stiffness (n_interfaces, 3); rows, codes, number of inner values and values
-            of the laws.
-        accelerance: (n_interfaces, n_interfaces), 1/kg.
-        by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
-        drive: (2 n - 1, n_interfaces), m/s^2.
-        by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive.
-        step_s: s.
-        start: (4, n_interfaces) z, z', x2, x2'.
-        ground: whether x2 is followed.
-        sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
-    """
-    kernel = _kernel("_driven_steps_of_one" if start.shape[1] == 1 else "_driven_steps", joints[2])
-    return kernel(joints, accelerance, by_mass, drive, by_drive, step_s, start, ground, sensitivity)
-
-
 def predictions(
     joints: tuple[Any, ...],
     accelerance: FloatArray,
@@ -141,10 +116,11 @@ def predictions(
     ground: bool,
     sensitivity: bool,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return innovation and spread (n_interfaces, n), derivatives of the first, and motion (n, 3, n_interfaces).
+    """Return innovation and spread (n_interfaces, n), derivatives of the first, and motion (3, n_interfaces, n).
 
     Args:
-        joints: as of `driven_runge_kutta_4`.
+        joints: stiffness, damping, ground stiffness (n_interfaces, 3); rows, codes, number of inner values and values
+            of the laws.
         accelerance: (n_interfaces, n_interfaces), 1/kg.
         by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
         drive: (2 n - 1, n_interfaces), m/s^2.
@@ -158,10 +134,20 @@ def predictions(
         ground: whether x and w are states.
         sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
     """
-    kernel = _kernel("_predictions", joints[2])
-    return kernel(
-        joints, accelerance, by_mass, drive, by_drive, measured, by_measured, step_s, start, covariance_start, noise,
-        ground, sensitivity,
+    n = drive.shape[1]
+    # nothing is corrected where the state is certain and nothing disturbs it
+    correct = bool(covariance_start.any() or noise[[0, 2, 3]].any())
+    # the kernels follow z, v, both offsets, [x - z, w - v]
+    into = np.eye(start.size)
+    if ground:
+        into = into[np.arange(6 * n).reshape(6, n)[[0, 1, 4, 5, 2, 3]].ravel()]
+        into[4 * n :, : 2 * n] = -np.eye(2 * n)
+    states = (into @ start, into[:, : start.size - 2 * n].copy(), into @ covariance_start @ into.T)
+    # None, not False: numba leaves out what is behind it
+    kernel, followed = ("_predictions_of_one", ground or None) if n == 1 else ("_predictions", ground)
+    return _kernel(kernel, joints[2])(
+        joints, accelerance, by_mass, drive, by_drive, measured, by_measured, step_s, *states, noise, followed, correct,
+        sensitivity,
     )  # fmt: skip
 
 
@@ -187,7 +173,7 @@ def check_compiles(kind: Kind) -> None:
 
 
 def built_in_kernel(name: str) -> Any:
-    """Return a compiled function of `opid.mechanics.steps` for the built-in kinds.
+    """Return a compiled function for the built-in kinds.
 
     Args:
         name: of the function.
@@ -209,13 +195,15 @@ def _kernel(name: str, codes: NDArray[np.int64]) -> Any:
 
 @cache
 def _compiled(kinds: tuple[Kind, ...]) -> dict[str, Any]:
-    """Return the kernels of `steps` with these kinds in place of `_evaluate`; each is compiled at its first call.
+    """Return the kernels with these kinds in place of `_evaluate`; each is compiled at its first call.
 
-    numba renews its cache when steps.py changes, but not when kinds.py does, whose functions are compiled in: the
-    digest in the name of the kernels keeps old code apart.
+    numba renews its cache when the file of a kernel changes, but not when kinds.py does, or another file with functions
+    that are compiled in: the digest in the name of the kernels keeps old code apart.
     """
-    names: dict[str, Any] = {**vars(prediction_steps), **vars(steps), "_evaluate": _evaluation(kinds)}
-    sources = "".join(inspect.getsource(module) for module in (kinds_module, steps, prediction_steps, sys.modules[__name__]))
+    modules = (prediction_of_one, prediction_steps, steps)
+    names: dict[str, Any] = {name: value for module in modules for name, value in vars(module).items()}
+    names["_evaluate"] = _evaluation(kinds)
+    sources = "".join(inspect.getsource(module) for module in (kinds_module, *modules, sys.modules[__name__]))
     digest = hashlib.sha256(sources.encode()).hexdigest()[:12]
 
     def with_names(name: str) -> FunctionType:

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.driven import Interface, UnboundedResponseError
-from opid.mechanics.kernels import law_arrays, predictions
+from opid.mechanics.driven import Interface, UnboundedResponseError, directions, joint_arrays
+from opid.mechanics.kernels import predictions
 from opid.mechanics.laws import FloatArray
 
 
@@ -60,7 +60,7 @@ class Prediction:
         sensitivity: (n_interfaces, n_parameters, n) derivatives of `innovation`: by stiffness, damping, ground
             stiffness and law of each interface in turn, by each direction of the accelerance, of the drive and of
             the readings, and by travel, velocity (and, with ground, displacement and velocity of the body) at the
-            start; no parameters if not asked for.
+            start, those by ground stiffness zero without ground; no parameters if not asked for.
         travel: (n, n_interfaces) z, m.
         velocity: (n, n_interfaces) z', m/s.
         acceleration: (n, n_interfaces) predicted x2'' of the body at the interfaces, m/s^2.
@@ -109,7 +109,7 @@ def predict(
         sensitivity: whether derivatives are wanted.
 
     Raises:
-        InputError: shapes that do not match.
+        InputError: shapes that do not match, or a ground stiffness with ground=False.
         UnboundedResponseError: a motion that grows without bound.
 
     >>> rng = np.random.default_rng(0)
@@ -131,17 +131,14 @@ def predict(
             f"accelerance, drive, measured, start and start_std have shapes {', '.join(map(str, shapes))}: give "
             f"{', '.join(map(str, needed))} for {n} interface(s)"
         )
-    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
-    firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
-    n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
     innovation, spread, changes, motion = predictions(
-        (linear, firsts, codes, n_inner, values),
+        joint_arrays(interfaces, ground=ground),
         matrix,
-        _directions(accelerance_directions, (0, n, n)),
+        directions("accelerance_directions", accelerance_directions, (0, n, n)),
         u,
-        _directions(drive_directions, (u.shape[0], 0, n)),
+        directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
         y,
-        _directions(measured_directions, (y.shape[0], 0, n)),
+        directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
         1.0 / fs,
         first.ravel(),
         np.diag(std.ravel() ** 2),
@@ -151,8 +148,4 @@ def predict(
     )
     if not np.isfinite(innovation[:, -1]).all():
         raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
-    return Prediction(innovation, spread, changes, motion[:, 0], motion[:, 1], motion[:, 2])
-
-
-def _directions(given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:
-    return np.zeros(empty) if given is None else np.ascontiguousarray(given, dtype=np.float64)
+    return Prediction(innovation, spread, changes, motion[0].T, motion[1].T, motion[2].T)

@@ -96,6 +96,8 @@ def result_text(result: Identification, truth: Mapping[str, Any] | None = None) 
     if result.not_determined:
         parts += [*wrapped("Not determined: " + result.not_determined), ""]
     parts += [*table_lines(rows(result, truth), columns(truth)), "", *wrapped(limits(result))]
+    for sentence in result.diagnostics["law_alternatives"]:
+        parts += ["", *wrapped(f"{sentence}.", "Law: ")]
     if result.warnings:
         parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
     return "\n".join(parts) + "\n"

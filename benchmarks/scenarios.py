@@ -1,0 +1,148 @@
+"""What the benchmarks simulate: gears, laws, roads and sensors, nominal or drawn by seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import pi, sqrt
+from typing import Literal
+
+import numpy as np
+from trials import Case
+
+from opid.identify.sensor_facts import Leak, SensorFacts, SensorPair
+from opid.mechanics.landing_gear import LandingGear
+from opid.mechanics.laws import LINEAR, Law, default_law, law
+from opid.mechanics.sensors import Sensor
+
+LawMode = Literal["given", "searched"]
+PAPER_GROUND_N_PER_M = 1.67e5
+FS = 512.0
+# kinds and ranges of their parameters, each drawn evenly on a logarithmic scale
+RANGES = {
+    "arctan_velocity": {"amplitude_n": (100, 2000), "scale_m_per_s": (0.005, 0.05)},
+    "arctan_displacement": {"amplitude_n": (100, 2000), "scale_m": (5e-4, 5e-3)},
+    "quadratic_damping": {"damping_n_s2_per_m2": (1e4, 1e5)},
+    "cubic_stiffness": {"stiffness_n_per_m3": (1e9, 1e10)},
+}
+PAIRS = (
+    ("arctan_velocity", "cubic_stiffness"),
+    ("arctan_velocity", "quadratic_damping"),
+    ("quadratic_damping", "cubic_stiffness"),
+    ("arctan_displacement", "arctan_velocity"),
+)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A question asked of many seeds.
+
+    Args:
+        case: what is simulated, by seed.
+        n_seeds: how many the table asks for; they count from 0 and none is dropped.
+        law: whether the law is given to opid or searched.
+    """
+
+    case: Callable[[int], Case]
+    n_seeds: int
+    law: LawMode = "searched"
+
+
+def drawn_term(kind: str, rng: np.random.Generator) -> Law:
+    """Return a law of one term with parameters drawn from `RANGES`."""
+    ranges = RANGES[kind].items()
+    return law(kind, **{name: float(np.exp(rng.uniform(np.log(low), np.log(high)))) for name, (low, high) in ranges})
+
+
+def random_law(rng: np.random.Generator) -> Law:
+    return drawn_term(list(RANGES)[rng.integers(len(RANGES))], rng)
+
+
+def random_pair(rng: np.random.Generator) -> Law:
+    first, second = PAIRS[rng.integers(len(PAIRS))]
+    return drawn_term(first, rng) + drawn_term(second, rng)
+
+
+def random_case(seed: int, *, draw_law: Callable[[np.random.Generator], Law] = random_law, stream: int = 1) -> Case:
+    """Draw a gear (1.0 to 2.8 t, 1.4 to 3 Hz, zeta 0.05 to 0.3), its law, road, rate, noise and mass change."""
+    rng = np.random.default_rng([seed, stream])
+    mass = rng.uniform(1000.0, 2800.0)
+    stiffness = mass * (2 * pi * rng.uniform(1.4, 3.0)) ** 2
+    damping = 2 * rng.uniform(0.05, 0.3) * sqrt(stiffness * mass)
+    heavier = mass / 1850.0
+    gear = LandingGear(
+        sprung_mass_kg=mass,
+        unsprung_mass_kg=105.0 * heavier,
+        suspension_stiffness_n_per_m=stiffness,
+        suspension_damping_n_s_per_m=damping,
+        tyre_stiffness_n_per_m=6.2e5 * heavier,
+        law=draw_law(rng),
+    )
+    sensor = Sensor(noise_m_per_s2=1e-3 * rng.uniform(2.0, 10.0))
+    road, fs = str(rng.choice(["A", "B", "C"])), float(rng.choice([256.0, 512.0, 1000.0]))
+    settings = {"road_class": road, "fs": fs, "lower_sensor": sensor, "upper_sensor": sensor}
+    return Case(gear, mass_removed_kg=mass * rng.uniform(0.08, 0.2), run=settings)
+
+
+def linear_case() -> Case:
+    """The nominal gear without friction, both noise levels written out for its Cramer-Rao bound."""
+    sensor = Sensor()
+    return Case(replace(LandingGear(), law=LINEAR), run={"lower_sensor": sensor, "upper_sensor": sensor})
+
+
+# what is wrong with the lower and the upper sensor, and what their data sheets say: both the same, with a tolerance
+# that holds the fault within one or one and a half standard deviations; the stated corner is 20 % above the lower one
+# and 14 % below the upper one
+FAULTS = {
+    "gain 3 %": ({}, {"gain": 1.03}, {"gain_tolerance": 0.03}),
+    "corners 0.33 and 0.462 Hz": (
+        {"corner_hz": 0.33},
+        {"corner_hz": 0.462},
+        {"corner_hz": 0.396, "corner_tolerance": 0.3},
+    ),
+    "lag 1 sample": ({}, {"lag_s": 1 / FS}, {"lag_tolerance_s": 1 / FS}),
+}
+FAULTS["all three"] = tuple(
+    {key: value for fault in FAULTS.values() for key, value in fault[part].items()} for part in range(3)
+)
+
+
+def sensor_case(fault: str, *, stated: bool) -> Case:
+    """The nominal gear with a fault of `FAULTS`, with or without its data sheet in the study."""
+    lower, upper, facts = FAULTS[fault]
+    run = {"fs": FS, "lower_sensor": Sensor(**lower), "upper_sensor": Sensor(**upper)}
+    sensors = SensorPair(SensorFacts(**facts), SensorFacts(**facts)) if stated else SensorPair()
+    return Case(LandingGear(), run=run, sensors=sensors)
+
+
+def leak_case(*, recorded: bool) -> Case:
+    """The nominal gear whose sensors let in 3 % of a fore-aft motion as strong as the vertical one."""
+    leaking = Sensor(cross_axis=0.03)
+    run = {"lower_sensor": leaking, "upper_sensor": leaking, "fore_aft": recorded}
+    leaks = (Leak("lower_x", "unsprung"), Leak("upper_x", "sprung")) if recorded else ()
+    return Case(LandingGear(), run=run, sensors=SensorPair(leaks=leaks))
+
+
+def always(case: Case) -> Callable[[int], Case]:
+    return lambda seed: case
+
+
+def _paper(law_of_strut: Law) -> Case:
+    return Case(LandingGear(ground_stiffness_n_per_m=PAPER_GROUND_N_PER_M, law=law_of_strut))
+
+
+SCENARIOS = {
+    "nominal": Scenario(always(Case(LandingGear())), 100),
+    "linear": Scenario(always(linear_case()), 100, "given"),
+    "random": Scenario(random_case, 100),
+    "two laws": Scenario(lambda seed: random_case(seed, draw_law=random_pair, stream=2), 40),
+    "paper, friction": Scenario(always(_paper(default_law("arctan_velocity"))), 20),
+    "paper, travel": Scenario(always(_paper(default_law("arctan_displacement"))), 20),
+    **{
+        f"{fault}, {'stated' if stated else 'not stated'}": Scenario(always(sensor_case(fault, stated=stated)), 10)
+        for fault in FAULTS
+        for stated in (True, False)
+    },
+    "leak, recorded": Scenario(always(leak_case(recorded=True)), 10),
+    "leak, not recorded": Scenario(always(leak_case(recorded=False)), 10),
+}

@@ -1,0 +1,35 @@
+"""What the answer of the driven model rests on beside its fit: whiteness, demands, limits, checks of the intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from opid.identify.demands import Demand
+from opid.identify.model_fit import ModelFit
+from opid.identify.whiteness import Whiteness
+from opid.signals.recording import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ModelEvidence:
+    """What was found out about a fitted model.
+
+    Args:
+        fit: the fit as it came, its covariance that of a white residual.
+        whiteness: of its residual.
+        coloured_std: (n_parameters,) standard deviations that allow for a coloured residual.
+        bootstrap_std: (n_parameters,) the same by resampled blocks of time.
+        demands: what had to be let in beside the suspension.
+        mended_spikes: single samples that were mended, of the spindle's and the airframe's channel of all runs.
+        n_starts: from how many starts the first law was fitted.
+        limits: what limits the precision of the mass and of the law, one sentence each.
+    """
+
+    fit: ModelFit
+    whiteness: Whiteness
+    coloured_std: FloatArray
+    bootstrap_std: FloatArray
+    demands: tuple[Demand, ...]
+    mended_spikes: tuple[int, int]
+    n_starts: int
+    limits: tuple[str, ...]

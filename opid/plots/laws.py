@@ -1,0 +1,140 @@
+"""Figures of the choice of a law: the ladder of laws, and the force without a law beside the chosen one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from opid.identify.force_surface import ForceSurface
+from opid.identify.joint_fit import LadderStep, chosen
+from opid.plots.style import GREY, INK, PALE, RUN_COLORS, SURFACE_MAP, house_style, panels, plain_numbers
+
+__all__ = ["force_departures", "force_sections", "model_ladder"]
+
+# laws shown that the search did not go on from
+N_OTHERS = 8
+
+
+def model_ladder(ladder: tuple[LadderStep, ...], ax: Any = None, *, noise_floor_m_per_s2: float | None = None) -> Axes:
+    """Draw what each law leaves of the runs it was fitted to and of runs that were left out, its criterion beside it.
+
+    Args:
+        ladder: of `search_law`, `pursue_law` or `sparse_road`.
+        ax: one Axes, or None for a new figure.
+        noise_floor_m_per_s2: of the sensors.
+    """
+    best = chosen(ladder)
+    steps = _shown(ladder)
+    with house_style():
+        ax = panels(ax, 1, height_in=1.3 + 0.32 * len(steps))[0, 0]
+        for row, step in enumerate(steps):
+            color = RUN_COLORS[1] if step is best else INK if step.kept else GREY
+            fitted = 1e3 * step.fit.noise_m_per_s2
+            ax.plot([fitted], [row], marker="o", markersize=7, color=color, linestyle="none")
+            if step.left_out_m_per_s2 is not None:
+                left_out = 1e3 * step.left_out_m_per_s2
+                look: dict[str, Any] = {"markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
+                ax.plot([left_out], [row], marker="D", color=color, **look)
+            behind = step.fit.bic - best.fit.bic
+            text = f"{fitted:.4g}" + (f"   BIC {behind:+,.0f}".replace(",", " ") if step is not best else "")
+            ax.annotate(text, (fitted, row), (10, 0), textcoords="offset points", va="center", fontsize=8)
+        if noise_floor_m_per_s2 is not None:
+            ax.axvline(1e3 * noise_floor_m_per_s2, color=INK, linestyle="--", linewidth=1)
+        low, high = ax.get_xlim()
+        # room for the words at the right
+        if low > 0 and high / low > 3 or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
+            ax.set_xscale("log")
+            low, high = ax.get_xlim()
+            ax.set_xlim(low, high * (high / low) ** 0.35)
+            plain_numbers(ax.xaxis)
+        else:
+            ax.set_xlim(low, high + 0.35 * (high - low))
+        ax.set_yticks(range(len(steps)), [_label(step) for step in steps])
+        for label, step in zip(ax.get_yticklabels(), steps, strict=True):
+            label.set_color(RUN_COLORS[1] if step is best else INK if step.kept else GREY)
+            label.set_fontweight("bold" if step is best else "normal")
+        ax.set_ylim(len(steps) - 0.5, -0.5)
+        ax.grid(True, axis="x", which="major")
+        ax.grid(False, axis="y")
+        ax.set_xlabel("unexplained [mm/s² rms]: fitted ●, left out ◇, noise floor - -")
+        ax.set_title("Laws tried, the chosen one in colour")
+    return ax
+
+
+def force_departures(surface: ForceSurface, ax: Any = None) -> Axes:
+    """Draw by how many standard errors the measured force departs from the law over the visited motion.
+
+    Args:
+        surface: from `force_surface`.
+        ax: one Axes, or None for a new figure.
+    """
+    limit = 5.0
+    with house_style():
+        ax = panels(ax, 1, height_in=4.0, width_in=5.6)[0, 0]
+        mesh = ax.pcolormesh(
+            1e3 * surface.travel_edges,
+            surface.velocity_edges,
+            np.ma.masked_invalid(surface.departure.T),
+            cmap=SURFACE_MAP,
+            vmin=-limit,
+            vmax=limit,
+        )
+        figure = ax.get_figure(root=True)
+        bar = figure.colorbar(mesh, ax=ax, extend="both")
+        bar.set_label("measured less law [standard errors]")
+        ax.set_facecolor("#F2F2F2")
+        ax.grid(False)
+        ax.set_xlabel("travel z [mm]")
+        ax.set_ylabel("velocity z′ [m/s]")
+        ax.set_title(
+            f"Largest departure {surface.largest_standard_errors:.1f} standard errors\n"
+            f"(chance alone: up to {surface.expected_standard_errors:.1f})",
+            fontweight="normal",
+        )
+    return ax
+
+
+def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
+    """Draw the force that stiffness and damping leave, along travel and velocity with 95 % bands, and the law over it.
+
+    Args:
+        surface: from `force_surface`.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.6, sharey=False)
+        sections = (surface.along_travel, surface.along_velocity)
+        labels = ("travel z [mm], z′ near 0", "velocity z′ [m/s], z near 0")
+        for ax, section, factor, label in zip(grid[0], sections, (1e3, 1.0), labels, strict=True):
+            x = factor * section.position
+            known = np.isfinite(section.mean)
+            band = 2 * section.standard_error
+            ax.fill_between(
+                x[known],
+                (section.mean - band)[known],
+                (section.mean + band)[known],
+                color=PALE,
+                label="measured, 95 %",
+            )
+            ax.plot(x, section.mean, color=INK, marker="o", markersize=3.5, linestyle="none", label="measured")
+            ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")
+            ax.set_xlabel(label)
+        grid[0, 0].set_ylabel("less K z + C z′ [m/s²]")
+        grid[0, 0].set_title(surface.law_name.replace("_", " ").replace("+", " + "))
+        grid[0, 0].legend(loc="upper left")
+    return grid
+
+
+def _shown(ladder: tuple[LadderStep, ...]) -> list[LadderStep]:
+    others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
+    return [step for step in ladder if step.kept or step in others]
+
+
+def _label(step: LadderStep) -> str:
+    name = step.law_name.replace("_", " ").replace("+", " + ")
+    return f"{name} (sparse)" if step.road == "sparse regression" else name
