@@ -60,7 +60,7 @@ class Trials:
         return self.with_failures(" / ".join(short(float(np.quantile(errors, share))) for share in shares))
 
     def spread(self, name: str) -> str:
-        """Standard deviation of the error in %, the mean behind it where it is more than three of its own deviations."""
+        """Standard deviation of the error in %, and the mean where it is more than three of its deviations off."""
         errors = self.percents(name)
         if errors.size < 2:
             return "-"

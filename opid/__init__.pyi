@@ -18,8 +18,8 @@ from .identify.transmissibility import (
     transmissibility_peaks,
     transmissibility_without_force,
 )
-from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from .mechanics.kinds import Kind, Parameter
+from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from .mechanics.laws import LAWS, Law, default_law, law
 from .mechanics.own_kinds import register_kind, unregister_kind
 from .mechanics.response import time_response

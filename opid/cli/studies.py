@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
 @click.option(
     "--method",
-    default="classical",
+    default="model",
     show_default=True,
-    help="classical, model (fits the driven suspension), or paper (its printed formula).",
+    help="model (fits the driven suspension), classical (the paper's chain mended), or paper (its printed formula).",
 )
 @click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
-@click.option("--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.5 12]")
+@click.option(
+    "--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.3 40, classical 0.5 12]"
+)
 @click.option("--high-pass", type=float, metavar="HZ", help="Corner of the integration.  [default: 0.3]")
 @click.option("--no-ground", is_flag=True, help="Fit no ground spring: K3 = 0.")
 @click.option(

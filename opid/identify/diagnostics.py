@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from opid.identify.classical import Evidence, PeakPair, RunEvidence
 from opid.identify.doubts import unexplained_noise
 from opid.identify.joint_fit import alternatives, chosen
+from opid.identify.model_evidence import ModelEvidence
 
 
 def diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
@@ -43,6 +46,35 @@ def diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
         "law_alternatives": list(alternatives(evidence.ladder)),
         "peak_pairs": [_pair_diagnostics(pair) for pair in evidence.pairs],
         "runs": [_run_diagnostics(run) for run in evidence.runs],
+        "model": None if evidence.model is None else _model_diagnostics(evidence.model),
+    }
+
+
+def _model_diagnostics(model: ModelEvidence) -> dict[str, Any]:
+    fit, found = model.fit, model.whiteness
+    nominal = {nuisance.name: nuisance for nuisance in fit.sensors.nuisances}
+    names = [name for name in fit.names if name not in nominal]
+    std, boot = dict(zip(fit.names, fit.std, strict=True)), dict(zip(fit.names, model.bootstrap_std, strict=True))
+    coloured = dict(zip(fit.names, model.coloured_std, strict=True))
+    level = float(np.sqrt(fit.variance))
+    return {
+        "noise_m_per_s2": {"unsprung": fit.noise[0] * level, "sprung": fit.noise[1] * level},
+        "whiteness": asdict(found) | {"band_hz": list(found.band_hz)},
+        "std_over_white": {name: float(coloured[name] / std[name]) for name in names},
+        "bootstrap_std_over_white": {name: float(boot[name] / std[name]) for name in names},
+        "sensors": {
+            name: {
+                "value": fit[name],
+                "std": float(std[name]),
+                "known_before": [nuisance.nominal, nuisance.std],
+            }
+            for name, nuisance in nominal.items()
+        },
+        "demanded": [asdict(demand) | {"alike": list(demand.alike)} for demand in model.demands],
+        "imitates_ground_spring": list(model.imitates_ground),
+        "mended_spikes": {"unsprung": model.mended_spikes[0], "sprung": model.mended_spikes[1]},
+        "n_starts": model.n_starts,
+        "limits": list(model.limits),
     }
 
 

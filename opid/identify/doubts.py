@@ -212,10 +212,20 @@ def _ground_warning(evidence: Evidence, parameters: Mapping[str, Estimate]) -> I
         and not ground.holds(0.0)
     ):
         yield (
-            f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: sensors "
-            "whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the intervals "
-            "hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
+            f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: "
+            f"{_instead(evidence)}"
         )
+
+
+def _instead(evidence: Evidence) -> str:
+    """What else could be behind a ground spring."""
+    if evidence.model is None:
+        return (
+            "sensors whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the "
+            "intervals hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
+        )
+    imitations = "; ".join(evidence.model.imitates_ground) or "no usual fault of the sensors looks like it"
+    return f"faults of the sensors were tried beside it and explain the runs less well; for comparison, {imitations}"
 
 
 def _mass_change_warning(evidence: Evidence, mass: Estimate) -> Iterator[str]:

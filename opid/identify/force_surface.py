@@ -7,13 +7,14 @@ standard errors, shows what no term of the library can: a memory, a stop, a law 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from opid.identify.driven_run import DrivenRun
 from opid.identify.model_fit import ModelFit
 from opid.identify.sparse_road import ForcePoints, force_points
+from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 
 N_CELLS = 16
@@ -29,10 +30,10 @@ class ForceSection:
 
     Args:
         position: (n,) middle of each bin, m or m/s.
-        mean: (n,) measured force per unit of reference mass less that of the fitted stiffness and damping, m/s^2; NaN
-            where too few samples are.
+        mean: (n,) measured force per unit of reference mass, less that of stiffness and damping and with the motion
+            across taken to zero by the law, m/s^2; NaN where too few samples are.
         standard_error: (n,) of the mean.
-        law: (n,) mean force of the law on the same samples.
+        law: (n,) what the law gives there.
     """
 
     position: FloatArray
@@ -110,8 +111,8 @@ def force_surface(runs: Sequence[DrivenRun], fit: ModelFit, *, n_cells: int = N_
         mean=mean,
         standard_error=error,
         law=law,
-        along_travel=_section(points, points.travel, points.velocity, edges[0], noise),
-        along_velocity=_section(points, points.velocity, points.travel, edges[1], noise),
+        along_travel=_section(points, fit.law, 0, edges[0], noise),
+        along_velocity=_section(points, fit.law, 1, edges[1], noise),
         largest_standard_errors=float(np.max(np.abs(departure[known]), initial=0.0)),
         largest_percent=100 * float(np.max(np.abs((mean - law)[seen]), initial=0.0)) / rms,
         expected_standard_errors=float(stats.norm.isf(0.5 * (1 - 0.95 ** (1 / max(int(known.sum()), 1))))),
@@ -132,14 +133,13 @@ def _averages(
     return number, mean_of(points.force_per_mass), noise / np.sqrt(divisor), mean_of(points.fitted)
 
 
-def _section(
-    points: ForcePoints, along: FloatArray, across: FloatArray, edges: FloatArray, noise: float
-) -> ForceSection:
+def _section(points: ForcePoints, law: Law, axis: int, edges: FloatArray, noise: float) -> ForceSection:
+    along, across = (points.travel, points.velocity)[:: 1 if axis == 0 else -1]
     n = edges.size - 1
     place = np.digitize(along, edges) - 1
     near = (np.abs(across) < SECTION_RMS * across.std()) & (place >= 0) & (place < n)
-    bent = replace(
-        points, force_per_mass=points.force_per_mass - points.straight, fitted=points.fitted - points.straight
-    )
-    _, mean, error, law = _averages(bent, np.where(near, place, -1), n, noise)
-    return ForceSection(0.5 * (edges[1:] + edges[:-1]), mean, error, law)
+    _, mean, error, fitted = _averages(points, np.where(near, place, -1), n, noise)
+    position = 0.5 * (edges[1:] + edges[:-1])
+    zero = np.zeros(n)
+    of_law = law.force(position, zero) if axis == 0 else law.force(zero, position)
+    return ForceSection(position, of_law + mean - fitted, error, of_law)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.identify import driven_run
 from opid.identify.added_mass import AddedMass, absolute_parameters
 from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_chain
 from opid.identify.diagnostics import diagnostics
@@ -35,7 +36,7 @@ def identify_study(
     *,
     method: str = "model",
     law: str | None = None,
-    band_hz: tuple[float, float] = BAND_HZ,
+    band_hz: tuple[float, float] | None = None,
     high_pass_hz: float = HIGH_PASS_HZ,
     ground: bool = True,
     progress: Callable[[str], None] | None = None,
@@ -51,7 +52,7 @@ def identify_study(
         study: the runs.
         method: "model", "classical" or "paper".
         law: a law to fit (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched when left out.
-        band_hz: lines used by direct parameters and added mass, Hz.
+        band_hz: lines that are compared, Hz; 0.3 to 40 Hz of the model, 0.5 to 12 Hz of the classical chain by default.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
         ground: whether a ground spring K3 is fitted (else it is 0).
         progress: called with the name of each step as it begins.
@@ -66,13 +67,12 @@ def identify_study(
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
     evidence = classical_chain(
-        study, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground, progress=progress
+        study, law=law, band_hz=band_hz or BAND_HZ, high_pass_hz=high_pass_hz, ground=ground, progress=progress
     )
     settings = {
         "study": study.source.name if study.source else None,
         "sprung": study.sprung,
         "unsprung": study.unsprung,
-        "band_hz": [evidence.joint.band_hz[0], evidence.joint.band_hz[1]],
         "high_pass_hz": high_pass_hz,
         "law": law or "searched",
         "ground": ground,
@@ -80,7 +80,14 @@ def identify_study(
     if method == "paper":
         return _conclude_paper(study, evidence, settings)
     if method == "model":
-        evidence = model_chain(study, evidence, search=law is None, ground=ground, progress=progress)
+        evidence = model_chain(
+            study,
+            evidence,
+            search=law is None,
+            ground=ground,
+            band_hz=band_hz or driven_run.BAND_HZ,
+            progress=progress,
+        )
     return _conclude(method, study, evidence, settings)
 
 
@@ -112,7 +119,7 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
             damping=damping,
             per_mass=added is None,
         ),
-        diagnostics=diagnostics(evidence, settings),
+        diagnostics=diagnostics(evidence, settings | {"band_hz": list(evidence.joint.band_hz)}),
         warnings=tuple(doubts(evidence, parameters)),
         not_determined=evidence.not_determined,
         evidence=evidence,
@@ -165,7 +172,7 @@ def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, A
         law=evidence.joint.law,
         law_estimates={},
         restoring_force=VisitedForce(nothing, nothing, nothing, nothing, per_mass=True),
-        diagnostics=diagnostics(evidence, settings),
+        diagnostics=diagnostics(evidence, settings | {"band_hz": list(evidence.joint.band_hz)}),
         warnings=tuple(doubts(evidence, parameters)),
         not_determined=reason,
         evidence=evidence,
@@ -231,7 +238,7 @@ def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) 
             damping=0.0,
             per_mass=not absolute,
         ),
-        diagnostics=diagnostics(evidence, settings),
+        diagnostics=diagnostics(evidence, settings | {"band_hz": list(evidence.joint.band_hz)}),
         warnings=tuple(warnings),
         not_determined=reason,
         evidence=evidence,

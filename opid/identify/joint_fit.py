@@ -10,7 +10,6 @@ from opid.mechanics.laws import Law, Term
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 
-
 # criteria that are closer than this do not tell two laws apart
 BIC_MARGIN = 10.0
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -126,14 +127,16 @@ class LawDictionary:
         chosen = np.array(columns, dtype=np.int64)
         if not chosen.size:
             return np.empty((0, 0))
-        return np.linalg.pinv(self.gram[np.ix_(chosen, chosen)], rcond=NEARLY_PARALLEL, hermitian=True)
+        inverse = np.linalg.pinv(self.gram[np.ix_(chosen, chosen)], rcond=NEARLY_PARALLEL, hermitian=True)
+        return np.asarray(inverse, dtype=np.float64)
 
     def _best(self, base: Sequence[int], options: Sequence[int]) -> int:
         """Which of the options lowers the error most beside the base."""
-        inverse, chosen = self._inverse(base), np.array(base, dtype=np.int64)
-        cross = self.gram[np.ix_(options, chosen)] @ inverse
-        along = self.along[list(options)] - cross @ self.along[chosen]
-        size = 1 - np.sum(cross * self.gram[np.ix_(options, chosen)], axis=1)
+        chosen, offered = np.array(base, dtype=np.int64), np.array(options, dtype=np.int64)
+        products = self.gram[np.ix_(offered, chosen)]
+        cross = products @ self._inverse(base)
+        along = self.along[offered] - cross @ self.along[chosen]
+        size = 1 - np.sum(cross * products, axis=1)
         gain = np.where(size > NEARLY_PARALLEL, along**2 / np.maximum(size, NEARLY_PARALLEL), 0.0)
         return options[int(np.argmax(gain))]
 
@@ -147,59 +150,77 @@ def dictionary_of(runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str]
         names: kinds in `opid.mechanics.laws.LAWS`; those of the fitted law are there in any case.
     """
     new = [name for name in names if name not in fit.law.parameters]
-    scaled = {name for name in new if [p.role for p in LAWS[name].parameters[1:]] == ["scale"]}
+    simulated = _simulated(runs, fit, new)
+    columns, terms = list(simulated.columns), list(simulated.terms)
+    fitted = {term.name: [k for k, each in enumerate(terms) if each.name == term.name] for term in fit.law.terms}
+    offered: dict[str, list[int]] = {}
+    slopes: dict[int, int] = {}
+    for name, nodes in simulated.nodes.items():
+        scaled = [p.role for p in LAWS[name].parameters[1:]] == ["scale"]
+        dense = _between(nodes) if scaled else nodes
+        offered[name] = list(range(len(columns), len(columns) + len(dense)))
+        columns += [value for _, value, _ in dense]
+        terms += [term for term, _, _ in dense]
+        if scaled:
+            slopes |= {place: place + len(dense) for place in offered[name]}
+            columns += [slope for _, _, slope in dense]
+            terms += [term for term, _, _ in dense]
+    matrix = np.stack(columns, axis=1)
+    matrix -= simulated.basis @ (simulated.basis.T @ matrix)
+    target = simulated.target - simulated.basis @ (simulated.basis.T @ simulated.target)
+    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    matrix /= size
+    gram, along = matrix.T @ matrix, matrix.T @ target
+    return LawDictionary(fit, tuple(terms), fitted, offered, slopes, float(target @ target), gram, along, size)
+
+
+# a term, its column, and the derivative of that by the logarithm of its scale
+_Node = tuple[Term, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class _Simulated:
+    """Columns of the fitted law, those of other kinds at a few scales, and what everything else can do."""
+
+    columns: list[FloatArray]
+    terms: list[Term]
+    nodes: dict[str, list[_Node]]
+    basis: FloatArray
+    target: FloatArray
+
+
+def _simulated(runs: Sequence[DrivenRun], fit: ModelFit, new: Sequence[str]) -> _Simulated:
     columns: list[FloatArray] = []
     terms: list[Term] = []
-    nodes: dict[str, list[tuple[Term, FloatArray, FloatArray]]] = {name: [] for name in new}
+    nodes: dict[str, list[_Node]] = {name: [] for name in new}
+    basis = target = np.empty(0)
     for turn, share in enumerate(SCALES):
         faint = [_faint(name, share, fit) for name in new if turn == 0 or len(LAWS[name].parameters) > 1]
         law = fit.law + Law(tuple(faint))
         model, vector = in_place_of(runs, fit, law)
         errors = model.evaluate(vector)
-        of_law = range(model.n_head, model.n_head + law.vector.size)
+        first = model.n_head
         if turn == 0:
-            others = np.delete(errors.jacobian, list(of_law), axis=1)
+            others = np.delete(errors.jacobian, np.arange(first, first + law.vector.size), axis=1)
             basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
             target = errors.stacked.copy()
-        first = model.n_head
         for term in law.terms:
             block = errors.jacobian[:, first : first + len(term.values)]
             first += len(term.values)
             if term.name in nodes:
-                nodes[term.name].append((term, block[:, 0], block[:, 1] / term.amplitude if term.inner else block[:, 0]))
+                slope = block[:, 1] / term.amplitude if term.inner else block[:, 0]
+                nodes[term.name].append((term, block[:, 0], slope))
             elif turn == 0:
                 columns += list(block.T)
                 terms += [term] * len(term.values)
-                target -= term.amplitude * block[:, 0]
-    fitted = {term.name: [k for k, each in enumerate(terms) if each.name == term.name] for term in fit.law.terms}
-    offered: dict[str, list[int]] = {}
-    slopes: dict[int, int] = {}
-    for name, found in nodes.items():
-        dense = _between(found) if name in scaled else found
-        offered[name] = list(range(len(columns), len(columns) + len(dense)))
-        terms += [term for term, _, _ in dense]
-        columns += [value for _, value, _ in dense]
-        if name in scaled:
-            slopes |= dict(zip(offered[name], range(len(columns), len(columns) + len(dense)), strict=True))
-            terms += [term for term, _, _ in dense]
-            columns += [slope for _, _, slope in dense]
-    matrix = np.stack(columns, axis=1)
-    matrix -= basis @ (basis.T @ matrix)
-    target -= basis @ (basis.T @ target)
-    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    matrix /= size
-    return LawDictionary(
-        fit, tuple(terms), fitted, offered, slopes, float(target @ target), matrix.T @ matrix, matrix.T @ target, size
-    )
-
-
-_Node = tuple[Term, FloatArray, FloatArray]
+                target = target - term.amplitude * block[:, 0]
+    return _Simulated(columns, terms, nodes, basis, target)
 
 
 def _between(nodes: list[_Node]) -> list[_Node]:
     """Terms, columns and slopes at scales between the simulated ones: cubic Hermite in the logarithm of the scale."""
     dense = []
-    for (term, value, slope), (after, value_after, slope_after) in zip(nodes[:-1], nodes[1:], strict=True):
+    for (term, value, slope), (after, value_after, slope_after) in pairwise(nodes):
         width = np.log(after.inner[0] / term.inner[0])
         rise = value_after - value
         for t in np.arange(N_BETWEEN) / N_BETWEEN:

@@ -11,7 +11,8 @@ from opid.errors import NotDeterminedError
 from opid.identify.added_mass import AddedMass, absolute_parameters
 from opid.identify.classical import Evidence
 from opid.identify.demands import at_last, let_in
-from opid.identify.driven_run import DrivenRun, driven_run
+from opid.identify.driven_run import BAND_HZ, DrivenRun, driven_run
+from opid.identify.imitations import ground_imitations
 from opid.identify.joint_fit import JointFit, LadderStep, chosen
 from opid.identify.limits import limits
 from opid.identify.model_evidence import ModelEvidence
@@ -40,6 +41,7 @@ def model_chain(
     *,
     search: bool = True,
     ground: bool = True,
+    band_hz: tuple[float, float] = BAND_HZ,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Evidence:
@@ -50,6 +52,7 @@ def model_chain(
         evidence: of `classical_chain` on the same study; its joint fit is the start.
         search: whether other laws may be tried (else the law of `evidence` is kept).
         ground: whether a ground spring may be let in, which happens only if the runs demand one.
+        band_hz: lines of the prediction errors that count, Hz.
         seed: of the resampling that checks the intervals.
         progress: called with the name of each step as it begins.
 
@@ -58,7 +61,7 @@ def model_chain(
     """
     say = progress or (lambda step: None)
     say("model")
-    prepared = [driven_run_of(study, run) for run in study.runs]
+    prepared = [driven_run_of(study, run, band_hz=band_hz) for run in study.runs]
     runs = tuple(run for run, _ in prepared)
     ground_start = evidence.joint if ground and "ground_stiffness_per_mass" in evidence.joint.names else None
     first, n_starts = _first_fit(study, runs, evidence, ground)
@@ -87,6 +90,7 @@ def model_chain(
         coloured_std=coloured_std(best),
         bootstrap_std=bootstrap_std(runs, best, rng=np.random.default_rng(seed)),
         demands=tuple(at_last(demand, best) for demand in demands if demand.name in best.names),
+        imitates_ground=tuple(ground_imitations(runs, best)),
         mended_spikes=(sum(n[0] for _, n in prepared), sum(n[1] for _, n in prepared)),
         n_starts=n_starts,
         limits=tuple(limits(best, changes, sum(run.n_samples / run.fs for run in runs))),
@@ -100,12 +104,15 @@ def _model_fit(ladder: tuple[LadderStep, ...]) -> ModelFit:
     return fit
 
 
-def driven_run_of(study: Study, run: Run) -> tuple[DrivenRun, tuple[int, int]]:
+def driven_run_of(
+    study: Study, run: Run, *, band_hz: tuple[float, float] = BAND_HZ
+) -> tuple[DrivenRun, tuple[int, int]]:
     """Return a run of a study as the model takes it, and how many single spikes were mended on either channel.
 
     Args:
         study: the study.
         run: one of its runs.
+        band_hz: lines of the prediction errors that count, Hz.
     """
     mended = [without_spikes(samples, fs=study.fs) for samples in study.accelerations(run)]
     leaks = [run.recording.channel(leak.channel) for leak in study.sensors.leaks]
@@ -113,6 +120,7 @@ def driven_run_of(study: Study, run: Run) -> tuple[DrivenRun, tuple[int, int]]:
         mended[0][0],
         mended[1][0],
         fs=study.fs,
+        band_hz=band_hz,
         mass_change_kg=run.mass_change_kg,
         sensors=study.sensors,
         leaks=np.stack(leaks, axis=1) if leaks else None,

@@ -20,6 +20,8 @@ class ModelEvidence:
         coloured_std: (n_parameters,) standard deviations that allow for a coloured residual.
         bootstrap_std: (n_parameters,) the same by resampled blocks of time.
         demands: what had to be let in beside the suspension.
+        imitates_ground: faults of the sensors that move K3 by more than its standard deviation when they are wrong by
+            what is usual, one sentence each.
         mended_spikes: single samples that were mended, of the spindle's and the airframe's channel of all runs.
         n_starts: from how many starts the first law was fitted.
         limits: what limits the precision of the mass and of the law, one sentence each.
@@ -30,6 +32,7 @@ class ModelEvidence:
     coloured_std: FloatArray
     bootstrap_std: FloatArray
     demands: tuple[Demand, ...]
+    imitates_ground: tuple[str, ...]
     mended_spikes: tuple[int, int]
     n_starts: int
     limits: tuple[str, ...]

@@ -224,7 +224,7 @@ def score_of_parameter(
 def _score(errors: Errors, place: int, own: Sequence[int]) -> tuple[float, float]:
     """Gain and step along one column once all others, but for `own`, are adapted."""
     others = errors.jacobian[:, [k for k in range(errors.jacobian.shape[1]) if k not in own]]
-    basis = _basis(others)
+    basis = orthonormal(others)
     column = errors.jacobian[:, place]
     direction = column - basis @ (basis.T @ column)
     size = float(direction @ direction)
@@ -494,7 +494,7 @@ class Model:
         frequency_hz = tuple(run.omega / (2 * np.pi) for run in self.runs)
         # as white noise of equal level on both channels
         level = float(np.sqrt(np.mean(np.square(self.noise))))
-        basis = _basis(errors.jacobian[:n_data, n_shared:])
+        basis = orthonormal(errors.jacobian[:n_data, n_shared:])
         shared = errors.jacobian[:n_data, :n_shared]
         return ModelFit(
             names=self.names,
@@ -550,8 +550,12 @@ def _columns(by: dict[str, FloatArray], n: int) -> FloatArray | None:
     return np.stack([each[:n] for each in by.values()], axis=1)[:, :, np.newaxis] if by else None
 
 
-def _basis(columns: FloatArray) -> FloatArray:
-    """Orthonormal basis of columns of any size."""
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of columns of any size.
+
+    Args:
+        columns: (n, n_columns).
+    """
     return np.linalg.qr(columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300))[0]
 
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import LadderStep
+from opid.identify.law_dictionary import Proposal, dictionary_of
 from opid.identify.law_search import BIC_MARGIN
 from opid.identify.model_fit import ModelFit
-from opid.identify.law_dictionary import Proposal, dictionary_of
 from opid.identify.refit import left_out_error, refit
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.kinds import BUILT_IN, LAWS
@@ -31,6 +31,7 @@ ERROR_MARGIN = 0.005
 N_REFITTED, N_ROUNDS = 3, 8
 # terms exchanged at once: each of two near relatives can hold the other in place
 MOST_EXCHANGED = 2
+
 
 def library() -> tuple[str, ...]:
     """Return the names of the kinds that a search may use: every registered one, and the built-in ones by their scales.
@@ -95,9 +96,7 @@ def better(fit: ModelFit, than: ModelFit) -> bool:
     return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
 
 
-def proposals(
-    runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str], *, most_terms: int = 3
-) -> list[Proposal]:
+def proposals(runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str], *, most_terms: int = 3) -> list[Proposal]:
     """Return the laws near a fitted one - a term more or less, one or two exchanged - the most promising first.
 
     With b the errors less what the fitted law does to them and D the derivatives by the amplitudes, both orthogonal to

@@ -23,9 +23,7 @@ LARGEST_LOG_STEP = 1.0
 DAMPING = 1e-3
 
 
-def refit(
-    runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, most_evaluations: int = MOST_EVALUATIONS
-) -> ModelFit:
+def refit(runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, most_evaluations: int = MOST_EVALUATIONS) -> ModelFit:
     """Fit another law, from everything else that a fit found.
 
     What a dropped term did on average goes to the start values of stiffness and damping.

@@ -3,7 +3,8 @@
 pysindy's optimisers (Brunton et al. 2016; Zheng et al. 2019; Boninsegna et al. 2018; Billings 2013) work on the travel
 and velocity that the fitted model reconstructs, not on accelerations integrated by themselves. Stiffness and damping
 are always there, the columns of the other terms are freed of them and scaled to one size. Inner scales are alternated
-with the choice of terms. Every distinct law that is proposed is then fitted by the driven model, as those of the pursuit are.
+with the choice of terms. The best of the laws that are proposed are then fitted by the driven model, as those of the
+pursuit are.
 """
 
 from __future__ import annotations
@@ -66,14 +67,12 @@ class ForcePoints:
         velocity: (n,) z', m/s.
         force_per_mass: (n,) of the suspension on the body, per unit of reference mass, m/s^2.
         fitted: (n,) what the fitted stiffness, damping and law make of it, m/s^2.
-        straight: (n,) what the fitted stiffness and damping alone make of it, m/s^2.
     """
 
     travel: FloatArray
     velocity: FloatArray
     force_per_mass: FloatArray
     fitted: FloatArray
-    straight: FloatArray
 
 
 def sparse_road(
@@ -173,8 +172,7 @@ def force_points(runs: Sequence[DrivenRun], fit: ModelFit) -> ForcePoints:
         fit: a model fitted to them.
     """
     z, v = fit.travel, fit.velocity
-    straight = fit["stiffness_per_mass"] * z + fit["damping_per_mass"] * v
-    fitted = straight + fit.law.force(z, v)
+    fitted = fit["stiffness_per_mass"] * z + fit["damping_per_mass"] * v + fit.law.force(z, v)
     mu = fit["inverse_mass"] or fit.held_inverse_mass or 0.0
     missed = []
     for run, prediction in zip(runs, fit.predictions, strict=True):
@@ -182,12 +180,12 @@ def force_points(runs: Sequence[DrivenRun], fit: ModelFit) -> ForcePoints:
         # reading less prediction, of which the ground spring and the offsets are a part
         apart = measured[: run.n_samples] - prediction.acceleration[:, 0]
         missed.append((apart - apart.mean()) * (1 + mu * run.mass_change_kg))
-    return ForcePoints(z, v, fitted - np.concatenate(missed), fitted, straight)
+    return ForcePoints(z, v, fitted - np.concatenate(missed), fitted)
 
 
 def _thinned(points: ForcePoints) -> ForcePoints:
     step = max(1, points.travel.size // N_SAMPLES)
-    parts = (points.travel, points.velocity, points.force_per_mass, points.fitted, points.straight)
+    parts = (points.travel, points.velocity, points.force_per_mass, points.fitted)
     return ForcePoints(*(np.ascontiguousarray(part[::step]) for part in parts))
 
 
@@ -273,9 +271,7 @@ def _left_out(straight: FloatArray, law: Law, z: FloatArray, v: FloatArray, y: F
     return float(np.sqrt(square / y.size))
 
 
-def _supports(
-    columns: FloatArray, target: FloatArray, most_terms: int
-) -> Iterator[tuple[str, float, tuple[int, ...]]]:
+def _supports(columns: FloatArray, target: FloatArray, most_terms: int) -> Iterator[tuple[str, float, tuple[int, ...]]]:
     """Sets of columns that the optimisers choose, with their names and, where they have one, the threshold."""
     # two seconds to import, so only here
     from pysindy.optimizers import FROLS, SR3, SSR, STLSQ

@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from opid.identify.classical import Evidence, PeakPair
 from opid.identify.direct_parameters import NAMES
 from opid.identify.result import Estimate, Identification
-from opid.plots.style import GREEN, GREY, INK, PALE, RUN_COLORS, house_style, panels, plain_numbers, run_colors
+from opid.plots.laws import model_ladder
+from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
 
 __all__ = ["estimates", "law_ladder"]
 
@@ -21,43 +22,13 @@ _PAIR_MARKERS = ("D", "s", "^")
 
 
 def law_ladder(result: Identification, ax: Any = None) -> Axes:
-    """Draw the noise that each tried law leaves unexplained, against the noise floor of the sensors.
+    """Draw the noise that each law leaves unexplained, against the noise floor of the sensors.
 
     Args:
         result: the identification.
         ax: one Axes, or None for a new figure.
     """
-    evidence: Evidence = result.evidence
-    ladder = evidence.ladder
-    last = max(i for i, step in enumerate(ladder) if step.kept)
-    with house_style():
-        ax = panels(ax, 1, height_in=0.9 + 0.32 * len(ladder))[0, 0]
-        for row, step in enumerate(ladder):
-            noise = 1e3 * step.fit.noise_m_per_s2
-            color = RUN_COLORS[1] if row == last else GREY if step.kept else PALE
-            ax.plot([noise], [row], marker="o", markersize=8, color=color, linestyle="none")
-            ax.annotate(f"{noise:.3g}", (noise, row), (8, 0), textcoords="offset points", va="center", fontsize=8.5)
-        floor = 1e3 * evidence.noise_floor
-        ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
-        ax.annotate(
-            f"sensor noise floor {floor:.2g}",
-            (floor, 1),
-            (4, 3),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            fontsize=8.5,
-        )
-        ax.set_xscale("log")
-        plain_numbers(ax.xaxis)
-        ax.margins(x=0.12)
-        ax.set_yticks(range(len(ladder)), [step.law_name for step in ladder])
-        ax.get_yticklabels()[last].set_fontweight("bold")
-        ax.get_yticklabels()[last].set_color(RUN_COLORS[1])
-        ax.set_ylim(len(ladder) - 0.5, -0.5)
-        ax.grid(True, axis="x", which="major")
-        ax.set_xlabel("unexplained noise [mm/s² rms]")
-        ax.set_title("Laws tried, the chosen one in colour", pad=18)
-    return ax
+    return model_ladder(result.evidence.ladder, ax, noise_floor_m_per_s2=result.evidence.noise_floor)
 
 
 @dataclass(frozen=True)
@@ -160,7 +131,7 @@ def _marks(result: Identification) -> Iterator[_Mark]:
 
 def _of_all_runs(result: Identification) -> tuple[Estimate, list[Estimate]]:
     """Return mass and ratios of the joint fit: as the result gives them, or from the evidence of another method."""
-    if result.method == "classical":
+    if result.method != "paper":
         return result.parameters["sprung_mass_kg"], [result.ratios[name] for name in NAMES]
     evidence: Evidence = result.evidence
     joint, added = evidence.joint, evidence.added_mass

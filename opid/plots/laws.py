@@ -41,10 +41,13 @@ def model_ladder(ladder: tuple[LadderStep, ...], ax: Any = None, *, noise_floor_
             text = f"{fitted:.4g}" + (f"   BIC {behind:+,.0f}".replace(",", " ") if step is not best else "")
             ax.annotate(text, (fitted, row), (10, 0), textcoords="offset points", va="center", fontsize=8)
         if noise_floor_m_per_s2 is not None:
-            ax.axvline(1e3 * noise_floor_m_per_s2, color=INK, linestyle="--", linewidth=1)
+            floor = 1e3 * noise_floor_m_per_s2
+            ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
+            corner = {"xy": (floor, 1), "xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+            ax.annotate(f"noise floor {floor:.2g}", xytext=(4, 3), fontsize=8, **corner)
         low, high = ax.get_xlim()
         # room for the words at the right
-        if low > 0 and high / low > 3 or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
+        if (low > 0 and high / low > 3) or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
             ax.set_xscale("log")
             low, high = ax.get_xlim()
             ax.set_xlim(low, high * (high / low) ** 0.35)
@@ -58,8 +61,8 @@ def model_ladder(ladder: tuple[LadderStep, ...], ax: Any = None, *, noise_floor_
         ax.set_ylim(len(steps) - 0.5, -0.5)
         ax.grid(True, axis="x", which="major")
         ax.grid(False, axis="y")
-        ax.set_xlabel("unexplained [mm/s² rms]: fitted ●, left out ◇, noise floor - -")
-        ax.set_title("Laws tried, the chosen one in colour")
+        ax.set_xlabel("unexplained noise [mm/s² rms], diamonds: of runs left out")
+        ax.set_title("Laws tried, the chosen one in colour", pad=16)
     return ax
 
 

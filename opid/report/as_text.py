@@ -121,11 +121,23 @@ def limits(result: Identification) -> str:
         if known["settings"]["law"] == "searched"
         else ""
     )
+    from_runs = f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:g} to {band[1]:g} Hz: "
+    at_most = f"the noise floor of the airframe sensor is at most {_two_digits(1e3 * floor)} mm/s^2"
+    if known["model"]:
+        white = known["model"]["whiteness"]["white"]
+        checked = known["model"]["bootstrap_std_over_white"].get("inverse_mass")
+        check = f" (resampled blocks of time give {checked:.2f} times that of the mass)" if checked and white else ""
+        return (
+            f"{from_runs}the airframe acceleration is predicted to {_two_digits(1e3 * noise)} mm/s^2 rms, {at_most}; "
+            f"the prediction errors are {'white' if white else 'not white'}. The intervals are those of "
+            f"{'such noise' if white else 'errors so coloured'}{check}. "
+            + " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in known["model"]["limits"])
+            + chosen_among
+        )
     return (
-        f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:g} to {band[1]:g} Hz: the fitted equation leaves "
-        f"{_two_digits(1e3 * noise)} mm/s^2 rms unexplained, the noise floor of the airframe sensor is at most "
-        f"{_two_digits(1e3 * floor)} mm/s^2. Each transmissibility rests on {averages:.1f} independent averages (the "
-        f"parameters do not come from it).{chosen_among}"
+        f"{from_runs}the fitted equation leaves {_two_digits(1e3 * noise)} mm/s^2 rms unexplained, {at_most}. Each "
+        f"transmissibility rests on {averages:.1f} independent averages (the parameters do not come from it)."
+        f"{chosen_among}"
     )
 
 

@@ -1,0 +1,69 @@
+"""Which faults of the sensors look like a spring to the ground in these runs, and how large a spring they feign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from opid.identify.driven_run import DrivenRun
+from opid.identify.law_parameters import to_free
+from opid.identify.model_fit import ModelFit, orthonormal
+from opid.identify.sensor_facts import SensorFacts
+
+# cosine between what the two do to the prediction errors above which one passes for the other
+ALIKE = 0.7
+# an AC coupling next to none, about which to differentiate
+SLIGHT_CORNER_HZ = 1e-3
+# fault, how it is said, its usual size
+FAULTS = (
+    ("gain_sprung", "1 % of gain error between the sensors", 0.01),
+    ("corner_sprung_hz", "an AC coupling at 0.1 Hz of the sprung sensor alone", 0.1),
+    ("corner_unsprung_hz", "an AC coupling at 0.1 Hz of the unsprung sensor alone", 0.1),
+    ("lag_s", "a lag of 1 ms between the channels", 1e-3),
+)
+GROUND = "ground_stiffness_per_mass"
+
+
+def ground_imitations(runs: Sequence[DrivenRun], fit: ModelFit) -> Iterator[str]:
+    """Yield the faults that pass for a ground spring, one sentence each.
+
+    The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
+    fitted is taken out of both.
+
+    Args:
+        runs: those that were fitted.
+        fit: of them.
+    """
+    facts = fit.sensors
+    free = SensorFacts(
+        noise_m_per_s2=facts.sprung.noise_m_per_s2,
+        gain_tolerance=0.01,
+        corner_hz=facts.sprung.corner_hz or SLIGHT_CORNER_HZ,
+        corner_tolerance=0.5,
+        lag_tolerance_s=1e-3,
+    )
+    unsprung = replace(
+        facts.unsprung, corner_hz=facts.unsprung.corner_hz or SLIGHT_CORNER_HZ, corner_tolerance=0.5, gain_tolerance=0.0
+    )
+    sensors = replace(facts, sprung=free, unsprung=unsprung)
+    model = replace(fit.model([replace(run, sensors=sensors) for run in runs]), ground=True)
+    known = {nuisance.name: nuisance.nominal for nuisance in model.nuisances} | {GROUND: 0.0}
+    known |= {name: value for name, value in zip(fit.names, fit.value, strict=True) if "gain_unsprung" not in name}
+    known |= {f"law[{i}]": value for i, value in enumerate(to_free(fit.law))}
+    theta = np.array([*(known[name] for name in model.names), *fit.start.ravel()])
+    jacobian = model.evaluate(theta).jacobian
+    names = list(model.names)
+    looked_at = [GROUND, *(name for name, _, _ in FAULTS)]
+    others = np.delete(jacobian, [names.index(name) for name in looked_at], axis=1)
+    basis = orthonormal(others)
+    left = {name: jacobian[:, names.index(name)] for name in looked_at}
+    left = {name: column - basis @ (basis.T @ column) for name, column in left.items()}
+    spring = left[GROUND]
+    for name, words, size in FAULTS:
+        fault = left[name]
+        cosine = float(spring @ fault / max(float(np.linalg.norm(spring)) * float(np.linalg.norm(fault)), 1e-300))
+        feigned = size * float(spring @ fault / (spring @ spring)) / fit["stiffness_per_mass"]
+        if abs(cosine) > ALIKE:
+            yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"

@@ -1,0 +1,329 @@
+"""Predictions of a driven body: against plain filters in numpy, derivatives against differences, whiteness of the truth."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, expm
+
+from opid.errors import InputError
+from opid.mechanics.driven import Interface, UnboundedResponseError, driven_response, half_steps
+from opid.mechanics.kinds import Kind, Parameter
+from opid.mechanics.laws import default_law, law
+from opid.mechanics.own_kinds import register_kind, unregister_kind
+from opid.mechanics.prediction import Noise, predict
+
+FS = 256.0
+ACCELERANCE = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1500
+NOISE = Noise([0.02, 0.03], [0.01, 0.02], [1e-3, 2e-3], [2e-3, 1e-3])
+
+
+def _of(n, *, ground, laws=("linear", "linear")):
+    """Interfaces, noise and signals of a small world with n interfaces."""
+    rng = np.random.default_rng(n)
+    stiffness, damping, springs = (3.9e5, 3e5), (6e3, 5e3), (1e5, 5e4) if ground else (0.0, 0.0)
+    interfaces = [Interface(*row) for row in zip(stiffness, damping, springs, map(default_law, laws), strict=True)][:n]
+    t = np.arange(2 * 300 - 1) / (2 * FS)
+    drive = np.stack([np.sin(2 * np.pi * 1.9 * t), np.cos(2 * np.pi * 4.1 * t)], axis=1)[:, :n]
+    rows = 6 if ground else 4
+    return {
+        "interfaces": interfaces,
+        "accelerance": ACCELERANCE[:n, :n],
+        "drive": drive,
+        "measured": 0.5 * rng.standard_normal((300, n)),
+        "fs": FS,
+        "noise": Noise(*NOISE.table(2)[:, :n]),
+        "start": 1e-2 * rng.standard_normal((rows, n)),
+        "start_std": 1e-2 * (1 + rng.random((rows, n))),
+        "ground": ground,
+    }
+
+
+@pytest.mark.parametrize("ground", [False, True])
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
+    """Exact transition by the matrix exponential of a quadratic drive, Joseph form, raw innovations whitened at the end."""
+    world = _of(n, ground=ground)
+    found = predict(**world, sensitivity=False)
+    a, rows = world["accelerance"], 6 if ground else 4
+    k, c, g = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in world["interfaces"]]).T
+    one, zero = np.eye(n), np.zeros((n, n))
+    body = [-a * k, -a * c, *([-a * g, zero] if ground else [])]
+    reading = np.hstack([*body, zero, one])
+    # the offset of the drive enters like the drive, that of the readings moves nothing
+    rates = [[zero, one, *[zero] * (rows - 2)], [*body, -one, zero]]
+    if ground:
+        rates += [[zero, zero, zero, one, zero, zero], [*body, zero, zero]]
+    system = np.block([*rates, [zero] * rows, [zero] * rows])
+    push = np.vstack([zero, -one, *[zero] * (rows - 2)])
+
+    h, size = 1 / FS, n * rows
+    # drive u0 + a t + b t^2 as a chain of integrators
+    chain = np.kron(np.array([[0.0, 1, 0], [0, 0, 2], [0, 0, 0]]), one)
+    whole = np.block([[system, push, np.zeros((size, 2 * n))], [np.zeros((3 * n, size)), chain]])
+    step = expm(whole * h)[:size]
+    phi, of_drive = step[:, :size], step[:, size:]
+    q, r, walk, reading_walk = world["noise"].table(n)
+    q_matrix = of_drive[:, :n] * q**2 @ of_drive[:, :n].T
+    q_matrix += block_diag(np.zeros((size - 2 * n, size - 2 * n)), np.diag(walk**2), np.diag(reading_walk**2))
+    x, p = world["start"].ravel(), np.diag(world["start_std"].ravel() ** 2)
+    drive, innovation, spread = world["drive"], [], []
+    for now, measured in enumerate(world["measured"]):
+        raw, s = measured - reading @ x, reading @ p @ reading.T + np.diag(r**2)
+        factor = np.linalg.cholesky(s)
+        innovation.append(np.linalg.solve(factor, raw))
+        spread.append(np.diag(factor))
+        gain = np.linalg.solve(s, reading @ p).T
+        rest = np.eye(size) - gain @ reading
+        x, p = x + gain @ raw, rest @ p @ rest.T + gain * r**2 @ gain.T
+        if now + 1 < len(world["measured"]):
+            u0, u1, u2 = drive[2 * now : 2 * now + 3]
+            chain_state = np.concatenate([u0, (4 * u1 - 3 * u0 - u2) / h, 2 * (u0 - 2 * u1 + u2) / h**2])
+            x, p = phi @ x + of_drive @ chain_state, phi @ p @ phi.T + q_matrix
+    np.testing.assert_allclose(found.spread.T, spread, rtol=1e-6)
+    np.testing.assert_allclose(found.innovation.T, innovation, atol=1e-6 * np.abs(innovation).max())
+
+
+LAWS = ("arctan_mixed+cubic_stiffness", "gas_spring")
+
+
+def _directions(n):
+    rng = np.random.default_rng(7)
+    return {
+        "accelerance_directions": ACCELERANCE[np.newaxis, :n, :n] * (1 + 0.2 * np.eye(n)),
+        "drive_directions": np.stack([rng.standard_normal((599, n)), np.ones((599, n))], axis=1),
+        "measured_directions": rng.standard_normal((300, 1, n)),
+    }
+
+
+def _vector(world):
+    """The parameters in the order of the sensitivity; the shares of the directions are zero."""
+    own = [[i.stiffness, i.damping, i.ground_stiffness, *i.law.vector] for i in world["interfaces"]]
+    return np.concatenate([*own, [0.0] * 4, world["start"][:-2].ravel()])
+
+
+def _at(world, theta):
+    """The world with other parameters."""
+    n, place, interfaces = len(world["interfaces"]), 0, []
+    for old in world["interfaces"]:
+        own = theta[place : place + old.n_parameters]
+        interfaces.append(Interface(*own[:3], old.law.with_vector(own[3:])))
+        place += old.n_parameters
+    by_mass, by_drive, by_measured = _directions(n).values()
+    return world | {
+        "interfaces": interfaces,
+        "accelerance": world["accelerance"] + theta[place] * by_mass[0],
+        "drive": world["drive"] + theta[place + 1] * by_drive[:, 0] + theta[place + 2] * by_drive[:, 1],
+        "measured": world["measured"] + theta[place + 3] * by_measured[:, 0],
+        "start": np.vstack([theta[place + 4 :].reshape(-1, n), world["start"][-2:]]),
+    }
+
+
+def _check_derivatives(world, innovation):
+    """Derivatives of `predict` are the differences of `innovation`, a function of a world."""
+    n, base = len(world["interfaces"]), _vector(world)
+    found = predict(**world, **_directions(n)).sensitivity
+    assert found.shape == (n, base.size, 300)
+    firsts = np.cumsum([0, *(i.n_parameters for i in world["interfaces"])])[:n]
+    for place, value in enumerate(base):
+        if not world["ground"] and place in firsts + 2:
+            assert not found[:, place].any()
+            continue
+        step = np.zeros(base.size)
+        step[place] = 1e-5 * (abs(value) or 0.1)
+        difference = (innovation(_at(world, base + step)) - innovation(_at(world, base - step))) / (2 * step[place])
+        np.testing.assert_allclose(found[:, place], difference, atol=2e-6 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("ground", [False, True])
+@pytest.mark.parametrize("n", [1, 2])
+def test_derivatives_are_those_of_the_steps_where_nothing_is_corrected(n, ground):
+    world = _of(n, ground=ground, laws=LAWS)
+    world |= {"noise": Noise(0.0, NOISE.table(2)[1, :n]), "start_std": 0 * world["start_std"]}
+    _check_derivatives(world, lambda changed: predict(**changed, sensitivity=False).innovation)
+    free = driven_response(
+        world["interfaces"],
+        world["accelerance"],
+        world["drive"] + np.repeat(world["start"][-2:-1], 599, axis=0),
+        fs=FS,
+        start=world["start"][:4] if ground else np.vstack([world["start"][:2], np.zeros((2, n))]),
+        ground=ground,
+        sensitivity=False,
+    )
+    expected = (world["measured"] - free.acceleration - world["start"][-1]) / world["noise"].measured
+    np.testing.assert_allclose(predict(**world).innovation.T, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def _rate(world, state, drive):
+    n = len(world["interfaces"])
+    z, v, *rest = state.reshape(-1, n, state.shape[1])
+    force = np.array(
+        [i.stiffness * z[k] + i.damping * v[k] + i.law.force(z[k], v[k]) for k, i in enumerate(world["interfaces"])]
+    )
+    if world["ground"]:
+        force += np.array([[i.ground_stiffness] for i in world["interfaces"]]) * rest[0]
+    body = -world["accelerance"] @ force
+    still = np.zeros_like(z)
+    moving = [v, body - drive[:, np.newaxis] - rest[-2], *([rest[1], body] if world["ground"] else [])]
+    return np.concatenate([*moving, still, still]), body + rest[-1]
+
+
+def _step(world, state, drives):
+    h = 1 / FS
+    first = _rate(world, state, drives[0])[0]
+    second = _rate(world, state + h / 2 * first, drives[1])[0]
+    third = _rate(world, state + h / 2 * second, drives[1])[0]
+    fourth = _rate(world, state + h * third, drives[2])[0]
+    return state + h / 6 * (first + 2 * second + 2 * third + fourth)
+
+
+def _plain_filter(world, frozen=None):
+    """White innovations; and gains with the factors of the variance, made by differences unless given."""
+    n, x, p = len(world["interfaces"]), world["start"].reshape(-1, 1), np.diag(world["start_std"].ravel() ** 2)
+    q, r, *walks = world["noise"].table(n)
+    offsets, size = slice(x.size - 2 * n, x.size - n), x.size
+    scales = np.repeat(np.array([1e-6, 1e-4, 1e-6, 1e-4, 1e-3, 1e-3])[[*range(size // n - 2), 4, 5]], n)
+    around = np.hstack([np.diag(scales), -np.diag(scales)])
+    innovation, gains = [], []
+    for now, measured in enumerate(world["measured"]):
+        raw = measured[:, np.newaxis] - _rate(world, x, measured)[1]
+        if frozen is None:
+            readings = _rate(world, x + around, measured)[1]
+            by_state = (readings[:, :size] - readings[:, size:]) / (2 * scales)
+            s = by_state @ p @ by_state.T + np.diag(r**2)
+            gain = np.linalg.solve(s, by_state @ p).T
+            p = p - gain @ s @ gain.T
+            gains.append((gain, np.linalg.cholesky(s)))
+        else:
+            gains.append(frozen[now])
+        gain, factor = gains[-1]
+        innovation.append(np.linalg.solve(factor, raw)[:, 0])
+        x = x + gain @ raw
+        drives = world["drive"][2 * now : 2 * now + 3]
+        if len(drives) < 3:
+            break
+        if frozen is None:
+            after = _step(world, x + around, drives)
+            phi = (after[:, :size] - after[:, size:]) / (2 * scales)
+            push = phi[:, offsets] * np.where(np.arange(size) < size - 2 * n, 1.0, 0.0)[:, np.newaxis]
+            p = phi @ p @ phi.T + push * q**2 @ push.T
+            p[np.arange(size - 2 * n, size), np.arange(size - 2 * n, size)] += np.concatenate(walks) ** 2
+        x = _step(world, x, drives)
+    return np.transpose(innovation), gains
+
+
+@pytest.mark.parametrize(("n", "ground"), [(1, False), (1, True), (2, True)])
+def test_corrected_predictions_and_their_derivatives_are_those_of_a_plain_filter(n, ground):
+    """Derivatives hold the gain: of the plain filter it is recorded, then kept."""
+    world = _of(n, ground=ground, laws=LAWS)
+    # a start that is far off would be corrected by more than differences resolve
+    world["start_std"] = 0.1 * world["start_std"]
+    innovation, gains = _plain_filter(world)
+    found = predict(**world)
+    np.testing.assert_allclose(found.innovation, innovation, atol=1e-6 * np.abs(innovation).max())
+    np.testing.assert_allclose(found.spread.T, [np.diag(factor) for _, factor in gains], rtol=1e-6)
+    _check_derivatives(world, lambda changed: _plain_filter(changed, gains)[0])
+
+
+@pytest.mark.parametrize("ground", [False, True])
+def test_one_interface_is_the_first_of_two_that_know_nothing_of_each_other(ground):
+    alone = _of(1, ground=ground, laws=LAWS)
+    n_own = alone["interfaces"][0].n_parameters
+    both = {key: np.repeat(alone[key], 2, axis=1) for key in ("drive", "measured", "start", "start_std")}
+    both |= {"interfaces": alone["interfaces"] * 2, "accelerance": np.eye(2) * alone["accelerance"]}
+    both |= {"fs": FS, "ground": ground, "noise": Noise(*alone["noise"].table(1)[:, 0])}
+    ways = _directions(1)
+    one = predict(**alone, **ways)
+    # the second knows nothing of the directions either
+    only = {"accelerance_directions": np.diag([1.0, 0.0])} | {key: [1.0, 0.0] for key in ways if "acc" not in key}
+    two = predict(**both, **{key: way * only[key] for key, way in ways.items()})
+    own = [*range(n_own), *range(2 * n_own, 2 * n_own + 4)]
+    own += range(2 * n_own + 4, two.sensitivity.shape[1], 2)
+    for name in ("innovation", "spread"):
+        np.testing.assert_allclose(getattr(two, name)[0], getattr(one, name)[0], rtol=1e-7, atol=1e-7)
+    for name in ("travel", "velocity", "acceleration"):
+        size = np.abs(getattr(one, name)).max()
+        np.testing.assert_allclose(getattr(two, name)[:, :1], getattr(one, name), atol=1e-8 * size)
+    off, size = np.abs(two.sensitivity[:1, own] - one.sensitivity).max(axis=2), np.abs(one.sensitivity).max(axis=2)
+    assert (off <= 1e-8 * size).all()
+    assert not two.sensitivity[1, :n_own].any()
+
+
+def _autocorrelation(x, n_lags=20):
+    return np.array([np.mean(x[lag:] * x[:-lag]) for lag in range(1, n_lags + 1)]) / np.mean(x**2)
+
+
+def test_at_the_truth_the_innovations_are_white_whatever_the_law():
+    """A stiff cubic spring carries the noise of the drive along: free simulation leaves coloured errors."""
+    rng, n, settle = np.random.default_rng(4), 40 * 256, 512
+    gear = [Interface(2e5, 2e3, law=law("cubic_stiffness", stiffness_n_per_m3=4e9))]
+    lines = np.fft.rfftfreq(n, 1 / FS)
+    amplitude = np.where((lines > 0.3) & (lines < 20.0), 1.0, 0.0)
+    u = np.fft.irfft(amplitude * np.exp(2j * np.pi * rng.random(lines.size)), n)[:, np.newaxis]
+    u *= 3.0 / u.std()
+    truth = driven_response(gear, [[1 / 1800]], half_steps(u), fs=FS, sensitivity=False)
+    # the cubic force matters
+    assert 4e9 * np.std(truth.travel**3) > 0.3 * 2e5 * truth.travel.std()
+    drive = half_steps(u + 0.02 * rng.standard_normal((n, 1)))
+    measured = truth.acceleration + 0.02 * rng.standard_normal((n, 1))
+    settings = {"fs": FS, "start": np.zeros((4, 1)), "start_std": np.zeros((4, 1)), "sensitivity": False}
+    chance = 1 / np.sqrt(n - settle)
+    white = predict(gear, [[1 / 1800]], drive, measured, noise=Noise(0.02, 0.02), **settings).innovation[0, settle:]
+    free = predict(gear, [[1 / 1800]], drive, measured, noise=Noise(0.0, 0.02), **settings).innovation[0, settle:]
+    assert np.abs(_autocorrelation(white)).max() < 4 * chance
+    assert abs(np.var(white) - 1) < 4 * np.sqrt(2) * chance
+    assert np.abs(_autocorrelation(free)).max() > 0.3
+    assert np.var(free) > 1.5
+
+
+def _cubic(z, v, a, _):
+    return z * z * z, 3.0 * z * z, 0.0, 0.0, 0.0
+
+
+def test_an_own_kind_is_predicted_like_a_built_in_one():
+    world = _of(1, ground=False, laws=("cubic_stiffness", "linear"))
+    stiffness = Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9)
+    register_kind(Kind("own_cubic", "k z^3", (stiffness,), _cubic))
+    try:
+        own = predict(**world | {"interfaces": [Interface(3.9e5, 6e3, law=law("own_cubic", stiffness_n_per_m3=3e9))]})
+    finally:
+        unregister_kind("own_cubic")
+    built_in = Interface(3.9e5, 6e3, law=law("cubic_stiffness", stiffness_n_per_m3=3e9))
+    expected = predict(**world | {"interfaces": [built_in]})
+    np.testing.assert_allclose(own.innovation, expected.innovation, rtol=1e-9, atol=1e-9)
+    size = np.abs(expected.sensitivity).max(axis=2, keepdims=True)
+    assert (np.abs(own.sensitivity - expected.sensitivity) <= 1e-9 * size).all()
+
+
+def test_the_covariance_stays_one_over_many_samples():
+    """Ten minutes with all there is: nothing drifts from the steady state of the filter, P - K K' loses nothing."""
+    n = 160_000
+    still = {"fs": FS, "noise": Noise(0.02, 0.01, 1e-5, 1e-5), "ground": True, "sensitivity": False}
+    found = predict(
+        [Interface(3.9e5, 6e3, 1e5)],
+        [[1 / 1800]],
+        np.zeros((2 * n - 1, 1)),
+        np.zeros((n, 1)),
+        start=np.zeros((6, 1)),
+        start_std=np.full((6, 1), 0.01),
+        **still,
+    ).spread[0]
+    np.testing.assert_allclose(found[n // 2 :], found[-1], rtol=1e-9)
+
+
+def test_bad_input_is_named():
+    world = _of(2, ground=False)
+    with pytest.raises(InputError, match=r"give \(2, 2\), \(599, 2\), \(300, 2\), \(4, 2\), \(4, 2\) for 2 interface"):
+        predict(**world | {"drive": world["drive"][:-1]})
+    with pytest.raises(InputError, match=r"\(6, 2\) for 2 interface"):
+        predict(**world | {"ground": True})
+    with pytest.raises(InputError, match="ground is False"):
+        predict(**world | {"interfaces": _of(2, ground=True)["interfaces"]})
+    for name, way in _directions(2).items():
+        with pytest.raises(InputError, match=rf"{name} has shape .*: give \(.*n_directions"):
+            predict(**world | {name: way[..., :1]})
+
+
+def test_a_motion_without_bound_is_named():
+    world = _of(1, ground=False)
+    falling = {"interfaces": [Interface(-4e9, 0.0)], "noise": Noise(0.0, 0.01), "start_std": np.zeros((4, 1))}
+    with pytest.raises(UnboundedResponseError, match="grows without bound"):
+        predict(**world | falling)
