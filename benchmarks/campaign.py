@@ -51,9 +51,11 @@ class Job:
     methods: tuple[str, ...]
 
 
-def missing_jobs(wanted: dict[str, int], laws: dict[str, LawMode], methods: Sequence[str], done: Iterable[Record]):
-    """Return the jobs for {scenario: number of seeds} of which no record is there."""
-    there = {record.key for record in done}
+def missing_jobs(
+    wanted: dict[str, int], laws: dict[str, LawMode], methods: Sequence[str], done: Iterable[Record]
+) -> list[Job]:
+    """Return the jobs for {scenario: number of seeds} of which no record is there, or one of a crash."""
+    there = {record.key for record in done if not record.trial.crashed}
     jobs = []
     for scenario, n_seeds in wanted.items():
         for seed in range(n_seeds):

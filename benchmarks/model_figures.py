@@ -15,6 +15,7 @@ always searches it, and neither gives intervals.
 
 import argparse
 import os
+import sys
 from collections.abc import Callable, Sequence
 
 # before numpy is loaded, here and in every process that this one starts
@@ -49,8 +50,9 @@ class Trials:
         return np.array([value for value in values if np.isfinite(value)])
 
     def with_failures(self, text: str) -> str:
-        failed = len(self.all) - len(self.given)
-        return f"{text} ({failed} of {len(self.all)} without an answer)" if failed else text
+        failed, crashed = len(self.all) - len(self.given), sum(each.crashed for each in self.all)
+        text += f" ({failed} of {len(self.all)} without an answer)" if failed else ""
+        return f"{text} ({crashed} crashed)" if crashed else text
 
     def quantiles(self, name: str, *shares: float) -> str:
         """Of the absolute errors in %, 0.5 the median and 1 the worst."""
@@ -284,6 +286,8 @@ def main() -> None:
     with open(options.out or os.devnull, "a") as file:
         for record in run_jobs(missing_jobs(wanted, laws, options.methods, records), n_processes=options.jobs):
             records.append(record)
+            if record.trial.crashed:
+                print(f"{record.scenario}, seed {record.trial.seed}: {record.trial.reason}", file=sys.stderr)
             print(as_line(record), file=file, flush=True)
         times = []
         for timing in timings() if "times" in options.rows else ():

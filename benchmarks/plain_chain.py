@@ -1,8 +1,8 @@
 """Two chains as one would write them today, without opid: to stand beside it on the same runs.
 
-`least_squares`: each run's z'' is integrated twice, and the law, known to it, is fitted to -x2'' over (z, z') by scipy's
-`curve_fit`. `sparse_regression`: pysindy's STLSQ on the same signals, which chooses among the laws that the scenarios
-draw. Either way the mass follows from K2/M2 of two runs.
+`least_squares`: each run's z'' is integrated twice, and the law, known to it, is fitted to -x2'' over (z, z') by
+scipy's `curve_fit`. `sparse_regression`: pysindy's STLSQ on the same signals, which chooses among the laws that the
+scenarios draw. Either way the mass follows from K2/M2 of two runs.
 
 The integration is that of `endaq.calc.integrate`, trapezoidal rule after a zero-phase Butterworth high-pass of half
 order 2, as one comes to use it once z is looked at: its single pass leaves so much slow drift here that the masses are

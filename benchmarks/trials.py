@@ -19,6 +19,7 @@ from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
 SHORT = dict(zip(PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
 PLAIN = ("least squares", "pysindy")
 METHODS = ("model", "classical", *PLAIN)
+CRASHED = "crashed"
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,11 @@ class Trial:
         """Error over truth, %; K3, whose truth may be 0, over K2."""
         return 100 * self.error[name] / self.truth["K2" if name == "K3" else name]
 
+    @property
+    def crashed(self) -> bool:
+        """Whether a mistake in the program ended it, not the data."""
+        return self.reason is not None and self.reason.startswith(CRASHED)
+
     def score(self, name: str) -> float:
         """Error over the stated standard deviation."""
         return self.error[name] / self.std[name]
@@ -95,7 +101,8 @@ def trial(case: Case, seed: int, *, method: str = "classical") -> Trial:
 def compared(case: Case, seed: int, study: Study, method: str) -> Trial:
     """Identify the study of a case by one of `METHODS` and compare with the truth; a refusal is a result too.
 
-    "least squares" is always given the law, "pysindy" always searches.
+    "least squares" is always given the law, "pysindy" always searches. A mistake in the program is a result as well,
+    `CRASHED`: one seed must not end a long run.
     """
     truth = _truth(case.gear)
     begin = time.perf_counter()
@@ -106,9 +113,11 @@ def compared(case: Case, seed: int, study: Study, method: str) -> Trial:
             found = sparse_regression(study)
         else:
             found = identify_study(study, method=method, law=case.law)
-    # opid's own errors are among these, and curve_fit's; a mistake in a program is none of them and stops the run
+    # opid's own errors are among the first, and curve_fit's
     except (ValueError, RuntimeError, ArithmeticError) as error:
         return _refused(seed, truth, f"{type(error).__name__}: {error}", time.perf_counter() - begin)
+    except Exception as error:
+        return _refused(seed, truth, f"{CRASHED}: {type(error).__name__}: {error}", time.perf_counter() - begin)
     seconds = time.perf_counter() - begin
     if isinstance(found, PlainAnswer):
         return _of_plain(case, seed, truth, found, seconds)

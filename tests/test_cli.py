@@ -418,7 +418,7 @@ def _raise(error):
     ],
 )
 def test_what_goes_wrong_outside_is_a_sentence(error, status, word, field_test, tmp_path, monkeypatch):
-    monkeypatch.setattr(identification, "classical_chain", _raise(error))
+    monkeypatch.setattr(identification, "classical_start", _raise(error))
     done = opid("identify", field_test / "study.toml", "--out", tmp_path / "out")
     refused(done, word, status=status)
     assert not (tmp_path / "out").exists()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.signals.health import check_pair, inspect, looks_unsprung
+from opid.signals.health import check_pair, inspect, looks_unsprung, without_spikes
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 FS = 512.0
@@ -103,6 +103,32 @@ def test_spikes_are_counted_and_placed():
     health = health_of(samples, start_s=10.0)
     assert health.channels[0].spikes == 3
     assert f"3 spike(s) of one sample, the first at {10 + 1000 / FS:.4f} s" in messages(health)[0]
+
+
+@pytest.mark.parametrize("height", [5.0, 20.0, -100.0])
+def test_spikes_are_mended_and_nothing_else_is_touched(height):
+    samples, places = SOUND.copy(), [1000, 5000, 9000]
+    samples[places] += height
+    before = samples.copy()
+    mended, found = without_spikes(samples, fs=FS)
+    assert found.tolist() == places
+    np.testing.assert_array_equal(samples, before)
+    np.testing.assert_array_equal(np.delete(mended, places), np.delete(SOUND, places))
+    between = [0.5 * (SOUND[place - 1] + SOUND[place + 1]) for place in places]
+    np.testing.assert_allclose(mended[places], between, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sound_signal_is_left_as_it_is(seed):
+    mended, found = without_spikes(vibration(seed), fs=FS)
+    assert found.size == 0
+    np.testing.assert_array_equal(mended, vibration(seed))
+
+
+def test_a_record_of_less_than_a_block_is_left_as_it_is():
+    samples = np.zeros(100)
+    samples[50] = 100.0
+    assert without_spikes(samples, fs=FS)[1].size == 0
 
 
 def test_an_impact_that_rings_is_no_spike():

@@ -1,4 +1,4 @@
-"""Predictions of a driven body: against plain filters in numpy, derivatives against differences, whiteness of the truth."""
+"""Predictions of a driven body: against plain filters, derivatives against differences, white where they should be."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from opid.mechanics.laws import default_law, law
 from opid.mechanics.own_kinds import register_kind, unregister_kind
 from opid.mechanics.prediction import Noise, predict
 
-FS = 256.0
+FS, N = 1024.0, 120
 ACCELERANCE = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1500
 NOISE = Noise([0.02, 0.03], [0.01, 0.02], [1e-3, 2e-3], [2e-3, 1e-3])
 
@@ -21,18 +21,21 @@ def _of(n, *, ground, laws=("linear", "linear")):
     rng = np.random.default_rng(n)
     stiffness, damping, springs = (3.9e5, 3e5), (6e3, 5e3), (1e5, 5e4) if ground else (0.0, 0.0)
     interfaces = [Interface(*row) for row in zip(stiffness, damping, springs, map(default_law, laws), strict=True)][:n]
-    t = np.arange(2 * 300 - 1) / (2 * FS)
+    t = np.arange(2 * N - 1) / (2 * FS)
     drive = np.stack([np.sin(2 * np.pi * 1.9 * t), np.cos(2 * np.pi * 4.1 * t)], axis=1)[:, :n]
     rows = 6 if ground else 4
+    start = 1e-3 * rng.standard_normal((rows, n))
+    moving = start[:4] if ground else np.vstack([start[:2], np.zeros((2, n))])
+    answer = driven_response(interfaces, ACCELERANCE[:n, :n], drive, fs=FS, start=moving, sensitivity=False)
     return {
         "interfaces": interfaces,
         "accelerance": ACCELERANCE[:n, :n],
         "drive": drive,
-        "measured": 0.5 * rng.standard_normal((300, n)),
+        "measured": answer.acceleration + 0.02 * rng.standard_normal((N, n)),
         "fs": FS,
         "noise": Noise(*NOISE.table(2)[:, :n]),
-        "start": 1e-2 * rng.standard_normal((rows, n)),
-        "start_std": 1e-2 * (1 + rng.random((rows, n))),
+        "start": start,
+        "start_std": 1e-3 * (1 + rng.random((rows, n))),
         "ground": ground,
     }
 
@@ -40,7 +43,7 @@ def _of(n, *, ground, laws=("linear", "linear")):
 @pytest.mark.parametrize("ground", [False, True])
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
-    """Exact transition by the matrix exponential of a quadratic drive, Joseph form, raw innovations whitened at the end."""
+    """Exact transition by the matrix exponential of a quadratic drive, Joseph form, innovations whitened last."""
     world = _of(n, ground=ground)
     found = predict(**world, sensitivity=False)
     a, rows = world["accelerance"], 6 if ground else 4
@@ -89,8 +92,8 @@ def _directions(n):
     rng = np.random.default_rng(7)
     return {
         "accelerance_directions": ACCELERANCE[np.newaxis, :n, :n] * (1 + 0.2 * np.eye(n)),
-        "drive_directions": np.stack([rng.standard_normal((599, n)), np.ones((599, n))], axis=1),
-        "measured_directions": rng.standard_normal((300, 1, n)),
+        "drive_directions": np.stack([rng.standard_normal((2 * N - 1, n)), np.ones((2 * N - 1, n))], axis=1),
+        "measured_directions": rng.standard_normal((N, 1, n)),
     }
 
 
@@ -121,7 +124,7 @@ def _check_derivatives(world, innovation):
     """Derivatives of `predict` are the differences of `innovation`, a function of a world."""
     n, base = len(world["interfaces"]), _vector(world)
     found = predict(**world, **_directions(n)).sensitivity
-    assert found.shape == (n, base.size, 300)
+    assert found.shape == (n, base.size, N)
     firsts = np.cumsum([0, *(i.n_parameters for i in world["interfaces"])])[:n]
     for place, value in enumerate(base):
         if not world["ground"] and place in firsts + 2:
@@ -142,7 +145,7 @@ def test_derivatives_are_those_of_the_steps_where_nothing_is_corrected(n, ground
     free = driven_response(
         world["interfaces"],
         world["accelerance"],
-        world["drive"] + np.repeat(world["start"][-2:-1], 599, axis=0),
+        world["drive"] + np.repeat(world["start"][-2:-1], 2 * N - 1, axis=0),
         fs=FS,
         start=world["start"][:4] if ground else np.vstack([world["start"][:2], np.zeros((2, n))]),
         ground=ground,
@@ -214,12 +217,10 @@ def _plain_filter(world, frozen=None):
 def test_corrected_predictions_and_their_derivatives_are_those_of_a_plain_filter(n, ground):
     """Derivatives hold the gain: of the plain filter it is recorded, then kept."""
     world = _of(n, ground=ground, laws=LAWS)
-    # a start that is far off would be corrected by more than differences resolve
-    world["start_std"] = 0.1 * world["start_std"]
     innovation, gains = _plain_filter(world)
     found = predict(**world)
-    np.testing.assert_allclose(found.innovation, innovation, atol=1e-6 * np.abs(innovation).max())
-    np.testing.assert_allclose(found.spread.T, [np.diag(factor) for _, factor in gains], rtol=1e-6)
+    np.testing.assert_allclose(found.innovation, innovation, atol=1e-5 * np.abs(innovation).max())
+    np.testing.assert_allclose(found.spread.T, [np.diag(factor) for _, factor in gains], rtol=1e-5)
     _check_derivatives(world, lambda changed: _plain_filter(changed, gains)[0])
 
 
@@ -253,18 +254,19 @@ def _autocorrelation(x, n_lags=20):
 
 def test_at_the_truth_the_innovations_are_white_whatever_the_law():
     """A stiff cubic spring carries the noise of the drive along: free simulation leaves coloured errors."""
-    rng, n, settle = np.random.default_rng(4), 40 * 256, 512
+    rng, fs, settle = np.random.default_rng(4), 256.0, 512
+    n = 40 * 256
     gear = [Interface(2e5, 2e3, law=law("cubic_stiffness", stiffness_n_per_m3=4e9))]
-    lines = np.fft.rfftfreq(n, 1 / FS)
+    lines = np.fft.rfftfreq(n, 1 / fs)
     amplitude = np.where((lines > 0.3) & (lines < 20.0), 1.0, 0.0)
     u = np.fft.irfft(amplitude * np.exp(2j * np.pi * rng.random(lines.size)), n)[:, np.newaxis]
     u *= 3.0 / u.std()
-    truth = driven_response(gear, [[1 / 1800]], half_steps(u), fs=FS, sensitivity=False)
+    truth = driven_response(gear, [[1 / 1800]], half_steps(u), fs=fs, sensitivity=False)
     # the cubic force matters
     assert 4e9 * np.std(truth.travel**3) > 0.3 * 2e5 * truth.travel.std()
     drive = half_steps(u + 0.02 * rng.standard_normal((n, 1)))
     measured = truth.acceleration + 0.02 * rng.standard_normal((n, 1))
-    settings = {"fs": FS, "start": np.zeros((4, 1)), "start_std": np.zeros((4, 1)), "sensitivity": False}
+    settings = {"fs": fs, "start": np.zeros((4, 1)), "start_std": np.zeros((4, 1)), "sensitivity": False}
     chance = 1 / np.sqrt(n - settle)
     white = predict(gear, [[1 / 1800]], drive, measured, noise=Noise(0.02, 0.02), **settings).innovation[0, settle:]
     free = predict(gear, [[1 / 1800]], drive, measured, noise=Noise(0.0, 0.02), **settings).innovation[0, settle:]
@@ -293,25 +295,28 @@ def test_an_own_kind_is_predicted_like_a_built_in_one():
     assert (np.abs(own.sensitivity - expected.sensitivity) <= 1e-9 * size).all()
 
 
-def test_the_covariance_stays_one_over_many_samples():
-    """Ten minutes with all there is: nothing drifts from the steady state of the filter, P - K K' loses nothing."""
-    n = 160_000
-    still = {"fs": FS, "noise": Noise(0.02, 0.01, 1e-5, 1e-5), "ground": True, "sensitivity": False}
+@pytest.mark.parametrize(("ground", "n"), [(False, 200_000), (True, 200_000)])
+def test_the_covariance_stays_one_over_many_samples(ground, n):
+    """P - K K' loses nothing: the filter comes to its steady state and stays there."""
+    rows = 6 if ground else 4
     found = predict(
-        [Interface(3.9e5, 6e3, 1e5)],
+        [Interface(3.9e5, 6e3, 1e5 if ground else 0.0)],
         [[1 / 1800]],
         np.zeros((2 * n - 1, 1)),
         np.zeros((n, 1)),
-        start=np.zeros((6, 1)),
-        start_std=np.full((6, 1), 0.01),
-        **still,
+        fs=FS,
+        noise=Noise(0.02, 0.01, 1e-5, 1e-5),
+        start=np.zeros((rows, 1)),
+        start_std=np.full((rows, 1), 0.01),
+        ground=ground,
+        sensitivity=False,
     ).spread[0]
-    np.testing.assert_allclose(found[n // 2 :], found[-1], rtol=1e-9)
+    np.testing.assert_allclose(found[n // 2 :], found[-1], rtol=2e-8 if ground else 1e-12)
 
 
 def test_bad_input_is_named():
     world = _of(2, ground=False)
-    with pytest.raises(InputError, match=r"give \(2, 2\), \(599, 2\), \(300, 2\), \(4, 2\), \(4, 2\) for 2 interface"):
+    with pytest.raises(InputError, match=r"give \(2, 2\), \(239, 2\), \(120, 2\), \(4, 2\), \(4, 2\) for 2 interface"):
         predict(**world | {"drive": world["drive"][:-1]})
     with pytest.raises(InputError, match=r"\(6, 2\) for 2 interface"):
         predict(**world | {"ground": True})
@@ -324,6 +329,6 @@ def test_bad_input_is_named():
 
 def test_a_motion_without_bound_is_named():
     world = _of(1, ground=False)
-    falling = {"interfaces": [Interface(-4e9, 0.0)], "noise": Noise(0.0, 0.01), "start_std": np.zeros((4, 1))}
+    falling = {"interfaces": [Interface(-4e12, 0.0)], "noise": Noise(0.0, 0.01), "start_std": np.zeros((4, 1))}
     with pytest.raises(UnboundedResponseError, match="grows without bound"):
         predict(**world | falling)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
+from opid.identify.sensor_facts import IDEAL_PAIR, Leak, SensorFacts, SensorPair
 from opid.identify.study import Run, Study, read_study, study_from_logs, write_study
 from opid.signals.logs import write_log
-from opid.signals.recording import recording_from_arrays
+from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 
 def log(seed, fs=512.0, n_samples=1024, names=("lower_z", "upper_z"), unit="m/s^2"):
@@ -209,3 +210,94 @@ def test_runs_that_do_not_belong_together(second, words):
 
 def test_rates_that_differ_by_the_error_of_a_crystal_are_one():
     assert study(Run("a", log(0), 0.0), Run("b", log(1, fs=512.002), -220.0)).fs == 512.0
+
+
+# ---- what is known of the sensors ----------------------------------------------------------------
+
+SENSORS = """
+[sensors.sprung]
+noise_m_per_s2 = 5e-3
+gain_tolerance = 0.02
+corner_hz = 0.33
+corner_tolerance = 0.1
+lag_tolerance_s = 1e-3
+
+[sensors.unsprung]
+noise_m_per_s2 = 1
+
+[[sensors.leak]]
+channel = "lower_z"
+into = "sprung"
+tolerance = 0.1
+
+[[sensors.leak]]
+channel = "upper_z"
+"""
+
+
+def test_facts_of_the_sensors_are_read(read):
+    taxi = read(STUDY + SENSORS)
+    assert taxi.sensors.sprung == SensorFacts(5e-3, 0.02, 0.33, 0.1, 1e-3)
+    assert taxi.sensors.unsprung == SensorFacts(noise_m_per_s2=1)
+    # a leak whose side is not said may go into either
+    assert taxi.sensors.leaks == (
+        Leak("lower_z", "sprung", 0.1),
+        Leak("upper_z", "unsprung"),
+        Leak("upper_z", "sprung"),
+    )
+
+
+def test_without_facts_the_sensors_are_ideal(read):
+    assert read(STUDY).sensors == IDEAL_PAIR
+    assert read(STUDY + "[sensors.sprung]").sensors == IDEAL_PAIR
+
+
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        SensorPair(),
+        SensorPair(SensorFacts(noise_m_per_s2=2e-3), SensorFacts(gain_tolerance=0.01)),
+        SensorPair(SensorFacts(5e-3, 0.02, 0.33, 0.1, 1e-3), leaks=(Leak("lower_x", "unsprung", 0.02),)),
+        SensorPair(leaks=(Leak("lower_x", "unsprung"), Leak("lower_x", "sprung", 0.01))),
+    ],
+)
+def test_facts_that_are_written_read_back(tmp_path, sensors):
+    names = ("lower_z", "upper_z", "lower_x")
+    runs = (Run("heavy", log(0, names=names), 0.0), Run("light", log(1, names=names), -220.0))
+    taxi = Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=sensors)
+    write_study(taxi, tmp_path / "study.toml")
+    assert read_study(tmp_path / "study.toml").sensors == sensors
+    assert ("sensors" in (tmp_path / "study.toml").read_text()) == (sensors != IDEAL_PAIR)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[sensors.sprung]", "[sensors.sprong]", r"\[sensors\] has an unknown key 'sprong' .did you mean 'sprung'"),
+        ("gain_tolerance", "gain_tolerence", r"\[sensors.sprung\] has an unknown key .* mean 'gain_tolerance'"),
+        ("0.02", '"2 %"', r"'gain_tolerance' in \[sensors.sprung\] is '2 %', give a number"),
+        ("into", "to", r"\[\[sensors.leak\]\] number 1 has an unknown key 'to'"),
+        ('channel = "upper_z"', "", r"\[\[sensors.leak\]\] number 2 lacks 'channel', give text in quotes"),
+        ("[[sensors.leak]]", "[sensors.leak]", "is no TOML"),
+        ("0.33", "-0.33", r"\[sensors\] corner_hz is -0.33: give zero or a positive number"),
+        ("corner_hz = 0.33\n", "", r"\[sensors\] corner_tolerance is given without corner_hz"),
+        ("= 1\n", "= 0\n", r"\[sensors\] noise_m_per_s2 is 0: give a positive number"),
+        ('"sprung"\ntol', '"both"\ntol', r"\[sensors\] a leak goes into 'both': give 'sprung' or 'unsprung'"),
+        ('channel = "lower_z"', 'channel = "lower_x"', "run 'heavy': there is no channel 'lower_x' in its log"),
+    ],
+)
+def test_what_is_wrong_with_the_sensors_is_named(read, tmp_path, old, new, words):
+    assert old in SENSORS
+    with pytest.raises(InputError, match=words) as caught:
+        read(STUDY + SENSORS.replace(old, new))
+    assert str(caught.value).startswith(str(tmp_path / "study.toml"))
+
+
+def test_a_leak_is_an_acceleration():
+    samples = np.random.default_rng(0).standard_normal((3, 1024))
+    with_travel = Recording(
+        samples.T, fs=512.0, channels=[Channel(*each) for each in (("a", "m/s^2"), ("b", "m/s^2"), ("travel", "m"))]
+    )
+    sensors = SensorPair(leaks=(Leak("travel", "sprung"),))
+    with pytest.raises(InputError, match="channel 'travel' is in m where an acceleration is needed"):
+        Study("taxi", sprung="b", unsprung="a", runs=(Run("heavy", with_travel, 0.0),), sensors=sensors)

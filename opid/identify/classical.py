@@ -22,7 +22,7 @@ from opid.identify.added_mass import (
 )
 from opid.identify.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
 from opid.identify.joint_fit import JointFit, LadderStep, chosen
-from opid.identify.law_search import CANDIDATES, fit_law, search_law
+from opid.identify.law_search import CANDIDATES, fit_law, likely_law, search_law, thinned
 from opid.identify.nonlinearity import LawFit, fit_slice, fit_surface
 from opid.identify.restoring_force import (
     BinnedSurface,
@@ -145,13 +145,138 @@ class Evidence:
     model: Any = None
 
 
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What every method starts from: the prepared runs and a first fit of the equation.
+
+    Args:
+        study: the runs.
+        arrays: unsprung and sprung acceleration of each run, m/s^2.
+        findings: of the health check, one tuple a run.
+        surfaces: restoring-force points, one a run.
+        lines: transforms, one a run.
+        ladder: the laws that were tried on the equation.
+        noise_floors: (n_runs, 2) of the unsprung and the sprung channel, m/s^2.
+        inverse_mass: a first guess of 1/M2, 1/kg; None where all runs have one mass.
+        band_hz: lines of the equation, Hz.
+        high_pass_hz: corner of the integration, Hz.
+        ground: whether the ground spring is free.
+    """
+
+    study: Study
+    arrays: tuple[tuple[FloatArray, FloatArray], ...]
+    findings: tuple[tuple[Finding, ...], ...]
+    surfaces: tuple[RestoringForce, ...]
+    lines: tuple[EquationLines, ...]
+    ladder: tuple[LadderStep, ...]
+    noise_floors: FloatArray
+    inverse_mass: float | None
+    band_hz: tuple[float, float]
+    high_pass_hz: float
+    ground: bool
+
+    @property
+    def joint(self) -> JointFit:
+        """The fit that the search of the equation ended on."""
+        return chosen(self.ladder).fit
+
+    @property
+    def noise_floor(self) -> float:
+        """Noise of the sprung channel, m/s^2, never below `LEAST_NOISE` of its rms."""
+        noise = [
+            max(float(floor), LEAST_NOISE * float(sprung.std()))
+            for floor, (_, sprung) in zip(self.noise_floors[:, 1], self.arrays, strict=True)
+        ]
+        return float(np.sqrt(np.mean(np.square(noise))))
+
+
+def classical_start(
+    study: Study,
+    *,
+    law: str | None = None,
+    likely: bool = False,
+    band_hz: tuple[float, float] = BAND_HZ,
+    high_pass_hz: float = HIGH_PASS_HZ,
+    ground: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Start:
+    """Check and integrate the runs, and fit the equation of the sprung mass to all of them.
+
+    Args:
+        study: the runs; the first one with no mass change is the reference.
+        law: a law to fit; searched among `law_search.CANDIDATES` when left out.
+        likely: take the candidate that fits the restoring-force points best instead of searching.
+        band_hz: lines used by direct parameters and added mass, Hz; cut at 0.4 fs.
+        high_pass_hz: corner of the integration, Hz.
+        ground: whether the ground spring is free (else it is 0).
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a pair of channels that is mute or swapped, runs too short, an unknown law.
+    """
+    say = progress or (lambda step: None)
+    fs = study.fs
+    band = (float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs))
+    arrays = tuple(study.accelerations(run) for run in study.runs)
+    findings = tuple(_checked(study, run, *pair) for run, pair in zip(study.runs, arrays, strict=True))
+    say("restoring force")
+    surfaces = tuple(restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz) for pair in arrays)
+    lines = tuple(
+        equation_lines(*pair, fs=fs, band_hz=band, high_pass_hz=high_pass_hz, mass_change_kg=run.mass_change_kg)
+        for run, pair in zip(study.runs, arrays, strict=True)
+    )
+    say("law")
+    changes = [run.mass_change_kg for run in study.runs]
+    mu = 1 / (8 * (max(changes) - min(changes))) if len(set(changes)) > 1 else None
+    if law is None and likely:
+        law = likely_law(surfaces[0])
+    if law is None:
+        ladder = search_law(lines, surfaces, inverse_mass=mu, ground=ground, candidates=CANDIDATES)
+    else:
+        names = dict.fromkeys(["linear", law])
+        ladder = tuple(
+            LadderStep(name, fit_law(lines, surfaces, name, inverse_mass=mu, ground=ground), name == law)
+            for name in names
+        )
+    floors = np.array([[noise_floor(samples, fs=fs) for samples in pair] for pair in arrays])
+    return Start(study, arrays, findings, surfaces, lines, ladder, floors, mu, band, float(high_pass_hz), ground)
+
+
+def evidence_of(
+    start: Start, joint: JointFit, ladder: tuple[LadderStep, ...], *, progress: Callable[[str], None] | None = None
+) -> Evidence:
+    """Run the steps of the paper on every run, with the law of a joint fit.
+
+    Args:
+        start: the prepared runs.
+        joint: the fit whose law and mass are taken.
+        ladder: the laws that were tried on the way to it.
+        progress: called with the name of each step as it begins.
+    """
+    say = progress or (lambda step: None)
+    say("runs")
+    runs = tuple(_run_evidence(start, place, joint) for place in range(len(start.arrays)))
+    say("added mass")
+    static = float(np.mean([_static_transmissibility(run.T) for run in runs]))
+    added, reason = _added_mass(start.lines, joint)
+    return Evidence(
+        runs=runs,
+        pairs=_peak_pairs(runs, static),
+        ladder=ladder,
+        joint=joint,
+        added_mass=added,
+        not_determined=reason,
+        noise_floor=start.noise_floor,
+        mean_static_transmissibility=static,
+    )
+
+
 def classical_chain(
     study: Study,
     *,
     law: str | None = None,
     band_hz: tuple[float, float] = BAND_HZ,
     high_pass_hz: float = HIGH_PASS_HZ,
-    block_s: float = BLOCK_S,
     ground: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Evidence:
@@ -162,54 +287,16 @@ def classical_chain(
         law: a law to fit; searched among `law_search.CANDIDATES` when left out.
         band_hz: lines used by direct parameters and added mass, Hz; cut at 0.4 fs.
         high_pass_hz: corner of the integration, Hz.
-        block_s: length of the blocks that the transmissibility averages, s.
         ground: whether the ground spring is free (else it is 0).
         progress: called with the name of each step as it begins.
 
     Raises:
         InputError: a pair of channels that is mute or swapped, runs too short, an unknown law.
     """
-    say = progress or (lambda step: None)
-    fs = study.fs
-    band = (float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs))
-    arrays = [study.accelerations(run) for run in study.runs]
-    findings = [_checked(study, run, *pair) for run, pair in zip(study.runs, arrays, strict=True)]
-    say("restoring force")
-    surfaces = [restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz) for pair in arrays]
-    lines = [
-        equation_lines(*pair, fs=fs, band_hz=band, high_pass_hz=high_pass_hz, mass_change_kg=run.mass_change_kg)
-        for run, pair in zip(study.runs, arrays, strict=True)
-    ]
-    say("law")
-    changes = [run.mass_change_kg for run in study.runs]
-    mu = 1 / (8 * (max(changes) - min(changes))) if len(set(changes)) > 1 else None
-    if law is None:
-        ladder = search_law(lines, surfaces, inverse_mass=mu, ground=ground, candidates=CANDIDATES)
-    else:
-        names = dict.fromkeys(["linear", law])
-        ladder = tuple(
-            LadderStep(name, fit_law(lines, surfaces, name, inverse_mass=mu, ground=ground), name == law)
-            for name in names
-        )
-    joint = chosen(ladder).fit
-    say("runs")
-    runs = tuple(
-        _run_evidence(run, pair, found, surface, line, joint, high_pass_hz, block_s, band, ground)
-        for run, pair, found, surface, line in zip(study.runs, arrays, findings, surfaces, lines, strict=True)
+    start = classical_start(
+        study, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground, progress=progress
     )
-    say("added mass")
-    static = float(np.mean([_static_transmissibility(run.T) for run in runs]))
-    added, reason = _added_mass(lines, joint, mu)
-    return Evidence(
-        runs=runs,
-        pairs=_peak_pairs(runs, static),
-        ladder=ladder,
-        joint=joint,
-        added_mass=added,
-        not_determined=reason,
-        noise_floor=_sensor_noise(runs),
-        mean_static_transmissibility=static,
-    )
+    return evidence_of(start, start.joint, start.ladder, progress=progress)
 
 
 def _checked(study: Study, run: Run, unsprung: FloatArray, sprung: FloatArray) -> tuple[Finding, ...]:
@@ -227,34 +314,25 @@ def _checked(study: Study, run: Run, unsprung: FloatArray, sprung: FloatArray) -
     return findings + tuple(f for f in health.findings if f.severity != "note" and f.channel in pair)
 
 
-def _run_evidence(
-    run: Run,
-    pair: tuple[FloatArray, FloatArray],
-    findings: tuple[Finding, ...],
-    surface: RestoringForce,
-    lines: EquationLines,
-    joint: JointFit,
-    high_pass_hz: float,
-    block_s: float,
-    band: tuple[float, float],
-    ground: bool,
-) -> RunEvidence:
+def _run_evidence(start: Start, place: int, joint: JointFit) -> RunEvidence:
+    run, (unsprung, sprung) = start.study.runs[place], start.arrays[place]
+    surface, lines, high_pass_hz = start.surfaces[place], start.lines[place], start.high_pass_hz
     fs = run.recording.fs
-    unsprung, sprung = pair
+    band = start.band_hz
     motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
     slices = (slice_curve(surface, along="travel"), slice_curve(surface, along="velocity"))
     # force per unit of this run's own mass
     share = 1 / (1 + joint["inverse_mass"] * run.mass_change_kg)
     law = joint.law.scaled(share)
     inside = motion.settled
-    nperseg = min(round(block_s * fs), unsprung[inside].size)
+    nperseg = min(round(BLOCK_S * fs), unsprung[inside].size)
     force = law.force(motion.displacement, motion.velocity)[inside]
     T = transmissibility(unsprung[inside], sprung[inside], fs=fs, nperseg=nperseg)
     conditioned, subtracted = (
         transmissibility_without_force(unsprung[inside], sprung[inside], force, fs=fs, way=way, nperseg=nperseg)
         for way in WAYS
     )
-    complex_fit = complex_least_squares(conditioned, band_hz=(max(band[0], 2 / block_s), band[1]), ground=ground)
+    complex_fit = complex_least_squares(conditioned, band_hz=(max(band[0], 2 / BLOCK_S), band[1]), ground=start.ground)
     return RunEvidence(
         name=run.name,
         mass_change_kg=run.mass_change_kg,
@@ -262,21 +340,21 @@ def _run_evidence(
         time_s=run.recording.time_s,
         unsprung=unsprung,
         sprung=sprung,
-        findings=findings,
-        noise_floor=(noise_floor(unsprung, fs=fs), noise_floor(sprung, fs=fs)),
+        findings=start.findings[place],
+        noise_floor=(float(start.noise_floors[place, 0]), float(start.noise_floors[place, 1])),
         motion=motion,
         motion_mean_removed=relative_motion(unsprung, sprung, fs=fs, method="mean_removed"),
         surface=surface,
         binned=binned_surface(surface),
         slices=slices,
         slice_fits=(fit_slice(slices[0]), fit_slice(slices[1])),
-        surface_fit=fit_surface(surface),
+        surface_fit=fit_surface(thinned(surface)),
         T=T,
         T_without_force=conditioned,
         T_subtracted=subtracted,
         peaks=transmissibility_peaks(T, band_hz=(band[0], min(25.0, 0.4 * fs))),
         complex_fit=complex_fit,
-        spectral_fit=errors_in_variables(lines, law, start=complex_fit, ground=ground),
+        spectral_fit=errors_in_variables(lines, law, start=complex_fit, ground=start.ground),
         lines=lines,
     )
 
@@ -285,11 +363,6 @@ def _static_transmissibility(T: Transmissibility) -> float:
     """Read |T| at the lowest lines, as the paper read 0.7."""
     low = (T.frequency_hz > 0) & (T.frequency_hz <= max(0.5, 2.5 * T.frequency_hz[1]))
     return float(np.median(np.abs(T.value[low])))
-
-
-def _sensor_noise(runs: Sequence[RunEvidence]) -> float:
-    noise = [max(run.noise_floor[1], LEAST_NOISE * float(run.sprung.std())) for run in runs]
-    return float(np.sqrt(np.mean(np.square(noise))))
 
 
 def _peak_pairs(runs: Sequence[RunEvidence], static: float) -> tuple[PeakPair, ...]:
@@ -314,10 +387,8 @@ def _peak_pairs(runs: Sequence[RunEvidence], static: float) -> tuple[PeakPair, .
     return tuple(pairs)
 
 
-def _added_mass(
-    lines: Sequence[EquationLines], joint: JointFit, mu: float | None
-) -> tuple[AddedMass | None, str | None]:
-    if mu is None:
+def _added_mass(lines: Sequence[EquationLines], joint: JointFit) -> tuple[AddedMass | None, str | None]:
+    if "inverse_mass" not in joint.names:
         return None, (
             "all runs have the same sprung mass (mass_change_kg), so only ratios to the mass are determined: "
             "add a run at another mass"

@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.identify import driven_run
 from opid.identify.added_mass import AddedMass, absolute_parameters
-from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_chain
+from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_start, evidence_of
 from opid.identify.diagnostics import diagnostics
 from opid.identify.direct_parameters import NAMES
 from opid.identify.doubts import doubts, gain_like_share, refused, straight_terms, unexplained_noise, widening
@@ -66,8 +66,14 @@ def identify_study(
     """
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
-    evidence = classical_chain(
-        study, law=law, band_hz=band_hz or BAND_HZ, high_pass_hz=high_pass_hz, ground=ground, progress=progress
+    start = classical_start(
+        study,
+        law=law,
+        likely=method == "model",
+        band_hz=(band_hz or BAND_HZ) if method != "model" else BAND_HZ,
+        high_pass_hz=high_pass_hz,
+        ground=ground,
+        progress=progress,
     )
     settings = {
         "study": study.source.name if study.source else None,
@@ -77,18 +83,16 @@ def identify_study(
         "law": law or "searched",
         "ground": ground,
     }
-    if method == "paper":
-        return _conclude_paper(study, evidence, settings)
     if method == "model":
-        evidence = model_chain(
-            study,
-            evidence,
-            search=law is None,
-            ground=ground,
-            band_hz=band_hz or driven_run.BAND_HZ,
-            progress=progress,
-        )
-    return _conclude(method, study, evidence, settings)
+        band_hz = band_hz or driven_run.BAND_HZ
+        evidence = model_chain(start, search=law is None, ground=ground, band_hz=band_hz, progress=progress)
+    else:
+        evidence = evidence_of(start, start.joint, start.ladder, progress=progress)
+    return (
+        _conclude_paper(study, evidence, settings)
+        if method == "paper"
+        else _conclude(method, study, evidence, settings)
+    )
 
 
 def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:

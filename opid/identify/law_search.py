@@ -106,7 +106,7 @@ def fit_law(
     Returns:
         The better of the fits from the starts.
     """
-    surface = _thinned(surfaces[0])
+    surface = thinned(surfaces[0])
     rough = fit_surface(surface, law_name)
     starts = [(rough.straight["stiffness_per_mass"], rough.straight["damping_per_mass"], rough.law, inverse_mass)]
     if before is not None and before.law.terms:
@@ -126,7 +126,25 @@ def _grown(law: Law, larger: Law) -> Law:
     return law + Law(tuple(term for term in larger.terms if term.name not in have))
 
 
-def _thinned(surface: RestoringForce) -> RestoringForce:
+def likely_law(surface: RestoringForce, *, candidates: Sequence[str] = CANDIDATES) -> str:
+    """Return the candidate that fits the restoring-force points best, "linear" where none fits clearly better.
+
+    Args:
+        surface: the points of one run.
+        candidates: names in `LAWS`.
+    """
+    points = thinned(surface)
+    left = {name: fit_surface(points, name).residual_rms for name in ("linear", *candidates)}
+    best = min(left, key=lambda name: left[name])
+    return best if left[best] < (1 - NOISE_MARGIN) * left["linear"] else "linear"
+
+
+def thinned(surface: RestoringForce) -> RestoringForce:
+    """Return every so manieth point, some thousands: enough for start values and for verdicts on terms.
+
+    Args:
+        surface: the points of one run.
+    """
     step = max(1, surface.travel.size // N_START_POINTS)
     return RestoringForce(
         np.ascontiguousarray(surface.travel[::step]),

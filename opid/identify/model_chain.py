@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from opid.errors import NotDeterminedError
-from opid.identify.added_mass import AddedMass, absolute_parameters
-from opid.identify.classical import Evidence
+from opid.identify.classical import Evidence, Start, evidence_of
 from opid.identify.demands import at_last, let_in
 from opid.identify.driven_run import BAND_HZ, DrivenRun, driven_run
 from opid.identify.imitations import ground_imitations
@@ -36,8 +34,7 @@ EXPLAINED = 2.0
 
 
 def model_chain(
-    study: Study,
-    evidence: Evidence,
+    start: Start,
     *,
     search: bool = True,
     ground: bool = True,
@@ -45,26 +42,26 @@ def model_chain(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Evidence:
-    """Refit what the classical chain found by the model that the measured spindle drives.
+    """Fit the model that the measured spindle drives, from what the classical equation found.
 
     Args:
-        study: the runs.
-        evidence: of `classical_chain` on the same study; its joint fit is the start.
-        search: whether other laws may be tried (else the law of `evidence` is kept).
+        start: of `classical_start`; its joint fit is where the model begins.
+        search: whether other laws may be tried (else the law of `start` is kept).
         ground: whether a ground spring may be let in, which happens only if the runs demand one.
         band_hz: lines of the prediction errors that count, Hz.
         seed: of the resampling that checks the intervals.
         progress: called with the name of each step as it begins.
 
     Returns:
-        The evidence with joint fit, ladder and absolute parameters of the model.
+        The evidence with joint fit, ladder and absolute parameters of the model; the paper's steps take its law.
     """
     say = progress or (lambda step: None)
+    study = start.study
     say("model")
     prepared = [driven_run_of(study, run, band_hz=band_hz) for run in study.runs]
     runs = tuple(run for run, _ in prepared)
-    ground_start = evidence.joint if ground and "ground_stiffness_per_mass" in evidence.joint.names else None
-    first, n_starts = _first_fit(study, runs, evidence, ground)
+    ground_start = start.joint if ground and "ground_stiffness_per_mass" in start.joint.names else None
+    first, n_starts = _first_fit(start, runs, ground)
     runs, fit, demands = let_in(runs, first, ground_start=ground_start, progress=progress)
     ladder: tuple[LadderStep, ...] = (LadderStep(fit.law.name, fit, True),)
     if search:
@@ -82,7 +79,6 @@ def model_chain(
     if best is not chosen(ladder).fit:
         ladder = (*ladder, LadderStep(best.law.name, best, True))
     changes = [run.mass_change_kg for run in runs]
-    added, reason = _absolute(best, changes, evidence)
     say("intervals")
     model = ModelEvidence(
         fit=best,
@@ -95,7 +91,7 @@ def model_chain(
         n_starts=n_starts,
         limits=tuple(limits(best, changes, sum(run.n_samples / run.fs for run in runs))),
     )
-    return replace(evidence, joint=best, ladder=ladder, added_mass=added, not_determined=reason, model=model)
+    return replace(evidence_of(start, best, ladder, progress=progress), model=model)
 
 
 def _model_fit(ladder: tuple[LadderStep, ...]) -> ModelFit:
@@ -128,12 +124,11 @@ def driven_run_of(
     return driven, (mended[0][1].size, mended[1][1].size)
 
 
-def _first_fit(study: Study, runs: Sequence[DrivenRun], evidence: Evidence, ground: bool) -> tuple[ModelFit, int]:
+def _first_fit(start: Start, runs: Sequence[DrivenRun], ground: bool) -> tuple[ModelFit, int]:
     """Fit the law of the classical chain from its values; where that is doubtful, from others too."""
-    start = evidence.joint
-    surfaces = [run.surface for run in evidence.runs]
+    joint, surfaces, study = start.joint, start.surfaces, start.study
     facts = (study.sensors.unsprung, study.sensors.sprung)
-    noise = (facts[0].noise_m_per_s2 or evidence.noise_floor, facts[1].noise_m_per_s2 or evidence.noise_floor)
+    noise = (facts[0].noise_m_per_s2 or start.noise_floor, facts[1].noise_m_per_s2 or start.noise_floor)
     motion_rms = (
         max(float(surface.travel.std()) for surface in surfaces),
         max(float(surface.velocity.std()) for surface in surfaces),
@@ -147,9 +142,9 @@ def _first_fit(study: Study, runs: Sequence[DrivenRun], evidence: Evidence, grou
                 stiffness_per_mass=near["stiffness_per_mass"],
                 damping_per_mass=near["damping_per_mass"],
                 ground_stiffness_per_mass=(
-                    start["ground_stiffness_per_mass"] if ground and _demands_ground(evidence) else None
+                    joint["ground_stiffness_per_mass"] if ground and _demands_ground(joint) else None
                 ),
-                inverse_mass=near["inverse_mass"] if "inverse_mass" in start.names else None,
+                inverse_mass=near["inverse_mass"] if "inverse_mass" in joint.names else None,
                 noise_m_per_s2=noise,
                 motion_rms=motion_rms,
                 start=begun,
@@ -157,12 +152,12 @@ def _first_fit(study: Study, runs: Sequence[DrivenRun], evidence: Evidence, grou
         except UnboundedResponseError:
             return None
 
-    fits = [fitted(start.law, start)]
+    fits = [fitted(joint.law, joint)]
     if fits[0] is None or fits[0].noise_m_per_s2 > DOUBTFUL * fits[0].level:
-        linear = next((step.fit for step in evidence.ladder if step.law_name == "linear"), start)
+        linear = next((step.fit for step in start.ladder if step.law_name == "linear"), joint)
         straight = fitted(Law(), linear)
-        fits.append(fitted(start.law, linear, None if straight is None else straight.start))
-        fits.append(None if straight is None else fitted(start.law, straight, straight.start))
+        fits.append(fitted(joint.law, linear, None if straight is None else straight.start))
+        fits.append(None if straight is None else fitted(joint.law, straight, straight.start))
     sound = [fit for fit in fits if fit is not None]
     if not sound:
         raise UnboundedResponseError(
@@ -172,19 +167,9 @@ def _first_fit(study: Study, runs: Sequence[DrivenRun], evidence: Evidence, grou
     return min(sound, key=lambda fit: fit.bic), len(fits)
 
 
-def _demands_ground(evidence: Evidence) -> bool:
-    fit = evidence.joint
+def _demands_ground(fit: JointFit) -> bool:
     name = "ground_stiffness_per_mass"
     if name not in fit.names:
         return False
     value, std = fit[name], float(fit.std[fit.names.index(name)])
     return abs(value) > GROUND_STD * std and abs(value) > GROUND_SHARE * abs(fit["stiffness_per_mass"])
-
-
-def _absolute(fit: JointFit, mass_changes_kg: list[float], evidence: Evidence) -> tuple[AddedMass | None, str | None]:
-    if "inverse_mass" not in fit.names:
-        return None, evidence.not_determined
-    try:
-        return absolute_parameters(fit, mass_changes_kg), None
-    except NotDeterminedError as error:
-        return None, str(error)

@@ -10,7 +10,7 @@ pursuit are.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,8 @@ N_ROUNDS = 3
 # unexplained error over the noise that was assumed, above which the second road is gone too
 IN_DOUBT = 1.5
 ROADS = ("pursuit", "sparse regression")
-# laws that are fitted by the model
-N_REFITTED = 3
+# laws that are fitted by the model in a pass, and passes at the most
+N_REFITTED, N_PASSES = 3, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,26 +97,29 @@ def sparse_road(
         progress: called with the name of each law before it is fitted.
     """
     say = progress or (lambda step: None)
-    say("sparse regression")
-    points = _thinned(force_points(runs, fit))
     kinds = library() if names is None else tuple(names)
-    laws, inclusion = _proposed(points, kinds, most_terms, n_models, seed)
     ladder = [LadderStep(fit.law.name, fit, True, road="given")]
-    best = fit
-    for law, _ in laws[:N_REFITTED]:
-        if law.name == fit.law.name:
-            continue
-        say(law.name)
-        try:
-            new = refit(runs, fit, law)
-        except UnboundedResponseError:
-            continue
-        best = new if better(new, best) else best
-        ladder.append(LadderStep(law.name, new, False, road="sparse regression"))
-    steps = [step for step in ladder if step.fit is not best or best is fit]
-    if best is not fit:
-        steps.append(LadderStep(best.law.name, best, True, road="sparse regression"))
-    return SparseRoad(tuple(steps), inclusion, {law.name: by for law, by in laws})
+    best, proposed_by = fit, dict[str, tuple[str, ...]]()
+    inclusion: dict[str, float] = {}
+    for _ in range(N_PASSES):
+        say("sparse regression")
+        points = _thinned(force_points(runs, best))
+        laws, inclusion = _proposed(points, kinds, most_terms, n_models, seed)
+        proposed_by |= {law.name: by for law, by in laws}
+        before = best
+        for law in [law for law, _ in laws[:N_REFITTED] if law.name not in {step.law_name for step in ladder}]:
+            say(law.name)
+            try:
+                new = refit(runs, before, law)
+            except UnboundedResponseError:
+                continue
+            best = new if better(new, best) else best
+            ladder.append(LadderStep(law.name, new, False, road="sparse regression"))
+        if best is before:
+            break
+        # the next pass regresses on the motion as the better model reconstructs it
+        ladder.append(replace(ladder.pop([step.fit for step in ladder].index(best)), kept=True))
+    return SparseRoad(tuple(ladder), inclusion, proposed_by)
 
 
 def which_law(

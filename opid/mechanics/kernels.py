@@ -36,6 +36,7 @@ _PARTS = (
     "_by_offset_and_ground",
     "_carry",
     "_carry_covariance",
+    "_balance",
     "_gain",
     "_correct",
     "_push",
@@ -43,6 +44,7 @@ _PARTS = (
     "_carried_covariance",
     "_covariance_with_reading",
     "_corrected_covariance",
+    "_balanced",
     "_upper",
 )
 # called once a run

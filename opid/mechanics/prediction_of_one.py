@@ -66,10 +66,18 @@ def _corrected_covariance(covariance, gain):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def _upper(covariance, n_states):  # type: ignore[no-untyped-def]
-    """The upper triangle of a covariance of six states, of which the last two may be left out."""
+def _balanced(transition, tied):  # type: ignore[no-untyped-def]
+    """The transition with z + tied d in place of z."""
+    zz, zv, zo, zd, ze, vz, vv, vo, vd, ve, h = transition
+    return zz, zv, zo + tied * 0.5 * h * h, zd + tied * (1.0 - zz), ze + tied * h, vz, vv, vo, vd - tied * vz, ve, h
+
+
+def _upper(covariance, n_states, tied):  # type: ignore[no-untyped-def]
+    """The upper triangle of a covariance of six states, of which the last two may be left out; z + tied d for z."""
     p = np.zeros((6, 6))
     p[:n_states, :n_states] = covariance
+    p[0] += tied * p[4]
+    p[:, 0] += tied * p[:, 4]
     return (
         p[0, 0], p[0, 1], p[0, 2], p[0, 3], p[0, 4], p[0, 5],
         p[1, 1], p[1, 2], p[1, 3], p[1, 4], p[1, 5],
@@ -103,7 +111,14 @@ def _predictions_of_one(  # type: ignore[no-untyped-def]
     seen = 4 if correct else 0
     by_own, force, slope_z, slope_v = np.zeros((5, n_own)), np.zeros(4), np.zeros(4), np.zeros(4)
     of_z, of_v = np.zeros(4), np.zeros(4)
-    covariance = _upper(covariance_start, n_states)
+    # The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
+    # reading sees it in the long run, and with it z: their small difference would drown.
+    tied = 0.0
+    if ground is not None:
+        _, slope, _, _ = _joint_force(joints, 0, 0, seen, 0.0, 0.0, 0.0, by_own)
+        if slope + g > 0.0:
+            tied = g / (slope + g)
+    covariance = _upper(covariance_start, n_states, tied)
     disturbances = (noise[0, 0] ** 2, noise[2, 0] ** 2, noise[3, 0] ** 2)
     innovation, spread = np.empty((1, n_samples)), np.empty((1, n_samples))
     sensitivity, motion = np.empty((1, n_parameters, n_samples)), np.empty((3, 1, n_samples))
@@ -121,14 +136,16 @@ def _predictions_of_one(  # type: ignore[no-untyped-def]
         motion[0, 0, step], motion[1, 0, step], motion[2, 0, step] = z0, v0, body
         deviation, per_deviation, gain = noise[1, 0], 1.0 / noise[1, 0], (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         if correct:
-            z, v, a, b, d, e = _covariance_with_reading(covariance, by_z, by_v, by_d)
-            deviation = np.sqrt(by_z * z + by_v * v + by_d * d + b + noise[1, 0] ** 2)
+            z, v, a, b, d, e = _covariance_with_reading(covariance, by_z, by_v, by_d - tied * by_z)
+            variance = by_z * z + by_v * v + (by_d - tied * by_z) * d + b + noise[1, 0] ** 2
+            deviation = np.sqrt(variance)
             per_deviation = 1.0 / deviation
             gain = (
                 z * per_deviation, v * per_deviation, a * per_deviation, b * per_deviation, d * per_deviation,
                 e * per_deviation,
             )  # fmt: skip
             covariance = _corrected_covariance(covariance, gain)
+            gain = (gain[0] - tied * gain[4], gain[1], gain[2], gain[3], gain[4], gain[5])
         white = (measured[step, 0] - body - r) * per_deviation
         innovation[0, step], spread[0, step] = white, deviation
         gain_z, gain_v, gain_o, gain_r, gain_d, gain_e = gain
@@ -180,7 +197,7 @@ def _predictions_of_one(  # type: ignore[no-untyped-def]
             h,
         )  # fmt: skip
         if correct:
-            covariance = _carried_covariance(ground, transition, covariance, disturbances)
+            covariance = _carried_covariance(ground, _balanced(transition, tied), covariance, disturbances)
         if not differentiate:
             continue
 

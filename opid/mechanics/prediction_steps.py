@@ -117,8 +117,20 @@ def _carry_covariance(transition, step_s, ground, noise, covariance, product, tr
             covariance[s, q] = covariance[q, s] = product[s, q]
 
 
+def _balance(step_s, tied, transition):  # type: ignore[no-untyped-def]
+    """The transition with z + tied d in place of z."""
+    n = tied.size
+    for i in range(n):
+        transition[i, 2 * n + i] += 0.5 * step_s * step_s * tied[i]
+        transition[i, 4 * n + i] += tied[i]
+        transition[i, 5 * n + i] += step_s * tied[i]
+    for row in range(2 * n):
+        for i in range(n):
+            transition[row, 4 * n + i] -= tied[i] * transition[row, i]
+
+
 def _gain(covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
-    """Gain of the white innovation and lower Cholesky factor of the covariance of the raw one."""
+    """Gain K of the white innovation, lower Cholesky factor of the covariance of the raw one, and P - K K'."""
     n, n_states = by_state.shape
     for i in range(n):
         for s in range(n_states):
@@ -144,10 +156,13 @@ def _gain(covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-
                 gain[i, s] -= scale[i, q] * gain[q, s]
         for s in range(n_states):
             gain[i, s] *= per_scale
+        for s in range(n_states):
+            for q in range(n_states):
+                covariance[s, q] -= gain[i, s] * gain[i, q]
 
 
-def _correct(gain, innovation, change, state, by, covariance):  # type: ignore[no-untyped-def]
-    """Correct the state and its derivatives by the white innovation, and P - K K'."""
+def _correct(gain, innovation, change, state, by):  # type: ignore[no-untyped-def]
+    """Correct the state and its derivatives by the white innovation."""
     n, n_states = gain.shape
     for i in range(n):
         for s in range(n_states):
@@ -155,8 +170,6 @@ def _correct(gain, innovation, change, state, by, covariance):  # type: ignore[n
             state[s] += share * innovation[i]
             for p in range(by.shape[1]):
                 by[s, p] += share * change[i, p]
-            for q in range(n_states):
-                covariance[s, q] -= share * gain[i, q]
 
 
 def _push(owns, step, step_s, ground, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, by):  # type: ignore[no-untyped-def]
@@ -212,8 +225,17 @@ def _predictions(  # type: ignore[no-untyped-def]
     by_state, gain, scale = np.zeros((n, n_states)), np.zeros((n, n_states)), np.zeros((n, n))
     white, change = np.zeros(n), np.zeros((n, n_parameters))
     here, following = np.zeros((4, n)), np.zeros((4, n))
+    # The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
+    # reading sees it in the long run, and with it z: their small difference would drown.
+    tied, place = np.zeros(n), 0
     for i in range(n):
         by_state[i, 3 * n + i], scale[i, i] = 1.0, noise[1, i]
+        if ground:
+            _, slope, _, place = _joint_force(joints, i, place, 0, 0.0, 0.0, 0.0, by_own)
+            if slope + linear[i, 2] > 0.0:
+                tied[i] = linear[i, 2] / (slope + linear[i, 2])
+            covariance[i] += tied[i] * covariance[4 * n + i]
+            covariance[:, i] += tied[i] * covariance[:, 4 * n + i]
     innovation, spread = np.empty((n, n_samples)), np.empty((n, n_samples))
     sensitivity, motion = np.empty((n, n_parameters, n_samples)), np.empty((3, n, n_samples))
 
@@ -253,7 +275,13 @@ def _predictions(  # type: ignore[no-untyped-def]
                 for c in range(n_measured):
                     change[i, first_measured + c] += by_measured[step, c, i]
         if correct:
+            for k in range(n if ground else 0):
+                for i in range(n):
+                    by_state[i, 4 * n + k] -= tied[k] * by_state[i, k]
             _gain(covariance, by_state, noise, gain, scale)
+            for k in range(n if ground else 0):
+                for i in range(n):
+                    gain[i, k] -= tied[k] * gain[i, 4 * n + k]
         for i in range(n):
             for q in range(i):
                 white[i] -= scale[i, q] * white[q]
@@ -266,7 +294,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                 change[i, p] *= per_scale
                 sensitivity[i, p, step] = change[i, p]
         if correct:
-            _correct(gain, white, change, state, by, covariance)
+            _correct(gain, white, change, state, by)
         if step == n_samples - 1:
             break
 
@@ -309,13 +337,25 @@ def _predictions(  # type: ignore[no-untyped-def]
 
         _step_matrices(accelerance, by_z, by_v, step_s, of_acceleration, of_force, transition, work)
         _by_offset_and_ground(linear, of_acceleration, of_force, step_s, ground, transition, of_drive)
+        if differentiate:
+            _carry(transition, step_s, ground, by, by_next)
+            _push(
+                owns,
+                step,
+                step_s,
+                ground,
+                by_mass,
+                by_drive,
+                force,
+                by_own,
+                of_acceleration,
+                of_force,
+                of_drive,
+                by_next,
+            )
+            by, by_next = by_next, by
         if correct:
+            if ground:
+                _balance(step_s, tied, transition)
             _carry_covariance(transition, step_s, ground, noise, covariance, product, transposed)
-        if not differentiate:
-            continue
-        _carry(transition, step_s, ground, by, by_next)
-        _push(
-            owns, step, step_s, ground, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, by_next
-        )
-        by, by_next = by_next, by
     return innovation, spread, sensitivity, motion

@@ -61,7 +61,7 @@ def model_ladder(ladder: tuple[LadderStep, ...], ax: Any = None, *, noise_floor_
         ax.set_ylim(len(steps) - 0.5, -0.5)
         ax.grid(True, axis="x", which="major")
         ax.grid(False, axis="y")
-        ax.set_xlabel("unexplained noise [mm/s² rms], diamonds: of runs left out")
+        ax.set_xlabel("unexplained [mm/s² rms], ◇ left out")
         ax.set_title("Laws tried, the chosen one in colour", pad=16)
     return ax
 
