@@ -128,7 +128,8 @@ def read_timings(paths: Iterable[str | Path]) -> list[Timing]:
     found = {}
     for entry in (entry for path in paths for entry in _entries(path) if "peak_mib" in entry):
         percent = tuple(np.nan if v is None else v for v in entry["percent"])
-        found[entry["method"], entry["law"]] = Timing(**entry | {"percent": percent})
+        seconds = np.nan if entry["seconds"] is None else entry["seconds"]
+        found[entry["method"], entry["law"]] = Timing(**entry | {"percent": percent, "seconds": seconds})
     return list(found.values())
 
 

@@ -41,7 +41,7 @@ class Timing:
     Args:
         method: one of `trials.METHODS`.
         law: "given" or "searched".
-        seconds: median of all calls but the first of the process.
+        seconds: median of all calls but the first of the process; NaN where one of them gave no answer.
         peak_mib: largest memory of the process, MiB.
         percent: median absolute error of M2, K2 and the friction force, %; NaN where there is none.
     """
@@ -63,7 +63,10 @@ def measured(method: str, law: str) -> Timing:
     # kibibytes on Linux, bytes on macOS
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
     errors = tuple(np.median(percents, axis=0).tolist())
-    return Timing(method, law, statistics.median(each.seconds for each in trials), peak_mib, errors)
+    # the time after which one gives up is no time of an identification
+    gave_up = any(each.reason is not None for each in trials)
+    seconds = np.nan if gave_up else statistics.median(each.seconds for each in trials)
+    return Timing(method, law, seconds, peak_mib, errors)
 
 
 def timings() -> Iterator[Timing]:

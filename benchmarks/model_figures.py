@@ -1,7 +1,7 @@
 """The figures of merit of `method = "model"` beside the classical chain and two plain ones, as a Markdown table.
 
 Run `python benchmarks/model_figures.py`: it simulates every scenario of `scenarios.py` for all its seeds and takes
-hours. In parts:
+an hour or more. In parts:
 
     python benchmarks/model_figures.py --rows nominal,bound --seeds 10
     python benchmarks/model_figures.py --rows random --jobs 2 --out random.jsonl
@@ -100,8 +100,9 @@ class Trials:
         held = [each.holds[name] for each in self.all for name in names(each) if each.holds[name] is not None]
         if not held:
             return "no interval"
-        percent = 100 * float(np.mean(held))
-        return f"{percent:.0f} +- {np.sqrt(max(percent * (100 - percent), 0) / len(held)):.0f} % of {len(held)}"
+        # the deviation of a share, with two cases added on either side so that it is not zero for all or none
+        n, near = len(held), (sum(held) + 2) / (len(held) + 4)
+        return f"{100 * np.mean(held):.0f} +- {100 * np.sqrt(near * (1 - near) / (n + 4)):.0f} % of {n}"
 
 
 def _terms(each: Trial) -> set[str]:

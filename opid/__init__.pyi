@@ -8,7 +8,7 @@ from .identify.direct_parameters import complex_least_squares, errors_in_variabl
 from .identify.identification import identify_study
 from .identify.joint_fit import JointFit, chosen
 from .identify.law_search import fit_law, search_law
-from .identify.nonlinearity import fit_slice, fit_surface, sparse_regression
+from .identify.nonlinearity import fit_slice, fit_surface
 from .identify.restoring_force import binned_surface, restoring_force, slice_curve
 from .identify.result import Estimate, Identification
 from .identify.spectral_equation import equation_lines, fit_equation

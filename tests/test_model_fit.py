@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.identification import identify_study
 from opid.identify.driven_run import driven_run
+from opid.identify.identification import identify_study
 from opid.identify.model_fit import fit_model, score_of_term
 from opid.identify.pursuit import pursue_law, refit
 from opid.identify.study import Run, Study

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from opid.identify.nonlinearity import fit_slice, fit_surface, sparse_regression
+from opid.identify.nonlinearity import fit_slice, fit_surface
 from opid.identify.restoring_force import RestoringForce, SliceCurve
 from opid.mechanics.laws import LAWS, Law, default_law, law
 
@@ -79,13 +79,6 @@ def test_slices(along):
     np.testing.assert_array_less(np.abs(fit.law.vector - [0.3, scale]), 4 * fit.law_std)
     np.testing.assert_allclose(fit.straight["offset"], 0.5, atol=2e-3)
 
-
-def test_sparse_regression_keeps_the_true_terms():
-    truth = law("cubic_stiffness", stiffness_n_per_m3=8e6) + law("quadratic_damping", damping_n_s2_per_m2=60.0)
-    kept = sparse_regression(_surface(truth), law_names=("cubic_stiffness", "quadratic_damping", "arctan_velocity"))
-    assert kept.name == truth.name
-    np.testing.assert_allclose(kept.vector, truth.vector, rtol=0.05)
-    assert sparse_regression(_surface(Law()), law_names=("cubic_stiffness", "quadratic_damping")) == Law()
 
 
 def test_every_kind_of_law_can_be_fitted():

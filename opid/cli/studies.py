@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     "--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.3 40, classical 0.5 12]"
 )
 @click.option("--high-pass", type=float, metavar="HZ", help="Corner of the integration.  [default: 0.3]")
+@click.option("--both-roads", is_flag=True, help="Search the law by pursuit and by sparse regression.")
 @click.option("--no-ground", is_flag=True, help="Fit no ground spring: K3 = 0.")
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
@@ -48,6 +49,7 @@ def identify(
     law: str | None,
     band: tuple[float, float] | None,
     high_pass: float | None,
+    both_roads: bool,
     no_ground: bool,
     truth: Path | None,
     sprung: str | None,
@@ -65,6 +67,7 @@ def identify(
     target = require_directory(out or Path(f"{_name(paths[0])}_result"))
     known = None if truth is None else read_truth(truth)
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground}
+    settings |= {"roads": ("pursuit", "sparse regression")} if both_roads else {}
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
     with progress() as say:

@@ -11,6 +11,7 @@ from opid.identify.classical import Evidence, PeakPair, RunEvidence
 from opid.identify.doubts import unexplained_noise
 from opid.identify.joint_fit import alternatives, chosen
 from opid.identify.model_evidence import ModelEvidence
+from opid.identify.pursuit import library
 
 
 def diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
@@ -29,7 +30,9 @@ def diagnostics(evidence: Evidence, settings: dict[str, Any]) -> dict[str, Any]:
         "n_lines": [int(frequency.size) for frequency in evidence.joint.frequency_hz],
         "static_transmissibility_read_from_lines": evidence.mean_static_transmissibility,
         "law_candidates": sorted(
-            {term for rung in evidence.ladder for term in rung.law_name.split("+") if term != "linear"}
+            library()
+            if evidence.model is not None
+            else {term for rung in evidence.ladder for term in rung.law_name.split("+") if term != "linear"}
         ),
         "law_ladder": [
             {
@@ -71,8 +74,13 @@ def _model_diagnostics(model: ModelEvidence) -> dict[str, Any]:
             for name, nuisance in nominal.items()
         },
         "demanded": [asdict(demand) | {"alike": list(demand.alike)} for demand in model.demands],
-        "imitates_ground_spring": list(model.imitates_ground),
+        "imitates_ground_spring": list(model.ground.sentences),
         "mended_spikes": {"unsprung": model.mended_spikes[0], "sprung": model.mended_spikes[1]},
+        "surface": {
+            "largest_departure_in_standard_errors": model.surface.largest_standard_errors,
+            "expected_by_chance": model.surface.expected_standard_errors,
+            "largest_departure_percent": model.surface.largest_percent,
+        },
         "n_starts": model.n_starts,
         "limits": list(model.limits),
     }

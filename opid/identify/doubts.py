@@ -224,7 +224,7 @@ def _instead(evidence: Evidence) -> str:
             "sensors whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the "
             "intervals hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
         )
-    imitations = "; ".join(evidence.model.imitates_ground) or "no usual fault of the sensors looks like it"
+    imitations = "; ".join(evidence.model.ground.sentences) or "no usual fault of the sensors looks like it"
     return f"faults of the sensors were tried beside it and explain the runs less well; for comparison, {imitations}"
 
 

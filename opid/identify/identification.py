@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +39,7 @@ def identify_study(
     band_hz: tuple[float, float] | None = None,
     high_pass_hz: float = HIGH_PASS_HZ,
     ground: bool = True,
+    roads: Sequence[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Identify mass, springs, damping and law of a suspension from runs at known mass changes.
@@ -55,6 +56,8 @@ def identify_study(
         band_hz: lines that are compared, Hz; 0.3 to 40 Hz of the model, 0.5 to 12 Hz of the classical chain by default.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
         ground: whether a ground spring K3 is fitted (else it is 0).
+        roads: how the model searches the law: "pursuit", "sparse regression" or both; the second only where the
+            first is in doubt when left out.
         progress: called with the name of each step as it begins.
 
     Returns:
@@ -85,7 +88,9 @@ def identify_study(
     }
     if method == "model":
         band_hz = band_hz or driven_run.BAND_HZ
-        evidence = model_chain(start, search=law is None, ground=ground, band_hz=band_hz, progress=progress)
+        evidence = model_chain(
+            start, search=law is None, ground=ground, band_hz=band_hz, roads=roads, progress=progress
+        )
     else:
         evidence = evidence_of(start, start.joint, start.ladder, progress=progress)
     return (
@@ -101,13 +106,17 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
     evidence = _with_honest_covariance(evidence)
     joint, added = evidence.joint, evidence.added_mass
     gain = gain_like_share(evidence)
+    # None where the user ruled a ground spring out
+    ground_std = evidence.model.ground.std_per_mass if evidence.model is not None and settings["ground"] else None
     ratios = _ratios(joint.value, joint.covariance, joint.names, gain)
+    if "ground_stiffness_per_mass" not in joint.names:
+        ratios["ground_stiffness_per_mass"] = _kept_out(ground_std, joint["stiffness_per_mass"], 1.0)
     if added is None:
         law, law_std, parameters = joint.law, joint.std, {name: Estimate() for name in PARAMETERS}
         law_std = np.array([law_std[joint.names.index(f"law[{i}]")] for i in range(law.vector.size)])
         stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
     else:
-        law, law_std, parameters = added.law, added.std[4:], _parameters(added, gain)
+        law, law_std, parameters = added.law, added.std[4:], _parameters(added, gain, ground_std)
         stiffness, damping = (added[name] for name in PARAMETERS[1:3])
     result = Identification(
         method=method,
@@ -183,22 +192,29 @@ def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, A
     )
 
 
-def _parameters(added: AddedMass, gain: float) -> dict[str, Estimate]:
+def _parameters(added: AddedMass, gain: float, ground_std: float | None) -> dict[str, Estimate]:
     """Absolute parameters with intervals, with what a gain error can do to them."""
-    std = added.std.copy()
+    std, mu = added.std.copy(), added.fit["inverse_mass"]
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
     if "gain_sprung" not in added.fit.names:
         std[3] = np.hypot(std[3], max(EQUAL_GAINS, gain) * added["suspension_stiffness_n_per_m"])
     parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
     if "ground_stiffness_per_mass" not in added.fit.names:
-        parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
+        parameters["ground_stiffness_n_per_m"] = _kept_out(ground_std, added["suspension_stiffness_n_per_m"], 1 / mu)
     # the mass is 1/mu: its interval is the image of that of mu, longer upwards
-    mu, mu_std = added.fit["inverse_mass"], added.fit.std[added.fit.names.index("inverse_mass")]
+    mu_std = added.fit.std[added.fit.names.index("inverse_mass")]
     if mu > 1.96 * mu_std:
         interval = (float(1 / (mu + 1.96 * mu_std)), float(1 / (mu - 1.96 * mu_std)))
         parameters["sprung_mass_kg"] = Estimate(1 / mu, float(std[0]), interval)
     return parameters
+
+
+def _kept_out(std_per_mass: float | None, stiffness: float, mass: float) -> Estimate:
+    """A ground spring that the runs do not demand: zero, as well as it would be known, and no better than gains are."""
+    if std_per_mass is None:
+        return Estimate(0.0)
+    return Estimate.normal(0.0, np.hypot(mass * std_per_mass, EQUAL_GAINS * abs(stiffness)))
 
 
 def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) -> Identification:

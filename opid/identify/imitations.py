@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from opid.identify.driven_run import DrivenRun
 from opid.identify.law_parameters import to_free
 from opid.identify.model_fit import ModelFit, orthonormal
 from opid.identify.sensor_facts import SensorFacts
+from opid.signals.recording import FloatArray
 
 # cosine between what the two do to the prediction errors above which one passes for the other
 ALIKE = 0.7
@@ -26,8 +27,21 @@ FAULTS = (
 GROUND = "ground_stiffness_per_mass"
 
 
-def ground_imitations(runs: Sequence[DrivenRun], fit: ModelFit) -> Iterator[str]:
-    """Yield the faults that pass for a ground spring, one sentence each.
+@dataclass(frozen=True)
+class GroundImitations:
+    """How well a spring to the ground is told from nothing, and from faults of the sensors.
+
+    Args:
+        std_per_mass: standard deviation that K3/M2 has, or would have if it were free, 1/s^2.
+        sentences: the faults that pass for a ground spring, one sentence each.
+    """
+
+    std_per_mass: float
+    sentences: tuple[str, ...]
+
+
+def ground_imitations(runs: Sequence[DrivenRun], fit: ModelFit) -> GroundImitations:
+    """Return how well a ground spring is told from nothing and from faults of the sensors.
 
     The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
     fitted is taken out of both.
@@ -61,9 +75,23 @@ def ground_imitations(runs: Sequence[DrivenRun], fit: ModelFit) -> Iterator[str]
     left = {name: jacobian[:, names.index(name)] for name in looked_at}
     left = {name: column - basis @ (basis.T @ column) for name, column in left.items()}
     spring = left[GROUND]
+    sentences = tuple(_sentences(left, spring, fit["stiffness_per_mass"]))
+    return GroundImitations(_std(jacobian, names, fit), sentences)
+
+
+def _std(jacobian: FloatArray, names: list[str], fit: ModelFit) -> float:
+    """Standard deviation of the spring with all that is fitted, and nothing else."""
+    own = [k for k, name in enumerate(names) if name in fit.names and name != GROUND]
+    others = np.column_stack([jacobian[:, own], jacobian[:, len(names) :]])
+    basis, spring = orthonormal(others), jacobian[:, names.index(GROUND)]
+    alone = spring - basis @ (basis.T @ spring)
+    return float(np.sqrt(fit.variance / max(float(alone @ alone), 1e-300)))
+
+
+def _sentences(left: dict[str, FloatArray], spring: FloatArray, stiffness: float) -> Iterator[str]:
     for name, words, size in FAULTS:
         fault = left[name]
         cosine = float(spring @ fault / max(float(np.linalg.norm(spring)) * float(np.linalg.norm(fault)), 1e-300))
-        feigned = size * float(spring @ fault / (spring @ spring)) / fit["stiffness_per_mass"]
+        feigned = size * float(spring @ fault / (spring @ spring)) / stiffness
         if abs(cosine) > ALIKE:
             yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"

@@ -10,13 +10,15 @@ import numpy as np
 from opid.identify.classical import Evidence, Start, evidence_of
 from opid.identify.demands import at_last, let_in
 from opid.identify.driven_run import BAND_HZ, DrivenRun, driven_run
+from opid.identify.force_surface import force_surface
 from opid.identify.imitations import ground_imitations
 from opid.identify.joint_fit import JointFit, LadderStep, chosen
 from opid.identify.limits import limits
 from opid.identify.model_evidence import ModelEvidence
 from opid.identify.model_fit import ModelFit, fit_model
 from opid.identify.noise_levels import with_own_noise
-from opid.identify.pursuit import pursue_law
+from opid.identify.pursuit import judged_by_left_out, with_neighbours
+from opid.identify.sparse_road import which_law
 from opid.identify.study import Run, Study
 from opid.identify.whiteness import bootstrap_std, coloured_std, whiteness
 from opid.mechanics.driven import UnboundedResponseError
@@ -39,6 +41,7 @@ def model_chain(
     search: bool = True,
     ground: bool = True,
     band_hz: tuple[float, float] = BAND_HZ,
+    roads: Sequence[str] | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Evidence:
@@ -49,6 +52,7 @@ def model_chain(
         search: whether other laws may be tried (else the law of `start` is kept).
         ground: whether a ground spring may be let in, which happens only if the runs demand one.
         band_hz: lines of the prediction errors that count, Hz.
+        roads: how a law is searched, see `opid.identify.sparse_road.which_law`.
         seed: of the resampling that checks the intervals.
         progress: called with the name of each step as it begins.
 
@@ -63,16 +67,17 @@ def model_chain(
     ground_start = start.joint if ground and "ground_stiffness_per_mass" in start.joint.names else None
     first, n_starts = _first_fit(start, runs, ground)
     runs, fit, demands = let_in(runs, first, ground_start=ground_start, progress=progress)
-    ladder: tuple[LadderStep, ...] = (LadderStep(fit.law.name, fit, True),)
+    ladder: tuple[LadderStep, ...] = (LadderStep(fit.law.name, fit, True, road="given"),)
     if search:
-        ladder = pursue_law(runs, fit, progress=progress)
+        ladder = which_law(runs, fit, roads=roads, progress=progress)
         runs, fit, more = let_in(runs, _model_fit(ladder), ground_start=ground_start, progress=progress)
         if more:
             # what was wrong with the sensors may have been taken for a term of the law
-            ladder = (*ladder, *pursue_law(runs, fit, progress=progress))
+            ladder = (*ladder, *which_law(runs, fit, roads=roads, progress=progress))
         elif fit is not chosen(ladder).fit:
             ladder = (*ladder, LadderStep(fit.law.name, fit, True))
         demands = (*demands, *more)
+    ladder = with_neighbours(runs, ladder) if search else judged_by_left_out(runs, ladder)
     best = _model_fit(ladder)
     if best.noise_m_per_s2 < EXPLAINED * best.level:
         best = with_own_noise(runs, best, study.sensors)
@@ -82,11 +87,12 @@ def model_chain(
     say("intervals")
     model = ModelEvidence(
         fit=best,
+        surface=force_surface(runs, best),
         whiteness=whiteness(best),
         coloured_std=coloured_std(best),
         bootstrap_std=bootstrap_std(runs, best, rng=np.random.default_rng(seed)),
         demands=tuple(at_last(demand, best) for demand in demands if demand.name in best.names),
-        imitates_ground=tuple(ground_imitations(runs, best)),
+        ground=ground_imitations(runs, best),
         mended_spikes=(sum(n[0] for _, n in prepared), sum(n[1] for _, n in prepared)),
         n_starts=n_starts,
         limits=tuple(limits(best, changes, sum(run.n_samples / run.fs for run in runs))),

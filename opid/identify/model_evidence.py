@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from opid.identify.demands import Demand
+from opid.identify.force_surface import ForceSurface
+from opid.identify.imitations import GroundImitations
 from opid.identify.model_fit import ModelFit
 from opid.identify.whiteness import Whiteness
 from opid.signals.recording import FloatArray
@@ -16,23 +18,24 @@ class ModelEvidence:
 
     Args:
         fit: the fit as it came, its covariance that of a white residual.
+        surface: force on the predicted motion beside the law, cell by cell.
         whiteness: of its residual.
         coloured_std: (n_parameters,) standard deviations that allow for a coloured residual.
         bootstrap_std: (n_parameters,) the same by resampled blocks of time.
         demands: what had to be let in beside the suspension.
-        imitates_ground: faults of the sensors that move K3 by more than its standard deviation when they are wrong by
-            what is usual, one sentence each.
+        ground: how well a spring to the ground is told from nothing and from faults of the sensors.
         mended_spikes: single samples that were mended, of the spindle's and the airframe's channel of all runs.
         n_starts: from how many starts the first law was fitted.
         limits: what limits the precision of the mass and of the law, one sentence each.
     """
 
     fit: ModelFit
+    surface: ForceSurface
     whiteness: Whiteness
     coloured_std: FloatArray
     bootstrap_std: FloatArray
     demands: tuple[Demand, ...]
-    imitates_ground: tuple[str, ...]
+    ground: GroundImitations
     mended_spikes: tuple[int, int]
     n_starts: int
     limits: tuple[str, ...]

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from opid.identify.driven_model import Model
 from opid.identify.driven_run import DrivenRun
-from opid.identify.model_fit import Model, ModelFit
+from opid.identify.model_fit import ModelFit, fit_at
 from opid.identify.refit import settled
 from opid.identify.sensor_facts import SensorPair
 from opid.signals.recording import FloatArray
@@ -45,7 +46,7 @@ def with_own_noise(runs: Sequence[DrivenRun], fit: ModelFit, sensors: SensorPair
     if unlikely(now) - best.fun < LEAST_GAIN:
         return fit
     changed, _ = _at_ratio(model, theta, float(best.x))
-    return changed.result(*settled(changed, theta))
+    return fit_at(changed, *settled(changed, theta))
 
 
 def _at_ratio(model: Model, theta: FloatArray, log_ratio: float) -> tuple[Model, float]:

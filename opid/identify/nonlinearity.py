@@ -7,14 +7,13 @@ how far the motion bends it: below a third of its scale it is a straight line, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from opid.identify.covariance import clustered_covariance
 from opid.identify.restoring_force import RestoringForce, SliceCurve
-from opid.identify.separable import independent_samples, separable_fit, started, unit_law
+from opid.identify.separable import independent_samples, separable_fit, unit_law
 from opid.mechanics.laws import LAWS, Law, default_law
 from opid.signals.recording import FloatArray
 
@@ -123,48 +122,6 @@ def fit_surface(surface: RestoringForce, law_name: str = "arctan_displacement+ar
     straight = {"stiffness_per_mass": z, "damping_per_mass": v, "offset": np.ones_like(z)}
     cluster = np.floor(np.arange(z.size) / (CLUSTER_S * surface.fs)).astype(np.int64)
     return _fit(straight, default_law(law_name), z, v, surface.force_per_mass, cluster)
-
-
-def sparse_regression(
-    surface: RestoringForce,
-    *,
-    threshold: float = 0.05,
-    law_names: Sequence[str] = tuple(LAWS),
-) -> Law:
-    """Choose terms by sequentially thresholded least squares (Brunton et al. 2016; pysindy's STLSQ).
-
-    The columns are scaled to unit rms, so that `threshold` is a share of the rms of the restoring force. Inner scales
-    are held at half of the rms motion: a screening, to be refitted by `fit_surface`.
-
-    Args:
-        surface: the points.
-        threshold: share of the force below which a term is dropped.
-        law_names: the kinds offered beside stiffness and damping.
-
-    Returns:
-        The law of the kept nonlinear terms, per unit of sprung mass; `Law()` where none is kept.
-
-    >>> rng = np.random.default_rng(0)
-    >>> z, v = 3e-3 * rng.standard_normal(4000), 0.05 * rng.standard_normal(4000)
-    >>> points = RestoringForce(z, v, 200 * z + 3 * v + 2e6 * z**3, 500.0, "spectral", 0.3)
-    >>> sparse_regression(points, law_names=("cubic_stiffness", "quadratic_damping")).name
-    'cubic_stiffness'
-    """
-    # two seconds to import, so only here
-    from pysindy.optimizers import STLSQ
-
-    z, v, force = surface.travel, surface.velocity, surface.force_per_mass
-    candidates = [started(default_law(name), z, v, 0.5) for name in law_names]
-    columns = np.stack([z, v, *(term.force(z, v) for term in candidates)], axis=1)
-    rms = np.sqrt(np.mean(columns**2, axis=0))
-    target_rms = float(np.sqrt(np.mean(force**2)))
-    optimizer = STLSQ(threshold=threshold, alpha=1e-8, max_iter=50)
-    weights = np.ravel(optimizer.fit(columns / rms, force[:, np.newaxis] / target_rms).coef_)
-    kept = Law()
-    for weight, scale, candidate in zip(weights[2:], rms[2:], candidates, strict=True):
-        if weight:
-            kept = kept + candidate.scaled(float(weight * target_rms / scale))
-    return kept
 
 
 def _fit(

@@ -23,12 +23,14 @@ from opid.identify.model_fit import ModelFit
 from opid.identify.refit import left_out_error, refit
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.kinds import BUILT_IN, LAWS
-from opid.mechanics.laws import Law
+from opid.mechanics.laws import LINEAR, Law
 
 # the fitted error must fall by this share: below, a term only mends what the sensors did
 ERROR_MARGIN = 0.005
 # laws that are fitted in a round at the most, and rounds at the most
 N_REFITTED, N_ROUNDS = 3, 8
+# rejected laws that are fitted for the reader
+N_NEIGHBOURS = 2
 # terms exchanged at once: each of two near relatives can hold the other in place
 MOST_EXCHANGED = 2
 
@@ -79,6 +81,26 @@ def pursue_law(
             break
         current = best
     return judged_by_left_out(runs, tuple(ladder))
+
+
+def with_neighbours(
+    runs: Sequence[DrivenRun], ladder: tuple[LadderStep, ...], *, names: Sequence[str] | None = None
+) -> tuple[LadderStep, ...]:
+    """Add to a ladder what a reader asks next: the linear suspension, and the rejected laws that come closest.
+
+    Args:
+        runs: one `DrivenRun` a run.
+        ladder: of `pursue_law`; the choice stays.
+        names: kinds that may enter; those of `library` where left out.
+    """
+    best = next(step.fit for step in reversed(ladder) if step.kept)
+    assert isinstance(best, ModelFit)  # the rungs of a pursuit are
+    tried = {step.law_name for step in ladder}
+    closest = [each.law for each in proposals(runs, best, library() if names is None else names)]
+    laws = [law for law in (LINEAR, *closest) if law.name not in tried]
+    fits = [_refitted(runs, best, law) for law in laws[: N_NEIGHBOURS + (LINEAR.name not in tried)]]
+    rungs = [LadderStep(fit.law.name, fit, False, road="pursuit") for fit in fits if fit is not None]
+    return judged_by_left_out(runs, (*rungs, *ladder))
 
 
 def better(fit: ModelFit, than: ModelFit) -> bool:

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from opid.identify.driven_model import Errors, Model
 from opid.identify.driven_run import DrivenRun
 from opid.identify.law_parameters import positive, to_free
-from opid.identify.model_fit import Errors, Model, ModelFit
+from opid.identify.model_fit import ModelFit, fit_at
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
@@ -42,7 +43,7 @@ def refit(runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, most_evaluation
     model, theta = in_place_of(runs, fit, law)
     theta[:2] += np.subtract(before, now)
     theta, n_evaluations = settled(model, theta, most_evaluations=most_evaluations)
-    return model.result(theta, n_evaluations)
+    return fit_at(model, theta, n_evaluations)
 
 
 def in_place_of(runs: Sequence[DrivenRun], fit: ModelFit, law: Law) -> tuple[Model, FloatArray]:

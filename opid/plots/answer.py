@@ -92,7 +92,8 @@ def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, A
             ax.grid(False, axis="y")
             for row in range(len(_METHODS) - 1):
                 ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
-        grid[0, 0].set_yticks(range(len(_METHODS)), _METHODS)
+        of_all = "driven model,\nall runs" if result.method == "model" else _METHODS[-1]
+        grid[0, 0].set_yticks(range(len(_METHODS)), [*_METHODS[:-1], of_all])
         _legend(grid[0, 0].get_figure(), evidence, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
     return grid
 

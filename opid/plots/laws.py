@@ -127,7 +127,7 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             ax.plot(x, section.mean, color=INK, marker="o", markersize=3.5, linestyle="none", label="measured")
             ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")
             ax.set_xlabel(label)
-        grid[0, 0].set_ylabel("less K z + C z′ [m/s²]")
+        grid[0, 0].set_ylabel("force per mass less K z + C z′ [m/s²]")
         grid[0, 0].set_title(surface.law_name.replace("_", " ").replace("+", " + "))
         grid[0, 0].legend(loc="upper left")
     return grid

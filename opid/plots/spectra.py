@@ -146,7 +146,7 @@ def equation_residual(result: Identification, ax: Any = None) -> Axes:
         ax.margins(x=0)
         ax.set_xlabel("frequency [Hz]")
         ax.set_ylabel("unexplained [mm/s² rms]")
-        ax.set_title("What the equation of the sprung mass leaves over")
+        ax.set_title("What the model of the sprung mass leaves over")
         thick(ax.legend(loc="best", ncols=2))
     return ax
 

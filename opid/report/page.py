@@ -31,12 +31,14 @@ class Picture:
         heading: what it is about.
         text: what to see in it.
         draw: makes it from the result and the truth of a simulated run.
+        of_model: whether only the driven model has it.
     """
 
     name: str
     heading: str
     text: str
     draw: Draw
+    of_model: bool = False
 
 
 def write_report(
@@ -64,7 +66,7 @@ def write_report(
 
     say = progress or (lambda step: None)
     images: dict[str, bytes] = {}
-    for picture in pictures():
+    for picture in _pictures_of(result):
         say(f"figure {picture.name}")
         images[picture.name] = png(figure_of(picture.draw(result, truth)))
     contents = {f"{name}.png": image for name, image in images.items()}
@@ -91,8 +93,9 @@ def pictures() -> tuple[Picture, ...]:
             "integration",
             "From acceleration to motion",
             "Removing the mean before each integration leaves a parabola that hides the motion, for the mean of a "
-            "velocity over a finite run is not its constant of integration. Everything below rests on the other "
-            "curve, which keeps only the band in which the motion can be known.",
+            "velocity over a finite run is not its constant of integration. The steps of the paper below rest on "
+            "the other curve, which keeps only the band in which the motion can be known; the driven model integrates "
+            "no acceleration.",
             lambda result, truth: plots.integration(reference_run(result)),
         ),
         Picture(
@@ -120,8 +123,24 @@ def pictures() -> tuple[Picture, ...]:
             "law_ladder",
             "Which law",
             "Each law is fitted to all runs at once. A good one comes down to the noise floor of the sensors (dashed); "
-            "a further term is kept only if it lowers the noise.",
+            "a further term is kept only if it lowers the error, also of a run left out of the fit (diamonds).",
             lambda result, truth: plots.law_ladder(result),
+        ),
+        Picture(
+            "force_sections",
+            "The law against the force without a law",
+            "Measured force on the predicted motion, less stiffness and damping, averaged in bins near zero velocity "
+            "and near zero travel with two standard errors; the line is the law.",
+            lambda result, truth: plots.force_sections(result.evidence.model.surface),
+            of_model=True,
+        ),
+        Picture(
+            "force_departures",
+            "Where the law and the force disagree",
+            "Mean measured force less that of the model in each visited cell, in standard errors. Speckle is chance; a "
+            "patch of one colour is a term that the law lacks.",
+            lambda result, truth: plots.force_departures(result.evidence.model.surface),
+            of_model=True,
         ),
         Picture(
             "law_curves",
@@ -188,6 +207,10 @@ def rendered(template: str, images: Mapping[str, bytes], **values: Any) -> str:
     return environment.get_template(template).render(source=source, version=version("opid"), **values)
 
 
+def _pictures_of(result: Identification) -> list[Picture]:
+    return [picture for picture in pictures() if result.evidence.model is not None or not picture.of_model]
+
+
 def _page(result: Identification, truth: Truth | None, images: Mapping[str, bytes]) -> str:
     return rendered(
         "page.html.jinja",
@@ -199,7 +222,7 @@ def _page(result: Identification, truth: Truth | None, images: Mapping[str, byte
         rows=rows(result, truth),
         limits=limits(result),
         runs=result.diagnostics["runs"],
-        pictures=pictures(),
+        pictures=_pictures_of(result),
         command=_command(result),
         python=_python(result),
     )
