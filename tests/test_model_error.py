@@ -1,9 +1,16 @@
 """Runs that the model cannot explain: nothing, or a wide interval that holds the truth, but never a confident error."""
 
+import json
 
 import numpy as np
+import pytest
+from click.testing import CliRunner
 
-from opid.identify.study import Run, Study
+from opid import cli
+from opid.identify.doubts import unexplained_noise
+from opid.identify.identification import identify_study
+from opid.identify.result import PARAMETERS
+from opid.identify.study import Run, Study, write_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.response import time_response
 from opid.mechanics.road import SpeedProfile, iso8608_road
@@ -141,3 +148,90 @@ def hysteretic(seed, **settings):
     rngs = np.random.default_rng(seed).spawn(2)
     masses = (MASS_KG, MASS_KG + CHANGE_KG)
     return study_of(*(hysteretic_run(mass, rng, **settings) for mass, rng in zip(masses, rngs, strict=True)))
+
+
+def says_nothing(result):
+    return all(result.parameters[name].value is None for name in PARAMETERS)
+
+
+def never_confidently_wrong(result, most=4.0):
+    """Either no mass and stiffness at all, or a warning, and the truth within what is stated."""
+    if result.not_determined is not None:
+        return says_nothing(result)
+    true = dict(zip(PARAMETERS[:2], (MASS_KG, 3.9e5), strict=True))
+    near = all(
+        abs(result.parameters[name].value - value) < most * result.parameters[name].std for name, value in true.items()
+    )
+    return near and any("times the noise of the sensors" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_one_gear_of_a_rolling_aircraft_gets_no_number(seed):
+    result = identify_study(rolling(seed), law="arctan_velocity")
+    assert "would be a guess" in result.not_determined
+    assert says_nothing(result)
+    assert all(estimate.value is None for estimate in result.ratios.values())
+    assert unexplained_noise(result.evidence) > 20
+    assert any("a gear on a body that rolls or pitches" in warning for warning in result.warnings)
+    # what it would have said: far off, and sure of it
+    fit = result.evidence.model.fit
+    place = fit.names.index("inverse_mass")
+    assert abs(fit.value[place] - 1 / MASS_KG) > 10 * fit.std[place]
+
+
+def test_a_rolling_aircraft_ends_the_command_with_status_1(tmp_path):
+    write_study(rolling(0), tmp_path / "study.toml")
+    arguments = ["identify", str(tmp_path / "study.toml"), "--law", "arctan_velocity", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(cli.main, arguments, catch_exceptions=False)
+    assert done.exit_code == 1
+    assert "not determined: the fitted model leaves" in done.stderr
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]["sprung_mass_kg"]["value"] is None
+
+
+def test_the_same_aircraft_on_one_road_under_both_wheels_is_identified():
+    """It heaves only, and each gear carries half of it."""
+    result = identify_study(rolling(0, coherent=True), law="arctan_velocity")
+    assert result.not_determined is None
+    for name, true in zip(PARAMETERS[:3], (MASS_KG, 3.9e5, 6e3), strict=True):
+        assert abs(result.parameters[name].value - true) < 4 * result.parameters[name].std
+    assert result.parameters["sprung_mass_kg"].std < 0.003 * MASS_KG
+    assert result.evidence.model.whiteness.white
+    assert result.warnings == ()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_unrecorded_leak_widens_the_interval_until_it_holds_the_mass(seed):
+    leaking = Sensor(cross_axis=0.03)
+    result = identify_study(taxi(seed, lower_sensor=leaking, upper_sensor=leaking), law="arctan_velocity")
+    assert never_confidently_wrong(result)
+    assert result.parameters["sprung_mass_kg"].holds(MASS_KG)
+    assert not result.evidence.model.whiteness.white
+
+
+@pytest.mark.parametrize("amplitude_n", [100.0, 400.0])
+def test_memory_in_the_strut_never_gives_a_confident_wrong_number(amplitude_n):
+    result = identify_study(hysteretic(0, amplitude_n=amplitude_n), law="arctan_velocity")
+    assert never_confidently_wrong(result)
+
+
+@pytest.mark.parametrize("channel", ["lower_z", "upper_z"])
+def test_a_sensor_upside_down_gets_no_number(channel):
+    sound, turned = taxi(0), []
+    for run in sound.runs:
+        columns = [run.recording.channel(name) * (-1 if name == channel else 1) for name in run.recording.names]
+        turned.append(recording_from_arrays(columns, run.recording.names, fs=FS))
+    result = identify_study(study_of(*turned), law="arctan_velocity")
+    assert "upside down" in result.not_determined
+    assert says_nothing(result)
+
+
+def test_one_run_alone_gives_ratios():
+    study = taxi(0)
+    alone = Study("one", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1])
+    result = identify_study(alone, law="arctan_velocity")
+    assert "only ratios" in result.not_determined
+    assert says_nothing(result)
+    for name, true in (("stiffness_per_mass", 3.9e5 / MASS_KG), ("damping_per_mass", 6e3 / MASS_KG)):
+        estimate = result.ratios[name]
+        assert abs(estimate.value - true) < 4 * estimate.std
+        assert estimate.std < 0.01 * true

@@ -24,9 +24,9 @@ LAW_NAMES = (
     "arctan_velocity+cubic_stiffness",
 )
 IDENTIFIERS = {
-    "classical, law given": lambda study, law_name: identify_study(study, law=law_name),
-    "classical, law searched": lambda study, law_name: identify_study(study),
-    "model, law searched": lambda study, law_name: identify_study(study, method="model"),
+    "classical, law given": lambda study, law_name: identify_study(study, method="classical", law=law_name),
+    "classical, law searched": lambda study, law_name: identify_study(study, method="classical"),
+    "model, law searched": lambda study, law_name: identify_study(study),
 }
 LINEAR_PARAMETERS = (
     "sprung_mass_kg",

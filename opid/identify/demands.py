@@ -103,6 +103,9 @@ def _given_up(
     words = dict.fromkeys(demand.words for demand in demands)
     for what in [*(["ground"] if fit.ground else []), *words]:
         names = [demand.name for demand in demands if demand.words == what]
+        if what != "ground" and not names:
+            # already taken out with the ground spring
+            continue
         if what == "ground" or "ground_stiffness_per_mass" in names:
             if not fit.ground:
                 continue
@@ -207,5 +210,6 @@ def _refit(
         motion_rms=fit.motion_rms,
         # the starts of a fit without the spring are as wrong as it is
         start=None if new_ground else fit.start,
+        from_afar=new_ground,
         nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
     )

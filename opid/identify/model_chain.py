@@ -3,34 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.identify.classical import Evidence, Start, evidence_of
-from opid.identify.demands import at_last, let_in
+from opid.identify.demands import Demand, at_last, let_in
 from opid.identify.driven_run import BAND_HZ, DrivenRun, driven_run
+from opid.identify.first_fit import DOUBTFUL, first_fit
 from opid.identify.force_surface import force_surface
 from opid.identify.imitations import ground_imitations
-from opid.identify.joint_fit import JointFit, LadderStep, chosen
+from opid.identify.joint_fit import LadderStep, chosen
+from opid.identify.law_search import search_law
 from opid.identify.limits import limits
 from opid.identify.model_evidence import ModelEvidence
-from opid.identify.model_fit import ModelFit, fit_model
+from opid.identify.model_fit import ModelFit
 from opid.identify.noise_levels import with_own_noise
 from opid.identify.pursuit import judged_by_left_out, with_neighbours
 from opid.identify.sparse_road import which_law
 from opid.identify.study import Run, Study
 from opid.identify.whiteness import bootstrap_std, coloured_std, whiteness
-from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws import Law
 from opid.signals.health import without_spikes
-from opid.signals.recording import FloatArray
 
-# a fit starts with a ground spring where the classical chain finds one above this share of K2 and this many standard
-# deviations
-GROUND_SHARE, GROUND_STD = 0.03, 5.0
-# a first fit that leaves more than this over the noise of the sensors is tried from other starts
-DOUBTFUL = 1.5
 # the noise levels of the two sensors are told apart only where the model explains the runs this well
 EXPLAINED = 2.0
 
@@ -64,19 +58,8 @@ def model_chain(
     say("model")
     prepared = [driven_run_of(study, run, band_hz=band_hz) for run in study.runs]
     runs = tuple(run for run, _ in prepared)
-    ground_start = start.joint if ground and "ground_stiffness_per_mass" in start.joint.names else None
-    first, n_starts = _first_fit(start, runs, ground)
-    runs, fit, demands = let_in(runs, first, ground_start=ground_start, progress=progress)
-    ladder: tuple[LadderStep, ...] = (LadderStep(fit.law.name, fit, True, road="given"),)
-    if search:
-        ladder = which_law(runs, fit, roads=roads, progress=progress)
-        runs, fit, more = let_in(runs, _model_fit(ladder), ground_start=ground_start, progress=progress)
-        if more:
-            # what was wrong with the sensors may have been taken for a term of the law
-            ladder = (*ladder, *which_law(runs, fit, roads=roads, progress=progress))
-        elif fit is not chosen(ladder).fit:
-            ladder = (*ladder, LadderStep(fit.law.name, fit, True))
-        demands = (*demands, *more)
+    found = _found(start, runs, search=search, ground=ground, roads=roads, progress=progress)
+    runs, ladder, demands = found.runs, found.ladder, found.demands
     ladder = with_neighbours(runs, ladder) if search else judged_by_left_out(runs, ladder)
     best = _model_fit(ladder)
     if best.noise_m_per_s2 < EXPLAINED * best.level:
@@ -94,10 +77,74 @@ def model_chain(
         demands=tuple(at_last(demand, best) for demand in demands if demand.name in best.names),
         ground=ground_imitations(runs, best),
         mended_spikes=(sum(n[0] for _, n in prepared), sum(n[1] for _, n in prepared)),
-        n_starts=n_starts,
+        n_starts=found.n_starts,
         limits=tuple(limits(best, changes, sum(run.n_samples / run.fs for run in runs))),
     )
     return replace(evidence_of(start, best, ladder, progress=progress), model=model)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Where one way through laws and sensors' faults ended."""
+
+    runs: tuple[DrivenRun, ...]
+    ladder: tuple[LadderStep, ...]
+    demands: tuple[Demand, ...]
+    n_starts: int
+
+    @property
+    def fit(self) -> ModelFit:
+        return _model_fit(self.ladder)
+
+    @property
+    def doubtful(self) -> bool:
+        return self.fit.noise_m_per_s2 > DOUBTFUL * self.fit.level
+
+
+def _found(
+    start: Start,
+    runs: tuple[DrivenRun, ...],
+    *,
+    search: bool,
+    ground: bool,
+    roads: Sequence[str] | None,
+    progress: Callable[[str], None] | None,
+) -> _Found:
+    """Find law and sensors' faults; where that leaves a doubt, in another order and from another start too."""
+    ground_start = start.joint if ground and "ground_stiffness_per_mass" in start.joint.names else None
+    first, n_starts = first_fit(start, runs, ground=ground)
+    if not search:
+        runs, fit, demands = let_in(runs, first, ground_start=ground_start, progress=progress)
+        return _Found(runs, (LadderStep(fit.law.name, fit, True, road="given"),), demands, n_starts)
+
+    def way(first: ModelFit, roads: Sequence[str] | None, *, faults_first: bool = False) -> _Found:
+        own, fit = runs, first
+        demands: tuple[Demand, ...] = ()
+        if faults_first:
+            own, fit, demands = let_in(own, fit, ground_start=ground_start, progress=progress)
+        ladder = which_law(own, fit, roads=roads, progress=progress)
+        own, fit, more = let_in(own, _model_fit(ladder), ground_start=ground_start, progress=progress)
+        if more:
+            # what was wrong with the sensors may have been taken for a term of the law
+            ladder = (*ladder, *which_law(own, fit, roads=roads, progress=progress))
+        elif fit is not _model_fit(ladder):
+            ladder = (*ladder, LadderStep(fit.law.name, fit, True))
+        return _Found(own, ladder, (*demands, *more), n_starts)
+
+    # the second road takes long: only where nothing else helps, or where it is asked for
+    quick = roads or ("pursuit",)
+    best = way(first, quick)
+    if best.doubtful:
+        best = min(best, way(first, quick, faults_first=True), key=lambda found: found.fit.bic)
+    if best.doubtful:
+        fuller = replace(
+            start,
+            ladder=search_law(start.lines, start.surfaces, inverse_mass=start.inverse_mass, ground=start.ground),
+        )
+        again, more_starts = first_fit(fuller, runs, ground=ground)
+        best = min(best, way(again, roads), key=lambda found: found.fit.bic)
+        best = replace(best, n_starts=n_starts + more_starts)
+    return best
 
 
 def _model_fit(ladder: tuple[LadderStep, ...]) -> ModelFit:
@@ -128,54 +175,3 @@ def driven_run_of(
         leaks=np.stack(leaks, axis=1) if leaks else None,
     )
     return driven, (mended[0][1].size, mended[1][1].size)
-
-
-def _first_fit(start: Start, runs: Sequence[DrivenRun], ground: bool) -> tuple[ModelFit, int]:
-    """Fit the law of the classical chain from its values; where that is doubtful, from others too."""
-    joint, surfaces, study = start.joint, start.surfaces, start.study
-    facts = (study.sensors.unsprung, study.sensors.sprung)
-    noise = (facts[0].noise_m_per_s2 or start.noise_floor, facts[1].noise_m_per_s2 or start.noise_floor)
-    motion_rms = (
-        max(float(surface.travel.std()) for surface in surfaces),
-        max(float(surface.velocity.std()) for surface in surfaces),
-    )
-
-    def fitted(law: Law, near: JointFit, begun: FloatArray | None = None) -> ModelFit | None:
-        try:
-            return fit_model(
-                runs,
-                law,
-                stiffness_per_mass=near["stiffness_per_mass"],
-                damping_per_mass=near["damping_per_mass"],
-                ground_stiffness_per_mass=(
-                    joint["ground_stiffness_per_mass"] if ground and _demands_ground(joint) else None
-                ),
-                inverse_mass=near["inverse_mass"] if "inverse_mass" in joint.names else None,
-                noise_m_per_s2=noise,
-                motion_rms=motion_rms,
-                start=begun,
-            )
-        except UnboundedResponseError:
-            return None
-
-    fits = [fitted(joint.law, joint)]
-    if fits[0] is None or fits[0].noise_m_per_s2 > DOUBTFUL * fits[0].level:
-        linear = next((step.fit for step in start.ladder if step.law_name == "linear"), joint)
-        straight = fitted(Law(), linear)
-        fits.append(fitted(joint.law, linear, None if straight is None else straight.start))
-        fits.append(None if straight is None else fitted(joint.law, straight, straight.start))
-    sound = [fit for fit in fits if fit is not None]
-    if not sound:
-        raise UnboundedResponseError(
-            "the suspension that the classical chain finds grows without bound when the measured spindle drives it: "
-            "check that the channels are those of one gear and not swapped, or use --method classical"
-        )
-    return min(sound, key=lambda fit: fit.bic), len(fits)
-
-
-def _demands_ground(fit: JointFit) -> bool:
-    name = "ground_stiffness_per_mass"
-    if name not in fit.names:
-        return False
-    value, std = fit[name], float(fit.std[fit.names.index(name)])
-    return abs(value) > GROUND_STD * std and abs(value) > GROUND_SHARE * abs(fit["stiffness_per_mass"])

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,11 +23,14 @@ from opid.identify.driven_model import N_OWN, Errors, Model
 from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
 from opid.identify.law_parameters import from_free, to_free
-from opid.identify.sensor_facts import SensorPair
+from opid.identify.sensor_facts import SensorPair, nuisance_values
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LINEAR, Law, Term
 from opid.mechanics.prediction import Prediction
 from opid.signals.recording import FloatArray
+
+# factors on the spindle's noise by which a fit comes nearer from afar
+NOISIER = (30.0, 5.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,7 @@ def fit_model(
     motion_rms: tuple[float, float] = (3e-3, 0.05),
     start: FloatArray | None = None,
     nuisance: dict[str, float] | None = None,
+    from_afar: bool = False,
 ) -> ModelFit:
     """Move the model until it predicts the airframe accelerations of all runs.
 
@@ -128,6 +133,8 @@ def fit_model(
         motion_rms: rms travel (m) and velocity (m/s), which bound the scales of the law.
         start: (n_runs, 2) travel and velocity to begin with; looked for where left out.
         nuisance: start values of the sensors' faults by name; nominal where left out.
+        from_afar: come nearer by fits that take the spindle for noisier than it is: the readings then hold the motion
+            to the truth while the parameters are still wrong, and minima beside the right one vanish.
 
     Raises:
         InputError: no run, or a free mass although all mass changes are equal.
@@ -140,6 +147,20 @@ def fit_model(
     mass_free = inverse_mass is not None and not hold_mass
     if mass_free and len({run.mass_change_kg for run in runs}) < 2:
         raise InputError("all runs have the same mass change: only ratios to the mass can be fitted")
+    if from_afar:
+        return _from_afar(
+            runs,
+            law,
+            stiffness_per_mass=stiffness_per_mass,
+            damping_per_mass=damping_per_mass,
+            ground_stiffness_per_mass=ground_stiffness_per_mass,
+            inverse_mass=inverse_mass,
+            hold_mass=hold_mass,
+            noise_m_per_s2=noise_m_per_s2,
+            motion_rms=motion_rms,
+            start=start,
+            nuisance=nuisance,
+        )
     ground = ground_stiffness_per_mass is not None
     held = (inverse_mass or 0.0) if not mass_free else None
     model = Model(tuple(runs), law, ground, held, noise_m_per_s2, motion_rms)
@@ -162,6 +183,22 @@ def fit_model(
         ftol=1e-8,
     )
     return fit_at(model, solution.x, int(solution.nfev))
+
+
+def _from_afar(runs: Sequence[DrivenRun], law: Law, *, noise_m_per_s2: tuple[float, float], **values: Any) -> ModelFit:
+    """Fit in steps of falling noise of the spindle, each from where the last one ended."""
+    for factor in NOISIER:
+        fit = fit_model(runs, law, noise_m_per_s2=(factor * noise_m_per_s2[0], noise_m_per_s2[1]), **values)
+        law = fit.law
+        values |= {
+            "stiffness_per_mass": fit["stiffness_per_mass"],
+            "damping_per_mass": fit["damping_per_mass"],
+            "ground_stiffness_per_mass": fit["ground_stiffness_per_mass"] if fit.ground else None,
+            "inverse_mass": fit["inverse_mass"] if "inverse_mass" in fit.names else values["inverse_mass"],
+            "start": fit.start,
+            "nuisance": nuisance_values(fit.names, fit.value, fit.sensors),
+        }
+    return fit
 
 
 def fit_at(model: Model, theta: FloatArray, n_evaluations: int) -> ModelFit:

@@ -213,7 +213,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
             "this may be the sensor's noise alone; check its cable, its range and the units"
         )
         findings.append(Finding("warning", names[quiet], message))
-    high = [_rms_above(samples, fs, HIGH_FREQUENCY_HZ) for samples in pair]
+    high = [_rms_above(without_spikes(samples, fs=fs)[0], fs, HIGH_FREQUENCY_HZ) for samples in pair]
     if high[0] < SWAP_RATIO * high[1]:
         message = (
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "

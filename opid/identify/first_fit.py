@@ -1,0 +1,94 @@
+"""The first fit of the driven model: from the classical equation's values, and from afar where they mislead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from opid.identify.classical import Start
+from opid.identify.driven_run import DrivenRun
+from opid.identify.joint_fit import JointFit
+from opid.identify.law_search import thinned
+from opid.identify.model_fit import ModelFit, fit_model
+from opid.identify.nonlinearity import fit_surface
+from opid.identify.refit import refit
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws import Law
+
+# a fit starts with a ground spring where the classical chain finds one above this share of K2 and this many standard
+# deviations
+GROUND_SHARE, GROUND_STD = 0.03, 5.0
+# a fit that leaves more than this over the noise of the sensors is tried from other starts
+DOUBTFUL = 1.5
+
+
+def first_fit(start: Start, runs: Sequence[DrivenRun], *, ground: bool = True) -> tuple[ModelFit, int]:
+    """Fit the law of the classical equation from its values; where that is doubtful, from others too.
+
+    Args:
+        start: of `classical_start`.
+        runs: the same runs, as the model takes them.
+        ground: whether a ground spring may be free, which it is if the equation demands one.
+
+    Returns:
+        The best fit, and from how many starts it was tried.
+
+    Raises:
+        UnboundedResponseError: none of the starts makes a suspension that stays bounded.
+    """
+    facts = (start.study.sensors.unsprung, start.study.sensors.sprung)
+    noise = (facts[0].noise_m_per_s2 or start.noise_floor, facts[1].noise_m_per_s2 or start.noise_floor)
+    motion_rms = (
+        max(float(surface.travel.std()) for surface in start.surfaces),
+        max(float(surface.velocity.std()) for surface in start.surfaces),
+    )
+    linear = next((step.fit for step in start.ladder if step.law_name == "linear"), start.joint)
+
+    def fitted(law: Law, near: JointFit, *, from_afar: bool) -> ModelFit | None:
+        spring = ground and demands_ground(linear)
+        try:
+            return fit_model(
+                runs,
+                law,
+                stiffness_per_mass=near["stiffness_per_mass"],
+                damping_per_mass=near["damping_per_mass"],
+                ground_stiffness_per_mass=near["ground_stiffness_per_mass"] if spring else None,
+                inverse_mass=near["inverse_mass"] if "inverse_mass" in near.names else None,
+                noise_m_per_s2=noise,
+                motion_rms=motion_rms,
+                from_afar=from_afar,
+            )
+        except UnboundedResponseError:
+            return None
+
+    law = start.joint.law
+    rough = fit_surface(thinned(start.surfaces[0]), law.name).law
+    ways = ((law, start.joint, False), (law, start.joint, True), (rough, linear, True), (Law(), linear, True))
+    best: ModelFit | None = None
+    n_starts = 0
+    while n_starts < len(ways) and (best is None or best.noise_m_per_s2 > DOUBTFUL * best.level):
+        each, near, from_afar = ways[n_starts]
+        fit = fitted(each, near, from_afar=from_afar)
+        best = fit if best is None or (fit is not None and fit.bic < best.bic) else best
+        n_starts += 1
+    if best is None:
+        raise UnboundedResponseError(
+            "the suspension that the classical chain finds grows without bound when the measured spindle drives it: "
+            "check that the channels are those of one gear and not swapped, or use --method classical"
+        )
+    if best.law.name != law.name:
+        # a given law must be in the answer, and a search finds its way from the linear one
+        best = refit(runs, best, rough)
+    return best, n_starts
+
+
+def demands_ground(fit: JointFit) -> bool:
+    """Return whether the classical equation asks for a ground spring that a sensor's fault would hardly feign.
+
+    Args:
+        fit: of the equation, with a free ground spring or without.
+    """
+    name = "ground_stiffness_per_mass"
+    if name not in fit.names:
+        return False
+    value, std = fit[name], float(fit.std[fit.names.index(name)])
+    return abs(value) > GROUND_STD * std and abs(value) > GROUND_SHARE * abs(fit["stiffness_per_mass"])
