@@ -4,13 +4,20 @@ from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
 from .identify.bench import Bench, bench_from_recording
 from .identify.bench_law import BenchLaw, law_of_bench
 from .identify.classical import classical_chain
+from .identify.demands import let_in
 from .identify.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
+from .identify.driven_run import driven_run
+from .identify.force_surface import force_surface
 from .identify.identification import identify_study
 from .identify.joint_fit import JointFit, chosen
 from .identify.law_search import fit_law, search_law
+from .identify.model_fit import ModelFit, fit_model
 from .identify.nonlinearity import fit_slice, fit_surface
+from .identify.pursuit import pursue_law
 from .identify.restoring_force import binned_surface, restoring_force, slice_curve
 from .identify.result import Estimate, Identification
+from .identify.sensor_facts import Leak, SensorFacts, SensorPair
+from .identify.sparse_road import sparse_road, which_law
 from .identify.spectral_equation import equation_lines, fit_equation
 from .identify.study import Run, Study, read_study, study_from_logs, write_study
 from .identify.transmissibility import (
@@ -18,10 +25,13 @@ from .identify.transmissibility import (
     transmissibility_peaks,
     transmissibility_without_force,
 )
+from .identify.whiteness import whiteness
+from .mechanics.driven import Interface, driven_response, half_steps
 from .mechanics.kinds import Kind, Parameter
 from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from .mechanics.laws import LAWS, Law, default_law, law
 from .mechanics.own_kinds import register_kind, unregister_kind
+from .mechanics.prediction import Noise, predict
 from .mechanics.response import time_response
 from .mechanics.sensors import Sensor
 from .mechanics.structure import Joint, Structure

@@ -80,7 +80,6 @@ def test_slices(along):
     np.testing.assert_allclose(fit.straight["offset"], 0.5, atol=2e-3)
 
 
-
 def test_every_kind_of_law_can_be_fitted():
     for name in LAWS:
         fit = fit_surface(_surface(default_law(name).scaled(1 / 1850), n=1500), name)

@@ -64,5 +64,5 @@ def test_values_are_the_fitted_ones_and_else_nominal():
     pair = SensorPair(LOOSE, leaks=(Leak("upper_x", "sprung"),))
     values = nuisance_values(["stiffness_per_mass", "gain_unsprung", "leak[0]"], np.array([210.0, 1.02, 0.03]), pair)
     assert values == {"gain_unsprung": 1.02, "corner_unsprung_hz": 0.4, "lag_s": 0.0, "leak[0]": 0.03}
-    with pytest.raises(ValueError, match="shorter|longer"):
+    with pytest.raises(ValueError, match=r"shorter|longer"):
         nuisance_values(["gain_unsprung"], [1.0, 2.0], pair)

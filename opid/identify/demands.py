@@ -26,6 +26,8 @@ ALIKE_BIC = 10.0
 GAIN_TOLERANCE, LAG_SAMPLES = 0.03, 2.0
 CORNER_HZ, CORNER_TOLERANCE = 0.25, 0.5
 PLAUSIBLE_STD = 5.0
+# error over the assumed noise below which the runs are explained; share by which it must fall otherwise
+EXPLAINED, LARGE_SHARE = 2.0, 0.3
 MOST = 3
 
 
@@ -87,7 +89,7 @@ def let_in(
         if not tried:
             break
         best, changed, hypothesis = min(tried, key=lambda entry: entry[0].bic)
-        if not _better(best, fit):
+        if not (_better(best, fit) and _explains(best, fit)):
             break
         alike = tuple(h.words for other, _, h in tried if h is not hypothesis and other.bic < best.bic + ALIKE_BIC)
         demands += [_demand(best, name, hypothesis, fit.noise_m_per_s2, alike) for name in hypothesis.names]
@@ -142,6 +144,11 @@ def at_last(demand: Demand, fit: ModelFit) -> Demand:
 
 def _better(fit: ModelFit, than: ModelFit) -> bool:
     return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
+
+
+def _explains(fit: ModelFit, than: ModelFit) -> bool:
+    """Whether the runs are explained with it, or far better: where much stays unexplained anything helps a little."""
+    return fit.noise_m_per_s2 < max(EXPLAINED * fit.level, (1 - LARGE_SHARE) * than.noise_m_per_s2)
 
 
 def _plausible(fit: ModelFit) -> bool:

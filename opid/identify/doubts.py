@@ -21,6 +21,8 @@ UNEXPLAINED_REFUSED = 20.0
 SHARE_REFUSED = 0.25
 FEW_AVERAGES = 4
 LOOSELY_KNOWN = 0.2
+# runs of one mass whose natural frequencies differ by more than this share have not one mass
+UNLIKE = 0.01
 # a ground spring below this share of K2 is what a gain error of a per cent or two looks like
 GAIN_LIKE = 0.05
 NEGLIGIBLE_GROUND = 0.002
@@ -65,7 +67,21 @@ def refused(evidence: Evidence) -> bool:
     """
     if evidence.model is None:
         return unexplained_noise(evidence) > UNEXPLAINED_REFUSED
+    if unlike_runs(evidence):
+        return True
     return unexplained_noise(evidence) > UNEXPLAINED_DOUBTED and unexplained_share(evidence) > SHARE_REFUSED
+
+
+def unlike_runs(evidence: Evidence) -> bool:
+    """Return whether runs that are said to have one mass do not behave like that.
+
+    Args:
+        evidence: of a chain.
+    """
+    if len(evidence.runs) < 2 or len({run.mass_change_kg for run in evidence.runs}) > 1:
+        return False
+    frequencies = [run.spectral_fit.natural_frequency_hz for run in evidence.runs]
+    return unexplained_noise(evidence) > UNEXPLAINED_DOUBTED and max(frequencies) > (1 + UNLIKE) * min(frequencies)
 
 
 def widening(evidence: Evidence) -> float:

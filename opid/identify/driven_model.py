@@ -30,6 +30,8 @@ OFFSET_M_PER_S2, OFFSET_AC_M_PER_S2 = 0.03, 0.1
 # the start of a run is looked for on a grid of this many rms motions, by predicting this long
 START_GRID, START_S = np.linspace(-2.5, 2.5, 9), 3.0
 N_OWN = 2
+# no fault of a sensor lies farther from what was known of it
+FARTHEST_STD = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +111,11 @@ class Model:
         # a driven system that feeds itself has no response to compare
         lower[1] = -max(abs(damping), 1.0)
         for nuisance in self.nuisances:
+            place = self.names.index(nuisance.name)
+            lower[place] = nuisance.nominal - FARTHEST_STD * nuisance.std
+            upper[place] = nuisance.nominal + FARTHEST_STD * nuisance.std
             if nuisance.kind in ("gain", "corner"):
-                lower[self.names.index(nuisance.name)] = 0.2 * nuisance.nominal
+                lower[place] = max(lower[place], 0.2 * nuisance.nominal)
         return lower, upper
 
     def looked_for_start(self, shared: FloatArray) -> FloatArray:

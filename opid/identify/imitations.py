@@ -62,7 +62,8 @@ def ground_imitations(runs: Sequence[DrivenRun], fit: ModelFit) -> GroundImitati
         facts.unsprung, corner_hz=facts.unsprung.corner_hz or SLIGHT_CORNER_HZ, corner_tolerance=0.5, gain_tolerance=0.0
     )
     sensors = replace(facts, sprung=free, unsprung=unsprung)
-    model = replace(fit.model([replace(run, sensors=sensors) for run in runs]), ground=True)
+    changed = tuple(replace(run, sensors=sensors) for run in runs)
+    model = replace(fit.model(runs), runs=changed, ground=True)
     known = {nuisance.name: nuisance.nominal for nuisance in model.nuisances} | {GROUND: 0.0}
     known |= {name: value for name, value in zip(fit.names, fit.value, strict=True) if "gain_unsprung" not in name}
     known |= {f"law[{i}]": value for i, value in enumerate(to_free(fit.law))}

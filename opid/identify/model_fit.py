@@ -62,11 +62,12 @@ class ModelFit(JointFit):
         return "ground_stiffness_per_mass" in self.names
 
     def model(self, runs: Sequence[DrivenRun]) -> Model:
-        """Return the model that was fitted.
+        """Return the model that was fitted, with the sensors' faults that were free in it.
 
         Args:
             runs: to which it was.
         """
+        runs = [run if run.sensors == self.sensors else replace(run, sensors=self.sensors) for run in runs]
         return Model(tuple(runs), self.law, self.ground, self.held_inverse_mass, self.noise, self.motion_rms)
 
     @property
@@ -282,8 +283,8 @@ def score_of_parameter(
         sensors: those with which the fault is free.
         ground: whether it is the ground spring.
     """
-    changed = [replace(run, sensors=sensors or run.sensors) for run in runs]
-    model = replace(fit.model(changed), ground=fit.ground or ground)
+    changed = tuple(replace(run, sensors=sensors or run.sensors) for run in runs)
+    model = replace(fit.model(runs), runs=changed, ground=fit.ground or ground)
     known = dict(zip(fit.names, fit.value, strict=True)) | {
         f"law[{i}]": free for i, free in enumerate(to_free(fit.law))
     }

@@ -100,7 +100,7 @@ def settled(
 
 
 def left_out_error(runs: Sequence[DrivenRun], fit: ModelFit) -> float | None:
-    """Return how well each run is predicted by a fit of the others, m/s^2; None for a single run.
+    """Return how well each run is predicted by a fit of the others, m/s^2; None for a single run or an unbounded one.
 
     The rms of the whitened prediction errors in the band, times the level of the sensors' noise, as
     `JointFit.noise_m_per_s2` is of the runs that were fitted. Of the run left out only its start is fitted. The mass
@@ -114,7 +114,10 @@ def left_out_error(runs: Sequence[DrivenRun], fit: ModelFit) -> float | None:
         return None
     cost, n_data = 0.0, 0
     for place, run in enumerate(runs):
-        errors = _predicted(runs, fit, place)
+        try:
+            errors = _predicted(runs, fit, place)
+        except UnboundedResponseError:
+            return None
         n = 2 * run.omega.size
         cost, n_data = cost + float(np.sum(errors.stacked[:n] ** 2)), n_data + n
     return fit.level * float(np.sqrt(cost / n_data))

@@ -293,6 +293,12 @@ def _table_faults(where: str, table: object, keys: dict[str, _Key]) -> Iterator[
 
 
 def _study_faults(study: Study) -> Iterator[str]:
+    leaks = [(leak.channel, leak.into) for leak in study.sensors.leaks]
+    for channel, into in sorted({leak for leak in leaks if leaks.count(leak) > 1}):
+        yield f"the leak of {channel!r} into the {into} sensor stands twice, give it once"
+    for leak in study.sensors.leaks:
+        if leak.channel == (study.sprung if leak.into == "sprung" else study.unsprung):
+            yield f"the leak {leak.channel!r} is the {leak.into} channel itself, name another axis"
     if study.sprung == study.unsprung:
         yield f"sprung and unsprung are both {study.sprung!r}, name the channels of two sensors"
     if not study.runs:

@@ -295,7 +295,7 @@ def _clipped(samples: FloatArray, step: float | None) -> int:
 
 
 def without_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
-    """Replace single samples that stand far out by the mean of their neighbours.
+    """Replace single samples that stand far out by the cubic through their four neighbours.
 
     Args:
         samples: (n,) one channel.
@@ -312,7 +312,8 @@ def without_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.nda
     """
     mended = np.array(samples, dtype=np.float64)
     places = _spikes(mended, fs, None)
-    mended[places] = 0.5 * (mended[places - 1] + mended[places + 1])
+    near, far = mended[places - 1] + mended[places + 1], mended[places - 2] + mended[places + 2]
+    mended[places] = (4 * near - far) / 6
     return mended, places
 
 
