@@ -11,6 +11,7 @@ from .identify.force_surface import force_surface
 from .identify.identification import identify_study
 from .identify.joint_fit import JointFit, chosen
 from .identify.law_search import fit_law, search_law
+from .identify.model_chain import driven_runs
 from .identify.model_fit import ModelFit, fit_model
 from .identify.nonlinearity import fit_slice, fit_surface
 from .identify.pursuit import pursue_law

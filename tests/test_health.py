@@ -114,7 +114,7 @@ def test_spikes_are_mended_and_nothing_else_is_touched(height):
     assert found.tolist() == places
     np.testing.assert_array_equal(samples, before)
     np.testing.assert_array_equal(np.delete(mended, places), np.delete(SOUND, places))
-    between = [0.5 * (SOUND[place - 1] + SOUND[place + 1]) for place in places]
+    between = [(4 * (SOUND[k - 1] + SOUND[k + 1]) - SOUND[k - 2] - SOUND[k + 2]) / 6 for k in places]
     np.testing.assert_allclose(mended[places], between, atol=1e-12)
 
 

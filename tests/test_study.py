@@ -47,8 +47,9 @@ stop_s = 1.5
 def read(tmp_path):
     """Write a study beside two logs and read it."""
     (tmp_path / "logs").mkdir()
-    write_log(log(0), tmp_path / "heavy.csv")
-    write_log(log(1), tmp_path / "logs" / "light.csv")
+    names = ("lower_z", "upper_z", "lower_x", "upper_x")
+    write_log(log(0, names=names), tmp_path / "heavy.csv")
+    write_log(log(1, names=names), tmp_path / "logs" / "light.csv")
 
     def write_and_read(text):
         (tmp_path / "study.toml").write_text(text)
@@ -226,12 +227,12 @@ lag_tolerance_s = 1e-3
 noise_m_per_s2 = 1
 
 [[sensors.leak]]
-channel = "lower_z"
+channel = "lower_x"
 into = "sprung"
 tolerance = 0.1
 
 [[sensors.leak]]
-channel = "upper_z"
+channel = "upper_x"
 """
 
 
@@ -241,9 +242,9 @@ def test_facts_of_the_sensors_are_read(read):
     assert taxi.sensors.unsprung == SensorFacts(noise_m_per_s2=1)
     # a leak whose side is not said may go into either
     assert taxi.sensors.leaks == (
-        Leak("lower_z", "sprung", 0.1),
-        Leak("upper_z", "unsprung"),
-        Leak("upper_z", "sprung"),
+        Leak("lower_x", "sprung", 0.1),
+        Leak("upper_x", "unsprung"),
+        Leak("upper_x", "sprung"),
     )
 
 
@@ -277,7 +278,7 @@ def test_facts_that_are_written_read_back(tmp_path, sensors):
         ("gain_tolerance", "gain_tolerence", r"\[sensors.sprung\] has an unknown key .* mean 'gain_tolerance'"),
         ("0.02", '"2 %"', r"'gain_tolerance' in \[sensors.sprung\] is '2 %', give a number"),
         ("into", "to", r"\[\[sensors.leak\]\] number 1 has an unknown key 'to'"),
-        ('channel = "upper_z"', "", r"\[\[sensors.leak\]\] number 2 lacks 'channel', give text in quotes"),
+        ('channel = "upper_x"', "", r"\[\[sensors.leak\]\] number 2 lacks 'channel', give text in quotes"),
         ("[[sensors.leak]]", "[sensors.leak]", "is no TOML"),
         ("0.33", "-0.33", r"\[sensors\] corner_hz is -0.33: give zero or a positive number"),
         ("corner_hz = 0.33\n", "", r"\[sensors\] corner_tolerance is given without corner_hz"),
@@ -301,3 +302,16 @@ def test_a_leak_is_an_acceleration():
     sensors = SensorPair(leaks=(Leak("travel", "sprung"),))
     with pytest.raises(InputError, match="channel 'travel' is in m where an acceleration is needed"):
         Study("taxi", sprung="b", unsprung="a", runs=(Run("heavy", with_travel, 0.0),), sensors=sensors)
+
+
+@pytest.mark.parametrize(
+    ("leaks", "said"),
+    [
+        ((Leak("upper_z", "sprung"),), "the leak 'upper_z' is the sprung channel itself, name another axis"),
+        ((Leak("lower_x", "sprung"), Leak("lower_x", "sprung", 0.01)), "stands twice, give it once"),
+    ],
+)
+def test_a_leak_is_another_axis_and_stands_once(leaks, said):
+    runs = (Run("heavy", log(0, names=("lower_z", "upper_z", "lower_x")), 0.0),)
+    with pytest.raises(InputError, match=said):
+        Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=SensorPair(leaks=leaks))

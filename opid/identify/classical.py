@@ -35,7 +35,7 @@ from opid.identify.restoring_force import (
 from opid.identify.spectral_equation import EquationLines, equation_lines
 from opid.identify.study import Run, Study
 from opid.identify.transmissibility import WAYS, Peak, transmissibility_peaks, transmissibility_without_force
-from opid.signals.health import Finding, check_pair, inspect
+from opid.signals.health import Finding, check_pair, inspect, without_spikes
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
@@ -151,7 +151,8 @@ class Start:
 
     Args:
         study: the runs.
-        arrays: unsprung and sprung acceleration of each run, m/s^2.
+        arrays: unsprung and sprung acceleration of each run, single spikes mended, m/s^2.
+        mended_spikes: how many, on the unsprung and the sprung channels.
         findings: of the health check, one tuple a run.
         surfaces: restoring-force points, one a run.
         lines: transforms, one a run.
@@ -165,6 +166,7 @@ class Start:
 
     study: Study
     arrays: tuple[tuple[FloatArray, FloatArray], ...]
+    mended_spikes: tuple[int, int]
     findings: tuple[tuple[Finding, ...], ...]
     surfaces: tuple[RestoringForce, ...]
     lines: tuple[EquationLines, ...]
@@ -217,8 +219,11 @@ def classical_start(
     say = progress or (lambda step: None)
     fs = study.fs
     band = (float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs))
-    arrays = tuple(study.accelerations(run) for run in study.runs)
-    findings = tuple(_checked(study, run, *pair) for run, pair in zip(study.runs, arrays, strict=True))
+    recorded = [study.accelerations(run) for run in study.runs]
+    findings = tuple(_checked(study, run, *pair) for run, pair in zip(study.runs, recorded, strict=True))
+    mended = [[without_spikes(samples, fs=fs) for samples in pair] for pair in recorded]
+    arrays = tuple((lower[0], upper[0]) for lower, upper in mended)
+    n_mended = (sum(lower[1].size for lower, _ in mended), sum(upper[1].size for _, upper in mended))
     say("restoring force")
     surfaces = tuple(restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz) for pair in arrays)
     lines = tuple(
@@ -239,7 +244,9 @@ def classical_start(
             for name in names
         )
     floors = np.array([[noise_floor(samples, fs=fs) for samples in pair] for pair in arrays])
-    return Start(study, arrays, findings, surfaces, lines, ladder, floors, mu, band, float(high_pass_hz), ground)
+    return Start(
+        study, arrays, n_mended, findings, surfaces, lines, ladder, floors, mu, band, float(high_pass_hz), ground
+    )
 
 
 def evidence_of(

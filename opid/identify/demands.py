@@ -16,6 +16,7 @@ from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
 from opid.identify.model_fit import ModelFit, fit_model, score_of_parameter
 from opid.identify.sensor_facts import SensorPair, nuisance_values
+from opid.mechanics.driven import UnboundedResponseError
 
 # a score (chi-square of one degree of freedom under a sound model) below this is not looked at further
 SCORE_LOOKED_AT = 30.0
@@ -84,8 +85,9 @@ def let_in(
         for hypothesis in _promising(runs, fit, ground_start):
             say(hypothesis.words)
             changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
-            tried.append((_refit(changed, fit, hypothesis, ground_start), changed, hypothesis))
-        tried = [entry for entry in tried if _plausible(entry[0])]
+            grown = _refit(changed, fit, hypothesis, ground_start)
+            if grown is not None and _plausible(grown):
+                tried.append((grown, changed, hypothesis))
         if not tried:
             break
         best, changed, hypothesis = min(tried, key=lambda entry: entry[0].bic)
@@ -117,7 +119,7 @@ def _given_up(
             hypothesis = _Hypothesis((), "", _without(fit.sensors, names[0]), fit.ground)
         changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
         without = _refit(changed, fit, hypothesis, None)
-        if not _better(fit, without):
+        if without is not None and not _better(fit, without):
             runs, fit, demands = changed, without, [each for each in demands if each.name not in names]
     return runs, fit, demands
 
@@ -139,7 +141,8 @@ def at_last(demand: Demand, fit: ModelFit) -> Demand:
         demand: of `let_in`.
         fit: a fit that has it.
     """
-    return replace(demand, value=fit[demand.name], std=float(fit.std[fit.names.index(demand.name)]))
+    std = float(fit.std[fit.names.index(demand.name)])
+    return replace(demand, value=fit[demand.name], std=std, error_after=fit.noise_m_per_s2)
 
 
 def _better(fit: ModelFit, than: ModelFit) -> bool:
@@ -201,22 +204,26 @@ def _hypotheses(fit: ModelFit, ground: bool, fs: float) -> Iterator[_Hypothesis]
 
 def _refit(
     runs: Sequence[DrivenRun], fit: ModelFit, hypothesis: _Hypothesis, ground_start: JointFit | None
-) -> ModelFit:
+) -> ModelFit | None:
+    """The fit with something more or less, or None where it grows without bound."""
     # a ground spring changes stiffness and damping too: all three start where it was free
     new_ground = hypothesis.ground and not fit.ground and ground_start is not None
     start: JointFit = ground_start if new_ground and ground_start is not None else fit
-    return fit_model(
-        runs,
-        fit.law,
-        stiffness_per_mass=start["stiffness_per_mass"],
-        damping_per_mass=start["damping_per_mass"],
-        ground_stiffness_per_mass=start["ground_stiffness_per_mass"] if hypothesis.ground else None,
-        inverse_mass=fit["inverse_mass"] if fit.held_inverse_mass is None else fit.held_inverse_mass,
-        hold_mass=fit.held_inverse_mass is not None,
-        noise_m_per_s2=fit.noise,
-        motion_rms=fit.motion_rms,
-        # the starts of a fit without the spring are as wrong as it is
-        start=None if new_ground else fit.start,
-        from_afar=new_ground,
-        nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
-    )
+    try:
+        return fit_model(
+            runs,
+            fit.law,
+            stiffness_per_mass=start["stiffness_per_mass"],
+            damping_per_mass=start["damping_per_mass"],
+            ground_stiffness_per_mass=start["ground_stiffness_per_mass"] if hypothesis.ground else None,
+            inverse_mass=fit["inverse_mass"] if fit.held_inverse_mass is None else fit.held_inverse_mass,
+            hold_mass=fit.held_inverse_mass is not None,
+            noise_m_per_s2=fit.noise,
+            motion_rms=fit.motion_rms,
+            # the starts of a fit without the spring are as wrong as it is
+            start=None if new_ground else fit.start,
+            from_afar=new_ground,
+            nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
+        )
+    except UnboundedResponseError:
+        return None

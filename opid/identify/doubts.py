@@ -132,7 +132,8 @@ def doubts(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[s
             )
     else:
         yield from _model_residual(evidence)
-        yield from _demand_warnings(evidence.model)
+        if not refused(evidence):
+            yield from _demand_warnings(evidence.model)
     yield from _ground_warning(evidence, parameters)
     yield from _mass_change_warning(evidence, parameters["sprung_mass_kg"])
     yield from _straight_warnings(evidence)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 from opid.identify.classical import Start
 from opid.identify.driven_run import DrivenRun
@@ -77,7 +78,8 @@ def first_fit(start: Start, runs: Sequence[DrivenRun], *, ground: bool = True) -
         )
     if best.law.name != law.name:
         # a given law must be in the answer, and a search finds its way from the linear one
-        best = refit(runs, best, rough)
+        with suppress(UnboundedResponseError):
+            best = refit(runs, best, rough)
     return best, n_starts
 
 

@@ -21,7 +21,7 @@ from opid.identify.model_fit import ModelFit
 from opid.identify.noise_levels import with_own_noise
 from opid.identify.pursuit import judged_by_left_out, with_neighbours
 from opid.identify.sparse_road import which_law
-from opid.identify.study import Run, Study
+from opid.identify.study import Study
 from opid.identify.whiteness import bootstrap_std, coloured_std, whiteness
 from opid.signals.health import without_spikes
 
@@ -56,8 +56,7 @@ def model_chain(
     say = progress or (lambda step: None)
     study = start.study
     say("model")
-    prepared = [driven_run_of(study, run, band_hz=band_hz) for run in study.runs]
-    runs = tuple(run for run, _ in prepared)
+    runs = driven_runs(study, band_hz=band_hz)
     found = _found(start, runs, search=search, ground=ground, roads=roads, progress=progress)
     runs, ladder, demands = found.runs, found.ladder, found.demands
     ladder = with_neighbours(runs, ladder) if search else judged_by_left_out(runs, ladder)
@@ -76,7 +75,7 @@ def model_chain(
         bootstrap_std=bootstrap_std(runs, best, rng=np.random.default_rng(seed)),
         demands=tuple(at_last(demand, best) for demand in demands if demand.name in best.names),
         ground=ground_imitations(runs, best),
-        mended_spikes=(sum(n[0] for _, n in prepared), sum(n[1] for _, n in prepared)),
+        mended_spikes=start.mended_spikes,
         n_starts=found.n_starts,
         limits=tuple(limits(best, changes, sum(run.n_samples / run.fs for run in runs))),
     )
@@ -153,25 +152,26 @@ def _model_fit(ladder: tuple[LadderStep, ...]) -> ModelFit:
     return fit
 
 
-def driven_run_of(
-    study: Study, run: Run, *, band_hz: tuple[float, float] = BAND_HZ
-) -> tuple[DrivenRun, tuple[int, int]]:
-    """Return a run of a study as the model takes it, and how many single spikes were mended on either channel.
+def driven_runs(study: Study, *, band_hz: tuple[float, float] = BAND_HZ) -> tuple[DrivenRun, ...]:
+    """Return the runs of a study as the model takes them, single spikes mended.
 
     Args:
         study: the study.
-        run: one of its runs.
         band_hz: lines of the prediction errors that count, Hz.
     """
-    mended = [without_spikes(samples, fs=study.fs) for samples in study.accelerations(run)]
-    leaks = [run.recording.channel(leak.channel) for leak in study.sensors.leaks]
-    driven = driven_run(
-        mended[0][0],
-        mended[1][0],
-        fs=study.fs,
-        band_hz=band_hz,
-        mass_change_kg=run.mass_change_kg,
-        sensors=study.sensors,
-        leaks=np.stack(leaks, axis=1) if leaks else None,
-    )
-    return driven, (mended[0][1].size, mended[1][1].size)
+    runs = []
+    for run in study.runs:
+        unsprung, sprung = (without_spikes(samples, fs=study.fs)[0] for samples in study.accelerations(run))
+        leaks = [run.recording.channel(leak.channel) for leak in study.sensors.leaks]
+        runs.append(
+            driven_run(
+                unsprung,
+                sprung,
+                fs=study.fs,
+                band_hz=band_hz,
+                mass_change_kg=run.mass_change_kg,
+                sensors=study.sensors,
+                leaks=np.stack(leaks, axis=1) if leaks else None,
+            )
+        )
+    return tuple(runs)

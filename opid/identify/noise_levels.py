@@ -12,6 +12,7 @@ from opid.identify.driven_run import DrivenRun
 from opid.identify.model_fit import ModelFit, fit_at
 from opid.identify.refit import settled
 from opid.identify.sensor_facts import SensorPair
+from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
 
 # the two levels are taken to differ at most so much
@@ -42,11 +43,14 @@ def with_own_noise(runs: Sequence[DrivenRun], fit: ModelFit, sensors: SensorPair
 
     bound = float(np.log(LARGEST_RATIO))
     now = float(np.log(fit.noise[0] / fit.noise[1]))
-    best = optimize.minimize_scalar(unlikely, bounds=(-bound, bound), method="bounded", options={"xatol": 0.02})
-    if unlikely(now) - best.fun < LEAST_GAIN:
+    try:
+        best = optimize.minimize_scalar(unlikely, bounds=(-bound, bound), method="bounded", options={"xatol": 0.02})
+        if unlikely(now) - best.fun < LEAST_GAIN:
+            return fit
+        changed, _ = _at_ratio(model, theta, float(best.x))
+        return fit_at(changed, *settled(changed, theta))
+    except UnboundedResponseError:
         return fit
-    changed, _ = _at_ratio(model, theta, float(best.x))
-    return fit_at(changed, *settled(changed, theta))
 
 
 def _at_ratio(model: Model, theta: FloatArray, log_ratio: float) -> tuple[Model, float]:
