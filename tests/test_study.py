@@ -284,7 +284,7 @@ def test_facts_that_are_written_read_back(tmp_path, sensors):
         ("corner_hz = 0.33\n", "", r"\[sensors\] corner_tolerance is given without corner_hz"),
         ("= 1\n", "= 0\n", r"\[sensors\] noise_m_per_s2 is 0: give a positive number"),
         ('"sprung"\ntol', '"both"\ntol', r"\[sensors\] a leak goes into 'both': give 'sprung' or 'unsprung'"),
-        ('channel = "lower_z"', 'channel = "lower_x"', "run 'heavy': there is no channel 'lower_x' in its log"),
+        ('channel = "lower_x"', 'channel = "lower_y"', "run 'heavy': there is no channel 'lower_y' in its log"),
     ],
 )
 def test_what_is_wrong_with_the_sensors_is_named(read, tmp_path, old, new, words):

@@ -15,7 +15,7 @@ import numpy as np
 from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
 from opid.identify.model_fit import ModelFit, fit_model, score_of_parameter
-from opid.identify.sensor_facts import SensorPair, nuisance_values
+from opid.identify.sensor_facts import SIDES, SensorPair, nuisance_values
 from opid.mechanics.driven import UnboundedResponseError
 
 # a score (chi-square of one degree of freedom under a sound model) below this is not looked at further
@@ -25,7 +25,7 @@ BIC_MARGIN, ERROR_MARGIN = 20.0, 0.002
 # explanations whose criterion is this close to the best one cannot be told from it
 ALIKE_BIC = 10.0
 GAIN_TOLERANCE, LAG_SAMPLES = 0.03, 2.0
-CORNER_HZ, CORNER_TOLERANCE = 0.25, 0.5
+CORNER_HZ, CORNER_TOLERANCE, SLIGHT_CORNER_HZ = 0.25, 0.5, 2e-4
 PLAUSIBLE_STD = 5.0
 # error over the assumed noise below which the runs are explained; share by which it must fall otherwise
 EXPLAINED, LARGE_SHARE = 2.0, 0.3
@@ -170,7 +170,7 @@ def _promising(runs: tuple[DrivenRun, ...], fit: ModelFit, ground_start: JointFi
     scored = []
     for hypothesis in _hypotheses(fit, ground_start is not None, runs[0].fs):
         scores = [
-            score_of_parameter(runs, fit, name, sensors=hypothesis.sensors, ground=hypothesis.ground)[0]
+            score_of_parameter(runs, fit, name, sensors=_slight(hypothesis.sensors, fit), ground=hypothesis.ground)[0]
             for name in hypothesis.names
         ]
         score = max(scores) / variance
@@ -180,6 +180,15 @@ def _promising(runs: tuple[DrivenRun, ...], fit: ModelFit, ground_start: JointFi
         scored.append((score, hypothesis))
     scored.sort(key=lambda entry: -entry[0])
     return [hypothesis for score, hypothesis in scored if score > SCORE_LOOKED_AT]
+
+
+def _slight(pair: SensorPair, fit: ModelFit) -> SensorPair:
+    """The sensors with a new AC coupling next to none: a score is taken where the fault begins."""
+    sides = {}
+    for side in SIDES:
+        facts, before = getattr(pair, side), getattr(fit.sensors, side)
+        sides[side] = facts if before.corner_hz or not facts.corner_hz else replace(facts, corner_hz=SLIGHT_CORNER_HZ)
+    return replace(pair, unsprung=sides["unsprung"], sprung=sides["sprung"])
 
 
 def _hypotheses(fit: ModelFit, ground: bool, fs: float) -> Iterator[_Hypothesis]:

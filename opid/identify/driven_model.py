@@ -28,7 +28,7 @@ START_DISPLACEMENT_M, START_BODY_VELOCITY_M_PER_S = 0.05, 0.3
 # offset that is left in an acceleration once its mean is removed; an AC coupling forgets more
 OFFSET_M_PER_S2, OFFSET_AC_M_PER_S2 = 0.03, 0.1
 # the start of a run is looked for on a grid of this many rms motions, by predicting this long
-START_GRID, START_S = np.linspace(-2.5, 2.5, 9), 3.0
+START_GRID, START_S = np.linspace(-2.5, 2.5, 9), 2.0
 N_OWN = 2
 # no fault of a sensor lies farther from what was known of it
 FARTHEST_STD = 8.0

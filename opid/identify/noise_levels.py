@@ -44,7 +44,7 @@ def with_own_noise(runs: Sequence[DrivenRun], fit: ModelFit, sensors: SensorPair
     bound = float(np.log(LARGEST_RATIO))
     now = float(np.log(fit.noise[0] / fit.noise[1]))
     try:
-        best = optimize.minimize_scalar(unlikely, bounds=(-bound, bound), method="bounded", options={"xatol": 0.02})
+        best = optimize.minimize_scalar(unlikely, bounds=(-bound, bound), method="bounded", options={"xatol": 0.05})
         if unlikely(now) - best.fun < LEAST_GAIN:
             return fit
         changed, _ = _at_ratio(model, theta, float(best.x))

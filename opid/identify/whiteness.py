@@ -16,7 +16,7 @@ WHITE_BELOW = 1.95
 # neighbouring lines that may be correlated: a mode of some per cent damping is this many lines of a 40 s run wide
 LINES_A_CELL = 16
 N_BANDS = 10
-BOOTSTRAP_S, N_BOOTSTRAP = 0.5, 200
+BOOTSTRAP_S, N_BOOTSTRAP = 0.5, 100
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,9 @@ _PLAIN = (
     (r"\,", ""),
 )
 
+# kinds of law that are named one by one
+MOST_NAMED = 6
+
 
 @dataclass(frozen=True)
 class Row:
@@ -115,8 +118,9 @@ def limits(result: Identification) -> str:
     n_runs = len(known["runs"])
     averages = min(run["n_averages"] for run in known["runs"])
     tried = known["law_candidates"]
+    library = ", ".join(tried) if len(tried) <= MOST_NAMED else f"the {len(tried)} kinds of the library"
     chosen_among = (
-        f" Stiffness and damping are the linear part beneath the law, which was chosen among {', '.join(tried)} and "
+        f" Stiffness and damping are the linear part beneath the law, which was chosen among {library} and "
         "their sums; another law would share the force out otherwise."
         if known["settings"]["law"] == "searched"
         else ""
