@@ -161,7 +161,7 @@ def driven_run(
         leaks: (n, n_leaks) the further axes of `sensors.leaks`, m/s^2.
 
     Raises:
-        InputError: arrays of different lengths, or a band with fewer than 20 lines.
+        InputError: arrays of different lengths, or a band that is none or has fewer than 20 lines.
     """
     sensors = sensors or SensorPair(IDEAL, IDEAL)
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
@@ -173,6 +173,8 @@ def driven_run(
         raise InputError(f"leaks has shape {across.shape} where {needed} is needed: give one column for each leak")
     n = fft.prev_fast_len(lower.size, real=True)
     frequency_hz = fft.rfftfreq(n, 1 / fs)
+    if not 0 < band_hz[0] < band_hz[1]:
+        raise InputError(f"band_hz is ({band_hz[0]:g}, {band_hz[1]:g}): give 0 < low < high, Hz")
     low, high = float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs)
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
     if keep.size < LEAST_LINES:
