@@ -86,7 +86,7 @@ def let_in(
             say(hypothesis.words)
             changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
             grown = _refit(changed, fit, hypothesis, ground_start)
-            if grown is not None and _plausible(grown):
+            if grown is not None and _plausible(grown, hypothesis.names):
                 tried.append((grown, changed, hypothesis))
         if not tried:
             break
@@ -154,9 +154,10 @@ def _explains(fit: ModelFit, than: ModelFit) -> bool:
     return fit.noise_m_per_s2 < max(EXPLAINED * fit.level, (1 - LARGE_SHARE) * than.noise_m_per_s2)
 
 
-def _plausible(fit: ModelFit) -> bool:
+def _plausible(fit: ModelFit, names: Sequence[str]) -> bool:
     """A fault that lies far beyond what such sensors do stands in for something else."""
-    return all(abs(fit[each.name] - each.nominal) < PLAUSIBLE_STD * each.std for each in fit.sensors.nuisances)
+    new = [nuisance for nuisance in fit.sensors.nuisances if nuisance.name in names]
+    return all(abs(fit[each.name] - each.nominal) < PLAUSIBLE_STD * each.std for each in new)
 
 
 def _demand(fit: ModelFit, name: str, hypothesis: _Hypothesis, before: float, alike: tuple[str, ...]) -> Demand:

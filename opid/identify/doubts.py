@@ -67,7 +67,7 @@ def refused(evidence: Evidence) -> bool:
     """
     if evidence.model is None:
         return unexplained_noise(evidence) > UNEXPLAINED_REFUSED
-    if unlike_runs(evidence):
+    if unlike_runs(evidence) or unexplained_noise(evidence) > UNEXPLAINED_REFUSED:
         return True
     return unexplained_noise(evidence) > UNEXPLAINED_DOUBTED and unexplained_share(evidence) > SHARE_REFUSED
 
@@ -154,7 +154,8 @@ def _model_residual(evidence: Evidence) -> Iterator[str]:
         f"mean level): {_reason(evidence)}"
     )
     if unexplained > UNEXPLAINED_NOTED:
-        grown = f"; the intervals are widened by {widening(evidence):.1f}" if widening(evidence) > 1 else ""
+        wider = widening(evidence) > 1 and not refused(evidence)
+        grown = f"; the intervals are widened by {widening(evidence):.1f}" if wider else ""
         yield f"the residual is {unexplained:.1f} times the noise of the sensors; {stands_out}{grown}"
     else:
         yield (
@@ -241,7 +242,9 @@ def _instead(evidence: Evidence) -> str:
             "sensors whose AC-coupling corners differ, a gain error, or friction outside the law imitate it; the "
             "intervals hold for equal gains, and 1 % of gain difference moves stiffness and damping by about 1 %"
         )
-    imitations = "; ".join(evidence.model.ground.sentences) or "no usual fault of the sensors looks like it"
+    imitations = (
+        "; ".join(evidence.model.ground.sentences) or "none of the usual faults of the sensors looks much like it"
+    )
     return f"faults of the sensors were tried beside it and explain the runs less well; for comparison, {imitations}"
 
 

@@ -188,13 +188,13 @@ class Model:
                 by[self.names.index(name)] = change[row]
             first = 4 + n_law + len(by_drive) + len(by_measured)
             by[len(self.names) + N_OWN * place :][:N_OWN] = change[first : first + N_OWN]
-            self._add_spread(by, prediction, nuisance)
+            self._add_spread(by, prediction, nuisance, run.finer)
         return prediction, by
 
-    def _add_spread(self, by: FloatArray, prediction: Prediction, nuisance: dict[str, float]) -> None:
+    def _add_spread(self, by: FloatArray, prediction: Prediction, nuisance: dict[str, float], finer: int) -> None:
         """Add what a gain does to the innovation by way of its spread: both gains together change nothing."""
         gains = [nuisance.get(f"gain_{side}", 1.0) for side in ("unsprung", "sprung")]
-        share = (self.noise[1] / gains[1] / prediction.spread[0]) ** 2
+        share = finer * (self.noise[1] / gains[1] / prediction.spread[0]) ** 2
         for side, gain, part in zip(("unsprung", "sprung"), gains, (1 - share, share), strict=True):
             if f"gain_{side}" in nuisance:
                 by[self.names.index(f"gain_{side}")] += prediction.innovation[0] * part / gain
@@ -216,7 +216,8 @@ class Model:
         for side, level in zip(("unsprung", "sprung"), self.noise, strict=True):
             corner_hz = nuisance.get(f"corner_{side}_hz", getattr(run.sensors, side).corner_hz)
             # the noise is that of the reading: a large gain must not make the errors look small
-            levels.append(level / nuisance.get(f"gain_{side}", 1.0))
+            # and white noise sampled finer has the same density only at a higher level
+            levels.append(level * float(np.sqrt(run.finer)) / nuisance.get(f"gain_{side}", 1.0))
             walks.append(2 * np.pi * corner_hz / run.fs * levels[-1])
         return Noise(*levels, *walks)
 
@@ -272,7 +273,10 @@ class Model:
             share, omega = 1.0 / (1.0 + mu * run.mass_change_kg), run.omega
             spring = share * (theta[0] + by_z + 1j * omega * (theta[1] + by_v))
             ratio = spring / (spring + share * (theta[2] if self.ground else 0.0) - omega**2)
-            spread += float(np.sum(np.log(self.noise[1] ** 2 + np.abs(ratio) ** 2 * self.noise[0] ** 2)))
+            gains = nuisance_values(self.names, theta[: len(self.names)], run.sensors)
+            # of the airframe's reading: the spindle's noise comes by way of both gains
+            through = gains.get("gain_sprung", 1.0) / gains.get("gain_unsprung", 1.0) * np.abs(ratio)
+            spread += float(np.sum(np.log(self.noise[1] ** 2 + through**2 * self.noise[0] ** 2)))
         return -0.5 * n_data * float(np.log(cost / n_data)) - spread
 
 

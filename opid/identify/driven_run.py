@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft, integrate, interpolate
+from scipy import fft, integrate, interpolate, signal
 
 from opid.errors import InputError
 from opid.identify.sensor_facts import IDEAL, SensorPair
@@ -18,6 +18,8 @@ from opid.signals.spectra import ComplexArray
 
 BAND_HZ = (0.3, 40.0)
 LEAST_LINES = 20
+# below, a step of the model a sample is too coarse; band-limited runs are sampled finer
+LOWEST_RATE_HZ = 250.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class DrivenRun:
         fs: sampling rate, Hz.
         mass_change_kg: sprung mass of this run minus that of the reference, kg.
         sensors: what is known of the sensors.
+        finer: how many times finer than recorded the run is sampled, so that a step of the model is short enough.
     """
 
     unsprung: FloatArray
@@ -41,6 +44,7 @@ class DrivenRun:
     fs: float
     mass_change_kg: float
     sensors: SensorPair = field(default_factory=SensorPair)
+    finer: int = 1
 
     @property
     def n_samples(self) -> int:
@@ -182,12 +186,19 @@ def driven_run(
             f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {lower.size / fs:.3g} s: give a "
             "longer run or a wider band"
         )
+    finer = max(1, int(np.ceil(LOWEST_RATE_HZ / fs)))
+
+    def prepared(samples: FloatArray) -> FloatArray:
+        centred = samples[:n] - samples[:n].mean(axis=0)
+        return centred if finer == 1 else signal.resample_poly(centred, finer, 1, axis=0, padtype="line")
+
     return DrivenRun(
-        unsprung=lower[:n] - lower[:n].mean(),
-        sprung=upper[:n] - upper[:n].mean(),
-        leaks=across[:n] - across[:n].mean(axis=0),
+        unsprung=prepared(lower),
+        sprung=prepared(upper),
+        leaks=prepared(across) if across.size else np.empty((n * finer, 0)),
         omega=2 * np.pi * frequency_hz[keep],
-        fs=float(fs),
+        fs=float(fs) * finer,
+        finer=finer,
         mass_change_kg=float(mass_change_kg),
         sensors=sensors,
     )

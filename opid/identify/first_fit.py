@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 from opid.identify.classical import Start
 from opid.identify.driven_run import DrivenRun
@@ -22,13 +22,16 @@ GROUND_SHARE, GROUND_STD = 0.03, 5.0
 DOUBTFUL = 1.5
 
 
-def first_fit(start: Start, runs: Sequence[DrivenRun], *, ground: bool = True) -> tuple[ModelFit, int]:
+def first_fit(
+    start: Start, runs: Sequence[DrivenRun], *, ground: bool = True, searched: bool = True
+) -> tuple[ModelFit, int]:
     """Fit the law of the classical equation from its values; where that is doubtful, from others too.
 
     Args:
         start: of `classical_start`.
         runs: the same runs, as the model takes them.
         ground: whether a ground spring may be free, which it is if the equation demands one.
+        searched: whether another law will be searched from here; a given one must be in the fit.
 
     Returns:
         The best fit, and from how many starts it was tried.
@@ -78,7 +81,7 @@ def first_fit(start: Start, runs: Sequence[DrivenRun], *, ground: bool = True) -
         )
     if best.law.name != law.name:
         # a given law must be in the answer, and a search finds its way from the linear one
-        with suppress(UnboundedResponseError):
+        with suppress(UnboundedResponseError) if searched else nullcontext():
             best = refit(runs, best, rough)
     return best, n_starts
 

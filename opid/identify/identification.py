@@ -15,6 +15,7 @@ from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, c
 from opid.identify.diagnostics import diagnostics
 from opid.identify.direct_parameters import NAMES
 from opid.identify.doubts import doubts, gain_like_share, refused, straight_terms, unexplained_noise, widening
+from opid.identify.limits import limits
 from opid.identify.model_chain import model_chain
 from opid.identify.result import PARAMETERS, RATIOS, Estimate, Identification, VisitedForce, visited_force
 from opid.identify.study import Study
@@ -146,6 +147,11 @@ def _with_honest_covariance(evidence: Evidence) -> Evidence:
     if evidence.model is not None and not evidence.model.whiteness.white:
         wider = wider * evidence.model.coloured_std / np.maximum(joint.std, 1e-300)
     joint = replace(joint, covariance=joint.covariance * np.outer(wider, wider))
+    if evidence.model is not None:
+        runs = evidence.runs
+        fit = replace(evidence.model.fit, covariance=joint.covariance)
+        what = limits(fit, [run.mass_change_kg for run in runs], sum(run.time_s.size / run.fs for run in runs))
+        evidence = replace(evidence, model=replace(evidence.model, limits=tuple(what)))
     if evidence.added_mass is None:
         return replace(evidence, joint=joint)
     try:

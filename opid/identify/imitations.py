@@ -65,10 +65,14 @@ def ground_imitations(runs: Sequence[DrivenRun], fit: ModelFit) -> GroundImitati
     changed = tuple(replace(run, sensors=sensors) for run in runs)
     model = replace(fit.model(runs), runs=changed, ground=True)
     known = {nuisance.name: nuisance.nominal for nuisance in model.nuisances} | {GROUND: 0.0}
-    known |= {name: value for name, value in zip(fit.names, fit.value, strict=True) if "gain_unsprung" not in name}
+    known |= dict(zip(fit.names, fit.value, strict=True))
+    if "gain_unsprung" in known:
+        # only the ratio of the gains is seen
+        known["gain_sprung"] = known.get("gain_sprung", 1.0) / known["gain_unsprung"]
     known |= {f"law[{i}]": value for i, value in enumerate(to_free(fit.law))}
     theta = np.array([*(known[name] for name in model.names), *fit.start.ravel()])
-    jacobian = model.evaluate(theta).jacobian
+    errors = model.evaluate(theta)
+    jacobian = errors.jacobian[: 2 * sum(line.size for line in errors.lines)]
     names = list(model.names)
     looked_at = [GROUND, *(name for name, _, _ in FAULTS)]
     others = np.delete(jacobian, [names.index(name) for name in looked_at], axis=1)

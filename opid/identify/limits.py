@@ -25,9 +25,9 @@ def limits(fit: ModelFit, mass_changes_kg: Sequence[float], duration_s: float) -
         mass, std = 1 / fit["inverse_mass"], float(fit.std[place]) / fit["inverse_mass"] ** 2
         share = (max(mass_changes_kg) - min(mass_changes_kg)) / mass
         yield (
-            f"the interval of the mass (+-{196 * std / mass:.2g} %) is that of the sensors' noise times the mass over "
-            f"the mass change, {1 / share:.0f}: twice the mass change ({200 * share:.0f} % of the mass) or four times "
-            f"the {duration_s:.0f} s of running would halve it"
+            f"the mass is known to {196 * std / mass:.2g} %: the mass change, {100 * share:.0f} % of the mass, "
+            f"multiplies what the sensors' noise does by {1 / share:.0f}; doubling it, or four times the "
+            f"{duration_s:.0f} s of running, would halve the interval"
         )
         yield from _named(fit, place, "the mass")
     for i in range(fit.law.vector.size):

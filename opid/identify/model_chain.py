@@ -15,7 +15,6 @@ from opid.identify.force_surface import force_surface
 from opid.identify.imitations import ground_imitations
 from opid.identify.joint_fit import LadderStep, chosen
 from opid.identify.law_search import search_law
-from opid.identify.limits import limits
 from opid.identify.model_evidence import ModelEvidence
 from opid.identify.model_fit import ModelFit
 from opid.identify.noise_levels import with_own_noise
@@ -65,7 +64,6 @@ def model_chain(
         best = with_own_noise(runs, best, study.sensors)
     if best is not chosen(ladder).fit:
         ladder = (*ladder, LadderStep(best.law.name, best, True))
-    changes = [run.mass_change_kg for run in runs]
     say("intervals")
     model = ModelEvidence(
         fit=best,
@@ -77,7 +75,7 @@ def model_chain(
         ground=ground_imitations(runs, best),
         mended_spikes=start.mended_spikes,
         n_starts=found.n_starts,
-        limits=tuple(limits(best, changes, sum(run.n_samples / run.fs for run in runs))),
+        limits=(),
     )
     return replace(evidence_of(start, best, ladder, progress=progress), model=model)
 
@@ -111,7 +109,7 @@ def _found(
 ) -> _Found:
     """Find law and sensors' faults; where that leaves a doubt, in another order and from another start too."""
     ground_start = start.joint if ground and "ground_stiffness_per_mass" in start.joint.names else None
-    first, n_starts = first_fit(start, runs, ground=ground)
+    first, n_starts = first_fit(start, runs, ground=ground, searched=search)
     if not search:
         runs, fit, demands = let_in(runs, first, ground_start=ground_start, progress=progress)
         return _Found(runs, (LadderStep(fit.law.name, fit, True, road="given"),), demands, n_starts)

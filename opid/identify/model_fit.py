@@ -25,7 +25,7 @@ from opid.identify.joint_fit import JointFit
 from opid.identify.law_parameters import from_free, to_free
 from opid.identify.sensor_facts import SensorPair, nuisance_values
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws import LINEAR, Law, Term
+from opid.mechanics.laws import LINEAR, Law
 from opid.mechanics.prediction import Prediction
 from opid.signals.recording import FloatArray
 
@@ -172,10 +172,11 @@ def fit_model(
     own = model.looked_for_start(np.array(shared)) if start is None else np.asarray(start)
     theta = np.concatenate([shared, own.ravel()])
     lower, upper = model.bounds(damping_per_mass)
+    inside = np.minimum(1e-6, 1e-3 * (upper - lower))
     cache = _Remembered(model)
     solution = optimize.least_squares(
         cache.residual,
-        np.clip(theta, lower + 1e-6, upper - 1e-6),
+        np.clip(theta, lower + inside, upper - inside),
         jac=cache.jacobian,
         x_scale="jac",
         bounds=(lower, upper),
@@ -249,28 +250,6 @@ def fit_at(model: Model, theta: FloatArray, n_evaluations: int) -> ModelFit:
     )
 
 
-def score_of_term(runs: Sequence[DrivenRun], fit: ModelFit, term: Term) -> tuple[float, float]:
-    """Return how far a term would lower the squared whitened error, and at what amplitude, to first order.
-
-    The model is simulated with the term at amplitude zero. The derivative of the prediction by that amplitude, made
-    orthogonal to those by all fitted parameters, takes (r . d)^2/(d . d) from the squared error (score test).
-
-    Args:
-        runs: one `DrivenRun` a run.
-        fit: the model without the term.
-        term: the term; its amplitude does not matter.
-    """
-    silent = Term(term.name, (0.0, *term.inner))
-    model = replace(fit.model(runs), law=fit.law + Law((silent,)))
-    n_head, n_law = model.n_head, fit.law.vector.size
-    theta = np.concatenate([fit.value[:n_head], to_free(model.law), fit.value[n_head + n_law :], fit.start.ravel()])
-    place = n_head + next(
-        i for i, owner in enumerate(t.name for t in model.law.terms for _ in t.values) if owner == term.name
-    )
-    # at amplitude zero the inner parameters of the term move nothing
-    return _score(model.evaluate(theta), place, range(place, place + len(term.values)))
-
-
 def score_of_parameter(
     runs: Sequence[DrivenRun], fit: ModelFit, name: str, *, sensors: SensorPair | None = None, ground: bool = False
 ) -> tuple[float, float]:
@@ -291,20 +270,22 @@ def score_of_parameter(
     nominal = {nuisance.name: nuisance.nominal for nuisance in model.nuisances}
     theta = np.array([*(known.get(each, nominal.get(each, 0.0)) for each in model.names), *fit.start.ravel()])
     place = model.names.index(name)
-    gain, change = _score(model.evaluate(theta), place, [place])
+    gain, change = _score(model.evaluate(theta), place)
     return gain, theta[place] + change
 
 
-def _score(errors: Errors, place: int, own: Sequence[int]) -> tuple[float, float]:
-    """Gain and step along one column once all others, but for `own`, are adapted."""
-    others = errors.jacobian[:, [k for k in range(errors.jacobian.shape[1]) if k not in own]]
+def _score(errors: Errors, place: int) -> tuple[float, float]:
+    """Gain and step along one column once all others are adapted; what was known before is left out."""
+    n_data = 2 * sum(line.size for line in errors.lines)
+    jacobian, stacked = errors.jacobian[:n_data], errors.stacked[:n_data]
+    others = np.delete(jacobian, place, axis=1)
     basis = orthonormal(others)
-    column = errors.jacobian[:, place]
+    column = jacobian[:, place]
     direction = column - basis @ (basis.T @ column)
     size = float(direction @ direction)
     if size <= 1e-20 * float(column @ column):
         return 0.0, 0.0
-    along = float(direction @ errors.stacked)
+    along = float(direction @ stacked)
     return along**2 / size, -along / size
 
 

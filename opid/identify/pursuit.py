@@ -99,8 +99,12 @@ def with_neighbours(
     closest = [each.law for each in proposals(runs, best, library() if names is None else names)]
     laws = [law for law in (LINEAR, *closest) if law.name not in tried]
     fits = [_refitted(runs, best, law) for law in laws[: N_NEIGHBOURS + (LINEAR.name not in tried)]]
-    rungs = [LadderStep(fit.law.name, fit, False, road="pursuit") for fit in fits if fit is not None]
-    return judged_by_left_out(runs, (*rungs, *ladder))
+    rungs = [
+        LadderStep(fit.law.name, fit, False, road="pursuit", left_out_m_per_s2=left_out_error(runs, fit))
+        for fit in fits
+        if fit is not None
+    ]
+    return (*rungs, *ladder)
 
 
 def better(fit: ModelFit, than: ModelFit) -> bool:

@@ -83,13 +83,20 @@ def coloured_std(fit: ModelFit) -> FloatArray:
     stacked = np.concatenate(scores)
     scale = np.maximum(fit.std, 1e-300)
     posterior = fit.covariance / np.outer(scale, scale)
-    jacobian = fit.jacobian * scale
-    of_prior = np.linalg.pinv(posterior, rcond=1e-12, hermitian=True) - jacobian.T @ jacobian / fit.variance
+    of_prior = _known_before(fit)
     stacked = stacked * scale
     small = n_cells / max(n_cells - len(fit.names), 1)
     meat = small * (stacked.T @ stacked) / fit.variance**2 + of_prior
     sandwich = posterior @ meat @ posterior
     return fit.std * np.sqrt(np.maximum(np.diag(sandwich), 1.0))
+
+
+def _known_before(fit: ModelFit) -> FloatArray:
+    """Information that was there before the data, with every parameter in units of its standard deviation."""
+    scale = np.maximum(fit.std, 1e-300)
+    jacobian = fit.jacobian * scale
+    posterior = fit.covariance / np.outer(scale, scale)
+    return np.linalg.pinv(posterior, rcond=1e-12, hermitian=True) - jacobian.T @ jacobian / fit.variance
 
 
 def bootstrap_std(runs: Sequence[DrivenRun], fit: ModelFit, *, rng: np.random.Generator) -> FloatArray:
@@ -118,4 +125,8 @@ def bootstrap_std(runs: Sequence[DrivenRun], fit: ModelFit, *, rng: np.random.Ge
             line = run.transform(innovation[places])
             parts += [line.real, line.imag]
         moved[draw] = back @ np.concatenate(parts)
-    return moved.std(axis=0)
+    scale = np.maximum(fit.std, 1e-300)
+    posterior = fit.covariance / np.outer(scale, scale)
+    # what was known before the data is drawn anew as well
+    by_prior = np.diag(posterior @ _known_before(fit) @ posterior) * scale**2
+    return np.sqrt(moved.var(axis=0) + np.maximum(by_prior, 0.0))

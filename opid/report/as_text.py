@@ -125,12 +125,18 @@ def limits(result: Identification) -> str:
         if known["settings"]["law"] == "searched"
         else ""
     )
-    from_runs = f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:g} to {band[1]:g} Hz: "
+    from_runs = f"From {n_runs} run{'s' * (n_runs > 1)}, {band[0]:.3g} to {band[1]:.3g} Hz: "
     at_most = f"the noise floor of the airframe sensor is at most {_two_digits(1e3 * floor)} mm/s^2"
     if known["model"]:
         white = known["model"]["whiteness"]["white"]
         checked = known["model"]["bootstrap_std_over_white"].get("inverse_mass")
         check = f" (resampled blocks of time give {checked:.2f} times that of the mass)" if checked and white else ""
+        given = any(estimate.interval95 for estimate in (*result.parameters.values(), *result.ratios.values()))
+        if not given:
+            return (
+                f"{from_runs}the airframe acceleration is predicted to {_two_digits(1e3 * noise)} mm/s^2 rms, "
+                f"{at_most}; the prediction errors are {'white' if white else 'not white'}."
+            )
         return (
             f"{from_runs}the airframe acceleration is predicted to {_two_digits(1e3 * noise)} mm/s^2 rms, {at_most}; "
             f"the prediction errors are {'white' if white else 'not white'}. The intervals are those of "
