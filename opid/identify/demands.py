@@ -14,7 +14,7 @@ import numpy as np
 
 from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
-from opid.identify.model_fit import ModelFit, fit_model, score_of_parameter
+from opid.identify.model_fit import FROM_AFAR, ModelFit, fit_model, score_of_parameter
 from opid.identify.sensor_facts import SIDES, SensorPair, nuisance_values
 from opid.mechanics.driven import UnboundedResponseError
 
@@ -232,7 +232,7 @@ def _refit(
             motion_rms=fit.motion_rms,
             # the starts of a fit without the spring are as wrong as it is
             start=None if new_ground else fit.start,
-            from_afar=new_ground,
+            noisier=FROM_AFAR if new_ground else (),
             nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
         )
     except UnboundedResponseError:

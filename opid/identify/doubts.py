@@ -90,9 +90,7 @@ def widening(evidence: Evidence) -> float:
     Args:
         evidence: of a chain.
     """
-    over = max(1.0, unexplained_noise(evidence) / UNEXPLAINED_DOUBTED)
-    # the intervals of the driven model allow for the colour of the residual already
-    return over if evidence.model is None else float(np.sqrt(over))
+    return max(1.0, unexplained_noise(evidence) / UNEXPLAINED_DOUBTED)
 
 
 def gain_like_share(evidence: Evidence) -> float:

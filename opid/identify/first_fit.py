@@ -9,7 +9,7 @@ from opid.identify.classical import Start
 from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
 from opid.identify.law_search import thinned
-from opid.identify.model_fit import ModelFit, fit_model
+from opid.identify.model_fit import FROM_AFAR, FROM_FARTHER, ModelFit, fit_model
 from opid.identify.nonlinearity import fit_surface
 from opid.identify.refit import refit
 from opid.mechanics.driven import UnboundedResponseError
@@ -47,7 +47,7 @@ def first_fit(
     )
     linear = next((step.fit for step in start.ladder if step.law_name == "linear"), start.joint)
 
-    def fitted(law: Law, near: JointFit, *, from_afar: bool) -> ModelFit | None:
+    def fitted(law: Law, near: JointFit, noisier: tuple[float, ...]) -> ModelFit | None:
         spring = ground and demands_ground(linear)
         try:
             return fit_model(
@@ -59,19 +59,24 @@ def first_fit(
                 inverse_mass=near["inverse_mass"] if "inverse_mass" in near.names else None,
                 noise_m_per_s2=noise,
                 motion_rms=motion_rms,
-                from_afar=from_afar,
+                noisier=noisier,
             )
         except UnboundedResponseError:
             return None
 
     law = start.joint.law
     rough = fit_surface(thinned(start.surfaces[0]), law.name).law
-    ways = ((law, start.joint, False), (law, start.joint, True), (rough, linear, True), (Law(), linear, True))
+    ways: tuple[tuple[Law, JointFit, tuple[float, ...]], ...] = (
+        (law, start.joint, ()),
+        (law, start.joint, FROM_AFAR),
+        (law, start.joint, FROM_FARTHER),
+        (rough, linear, FROM_AFAR),
+        (Law(), linear, FROM_AFAR),
+    )
     best: ModelFit | None = None
     n_starts = 0
     while n_starts < len(ways) and (best is None or best.noise_m_per_s2 > DOUBTFUL * best.level):
-        each, near, from_afar = ways[n_starts]
-        fit = fitted(each, near, from_afar=from_afar)
+        fit = fitted(*ways[n_starts])
         best = fit if best is None or (fit is not None and fit.bic < best.bic) else best
         n_starts += 1
     if best is None:

@@ -29,8 +29,8 @@ from opid.mechanics.laws import LINEAR, Law
 from opid.mechanics.prediction import Prediction
 from opid.signals.recording import FloatArray
 
-# factors on the spindle's noise by which a fit comes nearer from afar
-NOISIER = (30.0, 5.0, 1.0)
+# factors on the spindle's noise by which a fit comes nearer from afar, and from farther
+FROM_AFAR, FROM_FARTHER = (30.0, 5.0), (100.0, 20.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def fit_model(
     motion_rms: tuple[float, float] = (3e-3, 0.05),
     start: FloatArray | None = None,
     nuisance: dict[str, float] | None = None,
-    from_afar: bool = False,
+    noisier: Sequence[float] = (),
 ) -> ModelFit:
     """Move the model until it predicts the airframe accelerations of all runs.
 
@@ -134,8 +134,8 @@ def fit_model(
         motion_rms: rms travel (m) and velocity (m/s), which bound the scales of the law.
         start: (n_runs, 2) travel and velocity to begin with; looked for where left out.
         nuisance: start values of the sensors' faults by name; nominal where left out.
-        from_afar: come nearer by fits that take the spindle for noisier than it is: the readings then hold the motion
-            to the truth while the parameters are still wrong, and minima beside the right one vanish.
+        noisier: falling factors on the spindle's noise of fits by which to come nearer from afar: the readings then
+            hold the motion to the truth while the parameters are still wrong, and minima beside the right one vanish.
 
     Raises:
         InputError: no run, or a free mass although all mass changes are equal.
@@ -148,10 +148,11 @@ def fit_model(
     mass_free = inverse_mass is not None and not hold_mass
     if mass_free and len({run.mass_change_kg for run in runs}) < 2:
         raise InputError("all runs have the same mass change: only ratios to the mass can be fitted")
-    if from_afar:
+    if noisier:
         return _from_afar(
             runs,
             law,
+            (*noisier, 1.0),
             stiffness_per_mass=stiffness_per_mass,
             damping_per_mass=damping_per_mass,
             ground_stiffness_per_mass=ground_stiffness_per_mass,
@@ -187,9 +188,16 @@ def fit_model(
     return fit_at(model, solution.x, int(solution.nfev))
 
 
-def _from_afar(runs: Sequence[DrivenRun], law: Law, *, noise_m_per_s2: tuple[float, float], **values: Any) -> ModelFit:
+def _from_afar(
+    runs: Sequence[DrivenRun],
+    law: Law,
+    factors: Sequence[float],
+    *,
+    noise_m_per_s2: tuple[float, float],
+    **values: Any,
+) -> ModelFit:
     """Fit in steps of falling noise of the spindle, each from where the last one ended."""
-    for factor in NOISIER:
+    for factor in factors:
         fit = fit_model(runs, law, noise_m_per_s2=(factor * noise_m_per_s2[0], noise_m_per_s2[1]), **values)
         law = fit.law
         values |= {

@@ -134,7 +134,11 @@ def proposals(runs: Sequence[DrivenRun], fit: ModelFit, names: Sequence[str], *,
         names: kinds that may enter.
         most_terms: terms at the most.
     """
-    dictionary = dictionary_of(runs, fit, names)
+    try:
+        dictionary = dictionary_of(runs, fit, names)
+    except UnboundedResponseError:
+        # a model so near its bounds has no neighbours to offer
+        return []
     have, others = list(dictionary.fitted), list(dictionary.offered)
     moves = [tuple(kept) for kept in combinations(have, max(len(have) - 1, 0))] if have else []
     for n_exchanged in range(1, min(len(have), MOST_EXCHANGED) + 1):

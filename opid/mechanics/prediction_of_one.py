@@ -138,7 +138,8 @@ def _predictions_of_one(  # type: ignore[no-untyped-def]
         if correct:
             z, v, a, b, d, e = _covariance_with_reading(covariance, by_z, by_v, by_d - tied * by_z)
             variance = by_z * z + by_v * v + (by_d - tied * by_z) * d + b + noise[1, 0] ** 2
-            deviation = np.sqrt(variance)
+            # rounding must not make it smaller than the noise of the reading
+            deviation = np.sqrt(max(variance, noise[1, 0] ** 2))
             per_deviation = 1.0 / deviation
             gain = (
                 z * per_deviation, v * per_deviation, a * per_deviation, b * per_deviation, d * per_deviation,
