@@ -40,11 +40,15 @@ def main() -> None:
             median, tail = np.percentile(given, [50, 95])
             ax.plot([median, median], [row - 0.38, row + 0.38], color=INK, linewidth=2)
             missing = f", {error.size - given.size} without an answer" if given.size < error.size else ""
-            text = f"median {median:.2g} %, 95 % within {tail:.2g} %, worst {given.max():.2g} %{missing}"
+            median_told, tail_told, worst_told = (
+                f"{x:.0f}" if x >= 10 else f"{x:.2g}" for x in (median, tail, given.max())
+            )
+            text = f"median {median_told} %, 95 % within {tail_told} %, worst {worst_told} %{missing}"
             ax.annotate(text, (1.0, row - 0.42), xycoords=("axes fraction", "data"), ha="right", fontsize=8)
         ax.set_xscale("log")
         ax.set_xlim(LOWEST, HIGHEST)
         plain_numbers(ax.xaxis)
+        ax.set_xticks([0.001, 0.01, 0.1, 1, 10, 100])
         ax.set_yticks(range(len(METHODS)), list(METHODS.values()))
         ax.set_ylim(len(METHODS) - 0.45, -0.65)
         ax.set_xlabel("error of the sprung mass [%]")
