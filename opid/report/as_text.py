@@ -99,11 +99,23 @@ def result_text(result: Identification, truth: Mapping[str, Any] | None = None) 
     if result.not_determined:
         parts += [*wrapped("Not determined: " + result.not_determined), ""]
     parts += [*table_lines(rows(result, truth), columns(truth)), "", *wrapped(limits(result))]
+    sensors = (result.diagnostics["model"] or {}).get("sensors")
+    if sensors:
+        parts += ["", *wrapped(_sensors(sensors), "Sensors: ")]
     for sentence in result.diagnostics["law_alternatives"]:
         parts += ["", *wrapped(f"{sentence}.", "Law: ")]
     if result.warnings:
         parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
     return "\n".join(parts) + "\n"
+
+
+def _sensors(found: Mapping[str, Any]) -> str:
+    """What was found out about the sensors, and what was known of it before."""
+    told = []
+    for name, each in found.items():
+        nominal, tolerance = each["known_before"]
+        told.append(f"{name} {each['value']:.5g} +- {each['std']:.1g} (before: {nominal:.3g} +- {tolerance:.1g})")
+    return "; ".join(told) + "."
 
 
 def limits(result: Identification) -> str:
