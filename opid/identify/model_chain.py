@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.identify.classical import Evidence, Start, evidence_of
-from opid.identify.demands import Demand, at_last, let_in
+from opid.identify.demands import EXPLAINED, Demand, at_last, let_in
 from opid.identify.driven_run import BAND_HZ, DrivenRun, driven_run
 from opid.identify.first_fit import DOUBTFUL, first_fit
 from opid.identify.force_surface import force_surface
@@ -23,9 +23,6 @@ from opid.identify.sparse_road import which_law
 from opid.identify.study import Study
 from opid.identify.whiteness import bootstrap_std, coloured_std, whiteness
 from opid.signals.health import without_spikes
-
-# the noise levels of the two sensors are told apart only where the model explains the runs this well
-EXPLAINED = 2.0
 
 
 def model_chain(
@@ -60,10 +57,10 @@ def model_chain(
     runs, ladder, demands = found.runs, found.ladder, found.demands
     ladder = with_neighbours(runs, ladder) if search else judged_by_left_out(runs, ladder)
     best = _model_fit(ladder)
+    # the levels of the two sensors are told apart only where the model explains the runs
     if best.noise_m_per_s2 < EXPLAINED * best.level:
         best = with_own_noise(runs, best, study.sensors)
-    if best is not chosen(ladder).fit:
-        ladder = (*ladder, LadderStep(best.law.name, best, True))
+    ladder = _with_choice(ladder, best)
     say("intervals")
     model = ModelEvidence(
         fit=best,
@@ -121,11 +118,9 @@ def _found(
             own, fit, demands = let_in(own, fit, ground_start=ground_start, progress=progress)
         ladder = which_law(own, fit, roads=roads, progress=progress)
         own, fit, more = let_in(own, _model_fit(ladder), ground_start=ground_start, progress=progress)
-        if more:
-            # what was wrong with the sensors may have been taken for a term of the law
-            ladder = (*ladder, *which_law(own, fit, roads=roads, progress=progress))
-        elif fit is not _model_fit(ladder):
-            ladder = (*ladder, LadderStep(fit.law.name, fit, True))
+        # what was wrong with the sensors may have been taken for a term of the law
+        further = which_law(own, fit, roads=roads, progress=progress) if more else ()
+        ladder = (*ladder, *further) if further else _with_choice(ladder, fit)
         return _Found(own, ladder, (*demands, *more), n_starts)
 
     # the second road takes long: only where nothing else helps, or where it is asked for
@@ -148,6 +143,12 @@ def _model_fit(ladder: tuple[LadderStep, ...]) -> ModelFit:
     fit = chosen(ladder).fit
     assert isinstance(fit, ModelFit)  # every rung of this chain is one
     return fit
+
+
+def _with_choice(ladder: tuple[LadderStep, ...], fit: ModelFit) -> tuple[LadderStep, ...]:
+    """The ladder with its choice fitted once more: what led there stays."""
+    choice = chosen(ladder)
+    return tuple(replace(step, fit=fit) if step is choice else step for step in ladder)
 
 
 def driven_runs(study: Study, *, band_hz: tuple[float, float] = BAND_HZ) -> tuple[DrivenRun, ...]:
