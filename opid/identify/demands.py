@@ -1,23 +1,22 @@
 """What the runs demand beside the suspension: a spring to the ground, or a fault of the sensors that nobody stated.
 
-Each is first tried by a score test, one simulation each. What would lower the error most is fitted, and kept if the
+All are first tried by score tests, one simulation together. What would lower the error most is fitted, and kept if the
 information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
 spring, say): all that explain the runs about as well as the one that was let in are named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from opid.identify.driven_run import DrivenRun
 from opid.identify.joint_fit import JointFit
-from opid.identify.model_fit import FROM_AFAR, ModelFit, fit_model, score_of_parameter
+from opid.identify.model_fit import FROM_AFAR, ModelFit, fit_model, scores_of_parameters
 from opid.identify.sensor_facts import SIDES, SensorPair, nuisance_values
 from opid.mechanics.driven import UnboundedResponseError
 
+GROUND = "ground_stiffness_per_mass"
 # a score (chi-square of one degree of freedom under a sound model) below this is not looked at further
 SCORE_LOOKED_AT = 30.0
 # as for a term of the law: the criterion and the error must both fall
@@ -57,10 +56,18 @@ class Demand:
 
 @dataclass(frozen=True)
 class _Hypothesis:
+    """Something that the model may lack: its parameters, and what of the sensors' facts makes them free."""
+
     names: tuple[str, ...]
     words: str
-    sensors: SensorPair
-    ground: bool
+    ground: bool = False
+    unsprung: Mapping[str, float] = field(default_factory=dict)
+    sprung: Mapping[str, float] = field(default_factory=dict)
+
+    def sensors(self, pair: SensorPair) -> SensorPair:
+        return replace(
+            pair, unsprung=replace(pair.unsprung, **self.unsprung), sprung=replace(pair.sprung, **self.sprung)
+        )
 
 
 def let_in(
@@ -84,8 +91,9 @@ def let_in(
         tried = []
         for hypothesis in _promising(runs, fit, ground_start):
             say(hypothesis.words)
-            changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
-            grown = _refit(changed, fit, hypothesis, ground_start)
+            changed = tuple(replace(run, sensors=hypothesis.sensors(fit.sensors)) for run in runs)
+            new_spring = ground_start if hypothesis.ground else None
+            grown = _refit(changed, fit, ground=fit.ground or hypothesis.ground, new_spring=new_spring)
             if grown is not None and _plausible(grown, hypothesis.names):
                 tried.append((grown, changed, hypothesis))
         if not tried:
@@ -110,15 +118,13 @@ def _given_up(
         if what != "ground" and not names:
             # already taken out with the ground spring
             continue
-        if what == "ground" or "ground_stiffness_per_mass" in names:
-            if not fit.ground:
-                continue
-            hypothesis = _Hypothesis((), "", fit.sensors, False)
-            names = ["ground_stiffness_per_mass"]
-        else:
-            hypothesis = _Hypothesis((), "", _without(fit.sensors, names[0]), fit.ground)
-        changed = tuple(replace(run, sensors=hypothesis.sensors) for run in runs)
-        without = _refit(changed, fit, hypothesis, None)
+        of_ground = what == "ground" or GROUND in names
+        if of_ground and not fit.ground:
+            continue
+        names = [GROUND] if of_ground else names
+        sensors = fit.sensors if of_ground else _without(fit.sensors, names[0])
+        changed = tuple(replace(run, sensors=sensors) for run in runs)
+        without = _refit(changed, fit, ground=fit.ground and not of_ground)
         if without is not None and not _better(fit, without):
             runs, fit, demands = changed, without, [each for each in demands if each.name not in names]
     return runs, fit, demands
@@ -167,16 +173,19 @@ def _demand(fit: ModelFit, name: str, hypothesis: _Hypothesis, before: float, al
 
 def _promising(runs: tuple[DrivenRun, ...], fit: ModelFit, ground_start: JointFit | None) -> list[_Hypothesis]:
     """What a score test speaks for, the best first; a strong spring is beyond it, so the other fit speaks for that."""
-    variance = (fit.noise_m_per_s2 / float(np.sqrt(np.mean(np.square(fit.noise))))) ** 2
+    hypotheses = list(_hypotheses(fit, ground_start is not None, runs[0].fs))
+    if not hypotheses:
+        return []
+    sensors = fit.sensors
+    for hypothesis in hypotheses:
+        sensors = _slight(hypothesis.sensors(sensors), fit)
+    groups = [hypothesis.names for hypothesis in hypotheses]
+    gains = scores_of_parameters(runs, fit, groups, sensors=sensors, ground=any(h.ground for h in hypotheses))
     scored = []
-    for hypothesis in _hypotheses(fit, ground_start is not None, runs[0].fs):
-        scores = [
-            score_of_parameter(runs, fit, name, sensors=_slight(hypothesis.sensors, fit), ground=hypothesis.ground)[0]
-            for name in hypothesis.names
-        ]
-        score = max(scores) / variance
-        if hypothesis.ground and not fit.ground and ground_start is not None:
-            place = ground_start.names.index("ground_stiffness_per_mass")
+    for gain, hypothesis in zip(gains, hypotheses, strict=True):
+        score = gain / fit.variance
+        if hypothesis.ground and ground_start is not None:
+            place = ground_start.names.index(GROUND)
             score = max(score, float(ground_start.value[place] / ground_start.std[place]) ** 2)
         scored.append((score, hypothesis))
     scored.sort(key=lambda entry: -entry[0])
@@ -194,45 +203,42 @@ def _slight(pair: SensorPair, fit: ModelFit) -> SensorPair:
 
 def _hypotheses(fit: ModelFit, ground: bool, fs: float) -> Iterator[_Hypothesis]:
     """What is not in the model yet, with what is known of such faults in general."""
-    pair = fit.sensors
+    unsprung, sprung = fit.sensors.unsprung, fit.sensors.sprung
     if ground and not fit.ground:
-        yield _Hypothesis(("ground_stiffness_per_mass",), "a spring to the ground", pair, True)
-    if not (pair.unsprung.gain_tolerance or pair.sprung.gain_tolerance):
-        sprung = replace(pair.sprung, gain_tolerance=GAIN_TOLERANCE)
+        yield _Hypothesis((GROUND,), "a spring to the ground", ground=True)
+    if not (unsprung.gain_tolerance or sprung.gain_tolerance):
         yield _Hypothesis(
-            ("gain_sprung",), "a gain error between the sensors", replace(pair, sprung=sprung), fit.ground
+            ("gain_sprung",), "a gain error between the sensors", sprung={"gain_tolerance": GAIN_TOLERANCE}
         )
-    if not (pair.unsprung.lag_tolerance_s or pair.sprung.lag_tolerance_s):
-        sprung = replace(pair.sprung, lag_tolerance_s=LAG_SAMPLES / fs)
-        yield _Hypothesis(("lag_s",), "a lag between the channels", replace(pair, sprung=sprung), fit.ground)
-    if not (pair.unsprung.corner_hz or pair.sprung.corner_hz):
+    if not (unsprung.lag_tolerance_s or sprung.lag_tolerance_s):
+        lag = {"lag_tolerance_s": LAG_SAMPLES / fs}
+        yield _Hypothesis(("lag_s",), "a lag between the channels", sprung=lag)
+    if not (unsprung.corner_hz or sprung.corner_hz):
         coupled = {"corner_hz": CORNER_HZ, "corner_tolerance": CORNER_TOLERANCE}
-        both = replace(pair, unsprung=replace(pair.unsprung, **coupled), sprung=replace(pair.sprung, **coupled))
         names = ("corner_unsprung_hz", "corner_sprung_hz")
-        yield _Hypothesis(names, "AC coupling of the sensors", both, fit.ground)
+        yield _Hypothesis(names, "AC coupling of the sensors", unsprung=coupled, sprung=coupled)
 
 
 def _refit(
-    runs: Sequence[DrivenRun], fit: ModelFit, hypothesis: _Hypothesis, ground_start: JointFit | None
+    runs: Sequence[DrivenRun], fit: ModelFit, *, ground: bool, new_spring: JointFit | None = None
 ) -> ModelFit | None:
     """The fit with something more or less, or None where it grows without bound."""
     # a ground spring changes stiffness and damping too: all three start where it was free
-    new_ground = hypothesis.ground and not fit.ground and ground_start is not None
-    start: JointFit = ground_start if new_ground and ground_start is not None else fit
+    start = new_spring or fit
     try:
         return fit_model(
             runs,
             fit.law,
             stiffness_per_mass=start["stiffness_per_mass"],
             damping_per_mass=start["damping_per_mass"],
-            ground_stiffness_per_mass=start["ground_stiffness_per_mass"] if hypothesis.ground else None,
+            ground_stiffness_per_mass=start[GROUND] if ground else None,
             inverse_mass=fit["inverse_mass"] if fit.held_inverse_mass is None else fit.held_inverse_mass,
             hold_mass=fit.held_inverse_mass is not None,
             noise_m_per_s2=fit.noise,
             motion_rms=fit.motion_rms,
             # the starts of a fit without the spring are as wrong as it is
-            start=None if new_ground else fit.start,
-            noisier=FROM_AFAR if new_ground else (),
+            start=None if new_spring else fit.start,
+            noisier=FROM_AFAR if new_spring else (),
             nuisance=nuisance_values(fit.names, fit.value.tolist(), fit.sensors),
         )
     except UnboundedResponseError:

@@ -27,11 +27,15 @@ START_RMS = 2.0
 START_DISPLACEMENT_M, START_BODY_VELOCITY_M_PER_S = 0.05, 0.3
 # offset that is left in an acceleration once its mean is removed; an AC coupling forgets more
 OFFSET_M_PER_S2, OFFSET_AC_M_PER_S2 = 0.03, 0.1
-# the start of a run is looked for on a grid of this many rms motions, by predicting this long
-START_GRID, START_S = np.linspace(-2.5, 2.5, 9), 2.0
+# the start of a run is looked for on a grid of this many rms motions: all are predicted for a short while, then the
+# best so many of them for longer
+START_GRID, START_ROUNDS = np.linspace(-2.5, 2.5, 9), ((0.5, 16), (2.0, 1))
 N_OWN = 2
 # no fault of a sensor lies farther from what was known of it
 FARTHEST_STD = 8.0
+
+_Signal = tuple[FloatArray, dict[str, FloatArray]]
+_Corrected = tuple[dict[str, float], _Signal, _Signal]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,23 +133,34 @@ class Model:
         z_rms, v_rms = self.motion_rms
         found = []
         for place in range(len(self.runs)):
-            cells = [(z * z_rms, v * v_rms) for z in START_GRID for v in START_GRID]
-            costs = [self._start_cost(shared, place, np.array(cell), std) for cell in cells]
-            found.append(cells[int(np.argmin(costs))])
+            cells = [np.array([z * z_rms, v * v_rms]) for z in START_GRID for v in START_GRID]
+            corrected = self._corrected(shared, place)
+            for seconds, n_kept in START_ROUNDS:
+                costs = [self._start_cost(shared, place, corrected, cell, std, seconds) for cell in cells]
+                cells = [cells[k] for k in np.argsort(costs, kind="stable")[:n_kept]]
+            found.append(cells[0])
         return np.array(found)
 
-    def _start_cost(self, shared: FloatArray, place: int, cell: FloatArray, std: FloatArray) -> float:
-        n = min(self.runs[place].n_samples, round(START_S * self.runs[place].fs))
+    def _start_cost(
+        self, shared: FloatArray, place: int, corrected: _Corrected, cell: FloatArray, std: FloatArray, seconds: float
+    ) -> float:
+        n = min(self.runs[place].n_samples, round(seconds * self.runs[place].fs))
         try:
-            begun = self._predict(shared, place, cell, start_std=std, n=n, sensitivity=False)[0]
+            begun = self._predict(shared, place, corrected, cell, start_std=std, n=n, sensitivity=False)[0]
         except UnboundedResponseError:
             return np.inf
         return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
+
+    def _corrected(self, shared: FloatArray, place: int) -> _Corrected:
+        """The sensors' faults, and what they leave of the drive and of the readings of one run."""
+        nuisance = nuisance_values(self.names, shared, self.runs[place].sensors)
+        return nuisance, self.runs[place].drive(nuisance), self.runs[place].measured(nuisance)
 
     def _predict(
         self,
         shared: FloatArray,
         place: int,
+        corrected: _Corrected,
         own: FloatArray,
         *,
         start_std: FloatArray | None = None,
@@ -157,9 +172,7 @@ class Model:
         law, slope = from_free(self.law, shared[self.n_head : self.n_head + n_law]) if n_law else (LINEAR, np.empty(0))
         mu = float(shared[self.n_head + n_law]) if self.held_inverse_mass is None else self.held_inverse_mass
         share = 1.0 / (1.0 + mu * run.mass_change_kg)
-        nuisance = nuisance_values(self.names, shared, run.sensors)
-        drive, by_drive = run.drive(nuisance)
-        measured, by_measured = run.measured(nuisance)
+        nuisance, (drive, by_drive), (measured, by_measured) = corrected
         n = n or run.n_samples
         start, std = self._start(run, own, start_std)
         prediction = predict(
@@ -232,7 +245,8 @@ class Model:
         lines, blocks, predictions = [], [], []
         for place, run in enumerate(self.runs):
             own = theta[n_shared + N_OWN * place :][:N_OWN]
-            prediction, by = self._predict(theta[:n_shared], place, own, sensitivity=sensitivity)
+            corrected = self._corrected(theta[:n_shared], place)
+            prediction, by = self._predict(theta[:n_shared], place, corrected, own, sensitivity=sensitivity)
             lines.append(run.transform(prediction.innovation[0]))
             predictions.append(prediction)
             if sensitivity:

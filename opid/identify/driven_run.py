@@ -81,9 +81,9 @@ class DrivenRun:
         if lag is None:
             return self._corrected("sprung", self._answer, nuisance)
         time = np.clip(self._time + lag, 0.0, self._time[-1])
-        answer = {name: spline(time) for name, spline in self._splines.items()}
+        answer = dict(zip(self._answer, self._spline(time).T, strict=True)) if lag else self._answer
         value, by = self._corrected("sprung", answer, nuisance)
-        slope = {name: spline(time, 1) for name, spline in self._splines.items()}
+        slope = dict(zip(self._answer, self._spline(time, 1).T, strict=True))
         by["lag_s"], _ = self._corrected("sprung", slope, nuisance)
         return value, by
 
@@ -100,8 +100,9 @@ class DrivenRun:
         return np.arange(self.n_samples) / self.fs
 
     @cached_property
-    def _splines(self) -> dict[str, interpolate.BSpline]:
-        return {name: interpolate.make_interp_spline(self._time, part, k=5) for name, part in self._answer.items()}
+    def _spline(self) -> interpolate.BSpline:
+        """Of all parts of the answer, a column each."""
+        return interpolate.make_interp_spline(self._time, np.stack([*self._answer.values()], axis=1), k=5)
 
     def _parts(self, side: str) -> dict[str, FloatArray]:
         """The signal of a side and of what leaks into it, and their integrals where the sensor is AC coupled."""

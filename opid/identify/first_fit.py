@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 
 from opid.identify.classical import Start
@@ -65,18 +65,22 @@ def first_fit(
             return None
 
     law = start.joint.law
-    rough = fit_surface(thinned(start.surfaces[0]), law.name).law
-    ways: tuple[tuple[Law, JointFit, tuple[float, ...]], ...] = (
-        (law, start.joint, ()),
-        (law, start.joint, FROM_AFAR),
-        (law, start.joint, FROM_FARTHER),
+
+    def rough() -> Law:
+        return fit_surface(thinned(start.surfaces[0]), law.name).law
+
+    ways: tuple[tuple[Callable[[], Law], JointFit, tuple[float, ...]], ...] = (
+        (lambda: law, start.joint, ()),
+        (lambda: law, start.joint, FROM_AFAR),
+        (lambda: law, start.joint, FROM_FARTHER),
         (rough, linear, FROM_AFAR),
-        (Law(), linear, FROM_AFAR),
+        (Law, linear, FROM_AFAR),
     )
     best: ModelFit | None = None
     n_starts = 0
     while n_starts < len(ways) and (best is None or best.noise_m_per_s2 > DOUBTFUL * best.level):
-        fit = fitted(*ways[n_starts])
+        first_law, near, noisier = ways[n_starts]
+        fit = fitted(first_law(), near, noisier)
         best = fit if best is None or (fit is not None and fit.bic < best.bic) else best
         n_starts += 1
     if best is None:
@@ -87,7 +91,7 @@ def first_fit(
     if best.law.name != law.name:
         # a given law must be in the answer, and a search finds its way from the linear one
         with suppress(UnboundedResponseError) if searched else nullcontext():
-            best = refit(runs, best, rough)
+            best = refit(runs, best, rough())
     return best, n_starts
 
 

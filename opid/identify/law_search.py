@@ -29,7 +29,7 @@ CANDIDATES = (
 BIC_MARGIN = 10.0
 NOISE_MARGIN = 0.02
 # points that the start values are fitted to: more would only cost time
-N_START_POINTS = 5000
+N_START_POINTS = 3000
 
 
 def search_law(

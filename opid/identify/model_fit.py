@@ -183,9 +183,9 @@ def fit_model(
         bounds=(lower, upper),
         max_nfev=40,
         xtol=1e-8,
-        ftol=1e-8,
+        ftol=1e-6,
     )
-    return fit_at(model, solution.x, int(solution.nfev))
+    return fit_at(model, solution.x, int(solution.nfev), errors=cache.errors(solution.x))
 
 
 def _from_afar(
@@ -211,15 +211,16 @@ def _from_afar(
     return fit
 
 
-def fit_at(model: Model, theta: FloatArray, n_evaluations: int) -> ModelFit:
+def fit_at(model: Model, theta: FloatArray, n_evaluations: int, *, errors: Errors | None = None) -> ModelFit:
     """Return the fit that a vector stands for.
 
     Args:
         model: the model.
         theta: the vector.
         n_evaluations: how many were needed to find it.
+        errors: those at the vector, where they are known already.
     """
-    errors = model.evaluate(theta)
+    errors = errors or model.evaluate(theta)
     n_shared, n_law = len(model.names), model.law.vector.size
     n_data = 2 * sum(line.size for line in errors.lines)
     cost = float(np.sum(errors.stacked[:n_data] ** 2))
@@ -258,43 +259,55 @@ def fit_at(model: Model, theta: FloatArray, n_evaluations: int) -> ModelFit:
     )
 
 
-def score_of_parameter(
-    runs: Sequence[DrivenRun], fit: ModelFit, name: str, *, sensors: SensorPair | None = None, ground: bool = False
-) -> tuple[float, float]:
-    """Return how far one more free parameter would lower the squared whitened error, and its value, to first order.
+def scores_of_parameters(
+    runs: Sequence[DrivenRun],
+    fit: ModelFit,
+    groups: Sequence[Sequence[str]],
+    *,
+    sensors: SensorPair,
+    ground: bool = False,
+) -> list[float]:
+    """Return how far more free parameters would lower the squared whitened error, to first order, in one simulation.
 
     Args:
         runs: one `DrivenRun` a run.
-        fit: the model with that parameter at its nominal value.
-        name: "ground_stiffness_per_mass", or a fault of the sensors.
-        sensors: those with which the fault is free.
-        ground: whether it is the ground spring.
+        fit: the model with those parameters at their nominal values.
+        groups: names that would be free together, "ground_stiffness_per_mass" or faults of the sensors.
+        sensors: those with which all these faults are free.
+        ground: whether a ground spring is among them.
+
+    Returns:
+        The gain of each group: of the one among its names that gains most, the others of the group being adapted.
     """
-    changed = tuple(replace(run, sensors=sensors or run.sensors) for run in runs)
+    changed = tuple(replace(run, sensors=sensors) for run in runs)
     model = replace(fit.model(runs), runs=changed, ground=fit.ground or ground)
-    known = dict(zip(fit.names, fit.value, strict=True)) | {
-        f"law[{i}]": free for i, free in enumerate(to_free(fit.law))
-    }
-    nominal = {nuisance.name: nuisance.nominal for nuisance in model.nuisances}
-    theta = np.array([*(known.get(each, nominal.get(each, 0.0)) for each in model.names), *fit.start.ravel()])
-    place = model.names.index(name)
-    gain, change = _score(model.evaluate(theta), place)
-    return gain, theta[place] + change
-
-
-def _score(errors: Errors, place: int) -> tuple[float, float]:
-    """Gain and step along one column once all others are adapted; what was known before is left out."""
+    known = {nuisance.name: nuisance.nominal for nuisance in model.nuisances} | {"ground_stiffness_per_mass": 0.0}
+    known |= dict(zip(fit.names, fit.value, strict=True)) | {f"law[{i}]": v for i, v in enumerate(to_free(fit.law))}
+    errors = model.evaluate(np.array([*(known[name] for name in model.names), *fit.start.ravel()]))
     n_data = 2 * sum(line.size for line in errors.lines)
+    # what was known before is left out
     jacobian, stacked = errors.jacobian[:n_data], errors.stacked[:n_data]
-    others = np.delete(jacobian, place, axis=1)
+    place = {name: k for k, name in enumerate(model.names)}
+    new = [place[name] for group in groups for name in group]
+    fitted = np.delete(jacobian, new, axis=1)
+    return [
+        max(
+            _gain(
+                np.column_stack([fitted, jacobian[:, [place[each] for each in group if each != name]]]), column, stacked
+            )
+            for name in group
+            for column in [jacobian[:, place[name]]]
+        )
+        for group in groups
+    ]
+
+
+def _gain(others: FloatArray, column: FloatArray, stacked: FloatArray) -> float:
+    """What a step along one column gains once all others are adapted."""
     basis = orthonormal(others)
-    column = jacobian[:, place]
     direction = column - basis @ (basis.T @ column)
     size = float(direction @ direction)
-    if size <= 1e-20 * float(column @ column):
-        return 0.0, 0.0
-    along = float(direction @ stacked)
-    return along**2 / size, -along / size
+    return float(direction @ stacked) ** 2 / size if size > 1e-20 * float(column @ column) else 0.0
 
 
 class _Remembered:
@@ -303,26 +316,25 @@ class _Remembered:
     def __init__(self, model: Model) -> None:
         self._model = model
         self._theta: FloatArray | None = None
-        self._answer: tuple[FloatArray, FloatArray] | None = None
+        self._errors: Errors | None = None
 
-    def _at(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        if self._theta is None or self._answer is None or not np.array_equal(theta, self._theta):
+    def errors(self, theta: FloatArray) -> Errors:
+        if self._theta is None or self._errors is None or not np.array_equal(theta, self._theta):
             try:
-                errors = self._model.evaluate(theta)
-                self._answer = errors.stacked, errors.jacobian
+                self._errors = self._model.evaluate(theta)
             except UnboundedResponseError:
-                if self._answer is None:
+                if self._errors is None:
                     raise
                 # a step too far: worse than anything, so that the optimiser shortens it
-                self._answer = (np.full_like(self._answer[0], 1e6), self._answer[1])
+                self._errors = replace(self._errors, stacked=np.full_like(self._errors.stacked, 1e6))
             self._theta = theta.copy()
-        return self._answer
+        return self._errors
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self._at(theta)[0]
+        return self.errors(theta).stacked
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        return self._at(theta)[1]
+        return self.errors(theta).jacobian
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,8 @@ from opid.signals.recording import FloatArray
 LARGEST_RATIO = 10.0
 # equal levels are kept unless others raise the logarithm of the likelihood by this
 LEAST_GAIN = 4.0
+# the logarithm of the ratio is moved by so much to see whether another one would
+PROBE = 0.3
 
 
 def with_own_noise(runs: Sequence[DrivenRun], fit: ModelFit, sensors: SensorPair) -> ModelFit:
@@ -44,13 +46,25 @@ def with_own_noise(runs: Sequence[DrivenRun], fit: ModelFit, sensors: SensorPair
     bound = float(np.log(LARGEST_RATIO))
     now = float(np.log(fit.noise[0] / fit.noise[1]))
     try:
+        here = unlikely(now)
+        if here - _promised(unlikely, now, here) < LEAST_GAIN / 4:
+            return fit
         best = optimize.minimize_scalar(unlikely, bounds=(-bound, bound), method="bounded", options={"xatol": 0.05})
-        if unlikely(now) - best.fun < LEAST_GAIN:
+        if here - best.fun < LEAST_GAIN:
             return fit
         changed, _ = _at_ratio(model, theta, float(best.x))
         return fit_at(changed, *settled(changed, theta))
     except UnboundedResponseError:
         return fit
+
+
+def _promised(unlikely: Callable[[float], float], now: float, here: float) -> float:
+    """The least value near `now`: that of a parabola through three places, or of the lowest where there is none."""
+    below, above = unlikely(now - PROBE), unlikely(now + PROBE)
+    slope, bend = (above - below) / 2, above + below - 2 * here
+    if bend <= abs(slope):  # no least value between the three
+        return min(below, above, here) - LEAST_GAIN
+    return here - slope**2 / (2 * bend)
 
 
 def _at_ratio(model: Model, theta: FloatArray, log_ratio: float) -> tuple[Model, float]:

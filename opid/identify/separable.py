@@ -94,6 +94,8 @@ def separable_fit(
                     bounds=bounds,
                     x_scale=0.5,
                     xtol=1e-7,
+                    ftol=1e-7,
+                    method="dogbox",
                 )
             )
     if not solutions:  # no start lies where the law is defined: the straight columns alone

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 from opid.identify.driven_run import DrivenRun
 from opid.identify.model_fit import ModelFit
@@ -114,19 +115,30 @@ def bootstrap_std(runs: Sequence[DrivenRun], fit: ModelFit, *, rng: np.random.Ge
         (n_parameters,).
     """
     back = fit.covariance @ fit.jacobian.T / fit.variance
-    moved = np.empty((N_BOOTSTRAP, len(fit.names)))
+    moved = np.zeros((N_BOOTSTRAP, len(fit.names)))
+    influences = _in_time(runs, back)
     for draw in range(N_BOOTSTRAP):
-        parts = []
-        for prediction, run in zip(fit.predictions, runs, strict=True):
+        for prediction, run, influence in zip(fit.predictions, runs, influences, strict=True):
             innovation = prediction.innovation[0]
             block = max(1, round(BOOTSTRAP_S * run.fs))
             starts = rng.integers(0, innovation.size, -(-innovation.size // block))
             places = (starts[:, np.newaxis] + np.arange(block)).ravel()[: innovation.size] % innovation.size
-            line = run.transform(innovation[places])
-            parts += [line.real, line.imag]
-        moved[draw] = back @ np.concatenate(parts)
+            moved[draw] += influence @ innovation[places]
     scale = np.maximum(fit.std, 1e-300)
     posterior = fit.covariance / np.outer(scale, scale)
     # what was known before the data is drawn anew as well
     by_prior = np.diag(posterior @ _known_before(fit) @ posterior) * scale**2
     return np.sqrt(moved.var(axis=0) + np.maximum(by_prior, 0.0))
+
+
+def _in_time(runs: Sequence[DrivenRun], back: FloatArray) -> list[FloatArray]:
+    """What each sample of each run does to the parameters, (n_parameters, n) a run, from what each line does."""
+    found, first = [], 0
+    for run in runs:
+        real, imaginary = (back[:, first + k * run.omega.size :][:, : run.omega.size] for k in (0, 1))
+        first += 2 * run.omega.size
+        spectrum = np.zeros((back.shape[0], run.n_samples // 2 + 1), dtype=np.complex128)
+        spectrum[:, run.lines] = real + 1j * imaginary
+        # the transpose of `DrivenRun.transform`; the band holds neither the mean nor the highest line
+        found.append(fft.irfft(spectrum, run.n_samples) * np.sqrt(run.n_samples / 2))
+    return found

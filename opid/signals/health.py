@@ -328,11 +328,11 @@ def _spikes(samples: FloatArray, fs: float, step: float | None) -> np.ndarray:
     if departure.size < block:
         return np.empty(0, dtype=np.intp)
     size = np.abs(departure)
-    edges = np.arange(0, departure.size - block + 1, block)
-    usual = np.array([np.median(size[start : start + block]) for start in edges])
+    n_blocks = departure.size // block
+    usual = np.median(size[: n_blocks * block].reshape(n_blocks, block), axis=1)
     # a standstill has hardly any departure: the whole run and the resolution set a floor
     usual = np.maximum(usual, max(0.1 * float(np.median(size)), 0.5 * (step or 0.0)))
-    limit = SPIKE_SIGMA * 1.4826 * usual[np.minimum(np.arange(departure.size) // block, edges.size - 1)]
+    limit = SPIKE_SIGMA * 1.4826 * usual[np.minimum(np.arange(departure.size) // block, n_blocks - 1)]
     left, centre, right = departure[:-2], departure[1:-1], departure[2:]
     alone = np.maximum(np.sign(centre) * left, np.sign(centre) * right) < -0.25 * np.abs(centre)
     return np.flatnonzero((np.abs(centre) > limit[1:-1]) & alone) + 2
