@@ -132,9 +132,9 @@ def _paper(law_of_strut: Law) -> Case:
 
 
 SCENARIOS = {
-    "nominal": Scenario(always(Case(LandingGear())), 100),
+    "nominal": Scenario(always(Case(LandingGear())), 200),
     "linear": Scenario(always(linear_case()), 100, "given"),
-    "random": Scenario(random_case, 100),
+    "random": Scenario(random_case, 200),
     "two laws": Scenario(lambda seed: random_case(seed, draw_law=random_pair, stream=2), 40),
     "paper, friction": Scenario(always(_paper(default_law("arctan_velocity"))), 20),
     "paper, travel": Scenario(always(_paper(default_law("arctan_displacement"))), 20),

@@ -87,6 +87,8 @@ def let_in(
     """
     say = progress or (lambda step: None)
     runs, demands = tuple(runs), []
+    # faults that explain the runs only together are let in together: what stands is the last that explains something
+    standing: tuple[tuple[DrivenRun, ...], ModelFit, list[Demand]] = (runs, fit, [])
     for _ in range(MOST):
         tried = []
         for hypothesis in _promising(runs, fit, ground_start):
@@ -99,11 +101,15 @@ def let_in(
         if not tried:
             break
         best, changed, hypothesis = min(tried, key=lambda entry: entry[0].bic)
-        if not (_better(best, fit) and _explains(best, fit)):
+        if not _better(best, fit):
             break
         alike = tuple(h.words for other, _, h in tried if h is not hypothesis and other.bic < best.bic + ALIKE_BIC)
         demands += [_demand(best, name, hypothesis, fit.noise_m_per_s2, alike) for name in hypothesis.names]
+        helps = fit is standing[1] and best.noise_m_per_s2 < (1 - LARGE_SHARE) * fit.noise_m_per_s2
         runs, fit = changed, best
+        if helps or fit.noise_m_per_s2 < EXPLAINED * fit.level:
+            standing = (runs, fit, list(demands))
+    runs, fit, demands = standing
     runs, fit, demands = _given_up(runs, fit, demands)
     return runs, fit, tuple(at_last(demand, fit) for demand in demands)
 
@@ -153,11 +159,6 @@ def at_last(demand: Demand, fit: ModelFit) -> Demand:
 
 def _better(fit: ModelFit, than: ModelFit) -> bool:
     return fit.bic < than.bic - BIC_MARGIN and fit.noise_m_per_s2 < (1 - ERROR_MARGIN) * than.noise_m_per_s2
-
-
-def _explains(fit: ModelFit, than: ModelFit) -> bool:
-    """Whether the runs are explained with it, or far better: where much stays unexplained anything helps a little."""
-    return fit.noise_m_per_s2 < max(EXPLAINED * fit.level, (1 - LARGE_SHARE) * than.noise_m_per_s2)
 
 
 def _plausible(fit: ModelFit, names: Sequence[str]) -> bool:
