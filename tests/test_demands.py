@@ -65,6 +65,13 @@ FAULTS = {
         {"corner_hz": 0.462},
         {"corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.462},
     ),
+    # none of the three alone lowers the error by much
+    "all three": (
+        {},
+        COUPLED,
+        {"gain": 1.03, "corner_hz": 0.462, "lag_s": 1 / FS},
+        {"gain_sprung": 1.03, "corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.462, "lag_s": 1 / FS},
+    ),
     "equal AC coupling": ({}, COUPLED, COUPLED, {"corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.33}),
     "weak spring": (
         {"ground_stiffness_n_per_m": 4e3},
