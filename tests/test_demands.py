@@ -69,8 +69,8 @@ FAULTS = {
     "all three": (
         {},
         COUPLED,
-        {"gain": 1.03, "corner_hz": 0.462, "lag_s": 1 / FS},
-        {"gain_sprung": 1.03, "corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.462, "lag_s": 1 / FS},
+        {"gain": 1.03, "corner_hz": 0.462, "lag_s": 0.5 / FS},
+        {"gain_sprung": 1.03, "corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.462, "lag_s": 0.5 / FS},
     ),
     "equal AC coupling": ({}, COUPLED, COUPLED, {"corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.33}),
     "weak spring": (
