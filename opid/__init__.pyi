@@ -20,7 +20,8 @@ from .identify.result import Estimate, Identification
 from .identify.sensor_facts import Leak, SensorFacts, SensorPair
 from .identify.sparse_road import sparse_road, which_law
 from .identify.spectral_equation import equation_lines, fit_equation
-from .identify.study import Run, Study, read_study, study_from_logs, write_study
+from .identify.study import Run, Study
+from .identify.study_file import read_study, study_from_logs, write_study
 from .identify.transmissibility import (
     suspension_transmissibility,
     transmissibility_peaks,
@@ -37,10 +38,21 @@ from .mechanics.response import time_response
 from .mechanics.sensors import Sensor
 from .mechanics.structure import Joint, Structure
 from .report import bench_text, result_text, write_bench_report, write_report
+from .signals.exchange import (
+    frame_of,
+    recording_from_frame,
+    recording_from_sep005,
+    recording_from_xarray,
+    sep005_of,
+    xarray_of,
+)
 from .signals.health import inspect
-from .signals.logs import read_log, write_log
+from .signals.log_settings import ChannelSettings, LogSettings
+from .signals.logs import open_log, read_log, write_log
 from .signals.motion import integrate, relative_motion
 from .signals.recording import Channel, Recording, recording_from_arrays
+from .signals.resampling import on_common_clock, resampled
+from .signals.segments import sound_segments, taxi_segment
 from .signals.spectra import cross_spectra, transmissibility
 
 __version__: str

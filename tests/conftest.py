@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from opid.identify.identification import identify_study
-from opid.identify.study import read_study
+from opid.identify.study_file import read_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.report import read_truth, write_field_test
 

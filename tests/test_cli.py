@@ -1,6 +1,7 @@
 """The command as a user drives it: what it writes, what it says, and with which status it ends."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,13 +10,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from opid import cli
+from opid import cli, plots
+from opid.cli import logs as logs_command
 from opid.identify import identification
 from opid.mechanics import landing_gear
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from opid.mechanics.sensors import Sensor
 from opid.report import page, read_truth
-from opid.signals.logs import read_log
+from opid.signals.logs import read_log, write_log
+from opid.signals.recording import Channel, Recording
 
 CHANNELS = ("--sprung", "upper_z", "--unsprung", "lower_z")
 
@@ -204,9 +207,10 @@ def test_simulate_refuses(options, word, tmp_path):
 def test_inspect_tells_and_draws(field_test, tmp_path):
     logs = (field_test / "heavy.csv", field_test / "light.csv")
     done = opid("inspect", *logs, "--out", tmp_path / "pictures")
-    assert done.exit_code == 0
+    assert (done.exit_code, done.stderr) == (0, "")
     assert done.output.count("256 Hz") == 2
     assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == ["heavy.png", "light.png"]
+    assert (tmp_path / "pictures" / "heavy.png").read_bytes().startswith(b"\x89PNG")
     document = json.loads(opid("inspect", logs[0], "--json").stdout)
     assert document["schema"] == "opid.health/1"
     assert document["logs"][0]["looks_unsprung"] == "lower_z"
@@ -221,9 +225,77 @@ def test_inspect_names_the_pictures_of_two_logs_of_one_name_apart(field_test, tm
     assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == ["heavy_1.png", "heavy_2.png"]
 
 
-def test_inspect_refuses(tmp_path):
+def test_inspect_draws_accelerations_first_where_there_are_too_many_channels(tmp_path, monkeypatch):
+    monkeypatch.setattr(logs_command, "CHANNELS_A_PICTURE", 2)
+    monkeypatch.setattr(logs_command, "MOST_PICTURES", 2)
+    drawn = []
+    picture = plots.health_picture
+
+    def first_of(health, channels):
+        drawn.append(channels)
+        return picture(health, channels=channels[:1])
+
+    monkeypatch.setattr(plots, "health_picture", first_of)
+    channels = tuple(Channel(f"c{i}", "m/s^2" if i > 2 else "m") for i in range(8))
+    samples = np.random.default_rng(0).standard_normal((400, 8))
+    write_log(Recording(samples, fs=100.0, channels=channels), tmp_path / "many.csv")
+    done = opid("inspect", tmp_path / "many.csv", "--out", tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["many_part1.png", "many_part2.png"]
+    assert drawn == [["c3", "c4"], ["c5", "c6"]]
+    assert "4 of the 8 channels of" in done.output
+
+
+def test_inspect_reads_a_log_as_the_study_says(tmp_path):
+    counts = np.random.default_rng(0).integers(-300, 300, (400, 3))
+    lines = "\n".join(",".join(map(str, (k / 100, *row))) for k, row in enumerate(counts.tolist()))
+    (tmp_path / "raw.txt").write_text(lines + "\n")
+    study = tmp_path / "study.toml"
+    study.write_text(
+        '[log]\nnames = ["time", "below", "above", "other"]\ntime_unit = "s"\n'
+        '[channels.unsprung]\nchannel = "below"\nunit = "g"\nscale = 0.01\n'
+        '[channels.sprung]\nchannel = "above"\nunit = "g"\nscale = 0.01\nsign = -1\n'
+        '[[runs]]\nname = "raw"\nlog = "raw.txt"\nmass_change_kg = 0\n'
+    )
+    document = json.loads(opid("inspect", tmp_path / "raw.txt", "--study", study, "--json").stdout)
+    channels = {each["name"]: each for each in document["logs"][0]["channels"]}
+    assert set(channels) == {"unsprung", "sprung"}
+    assert {each["unit"] for each in channels.values()} == {"m/s^2"}
+    assert channels["unsprung"]["mean"] == pytest.approx(0.01 * 9.80665 * counts[:, 0].mean())
+    assert channels["sprung"]["mean"] == pytest.approx(-0.01 * 9.80665 * counts[:, 1].mean())
+    refused(opid("inspect", tmp_path / "raw.txt", "--study", tmp_path / "none.toml"), "there is no study file")
+
+
+def test_inspect_tells_of_damaged_logs_and_inspects_the_others(field_test, tmp_path):
+    damaged, empty = tmp_path / "damaged.csv", tmp_path / "empty.csv"
+    damaged.write_text("time [s],upper_z [m/s^2]\n0,1\n0.1,x\n")
+    empty.touch()
+    done = opid("inspect", damaged, field_test / "heavy.csv", "--out", tmp_path / "pictures")
+    refused(done, "damaged.csv")
+    assert "heavy.csv: 20 s" in done.stdout
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["heavy.png"]
+    done = opid("inspect", damaged, empty, field_test / "heavy.csv", "--json")
+    assert done.exit_code == 2
+    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["Error", "Error"]
+    assert [each["log"] for each in json.loads(done.stdout)["logs"]] == [str(field_test / "heavy.csv")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are text here")
+def test_inspect_takes_a_log_whose_name_is_no_utf_8(field_test, tmp_path):
+    log = tmp_path / os.fsdecode(b"\xff.csv")
+    log.write_bytes((field_test / "heavy.csv").read_bytes())
+    done = opid("inspect", log)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert r"\udcff.csv: 20 s" in done.stdout
+    assert json.loads(opid("inspect", log, "--json").stdout)["logs"][0]["log"] == str(log)
+
+
+def test_inspect_refuses(field_test, tmp_path):
     refused(opid("inspect", tmp_path / "none.csv"), "there is no file")
     refused(opid("inspect"), "Missing argument")
+    (tmp_path / "file").touch()
+    done = opid("inspect", field_test / "heavy.csv", "--out", tmp_path / "file")
+    refused(done, "no directory")
+    assert done.stdout == ""
 
 
 # ---- identify --------------------------------------------------------------------------------------
@@ -350,18 +422,13 @@ def _column(lines, column, text):
 # each fault of the issue's list, made in the light log
 FAULTS = {
     "an unknown unit": (lambda rows: _replace(rows, 1, "time [s],lower_z [furlong],upper_z [g]"), "furlong"),
-    "no unit": (lambda rows: _replace(rows, 1, "time [s],lower_z,upper_z [g]"), "'lower_z' has no unit"),
+    "no unit": (lambda rows: _replace(rows, 1, "time [s],lower_z,upper_z [g]"), "channel 'lower_z' states no unit"),
     "a missing column": (lambda rows: _replace(rows, 1, "time [s],lower_z [g],other [g]"), "'upper_z'"),
     "text in a number column": (lambda rows: _cell(rows, 30, 1, "spike"), "line 30, column 'lower_z'"),
-    "NaN": (lambda rows: _cell(rows, 40, 2, "nan"), "line 40, column 'upper_z'"),
-    "an empty cell": (lambda rows: _cell(rows, 50, 2, ""), "the cell is empty"),
     "one sample": (lambda rows: rows.__delitem__(slice(2, None)), "holds one sample"),
     "no samples": (lambda rows: rows.__delitem__(slice(1, None)), "no samples"),
     "too few samples": (lambda rows: rows.__delitem__(slice(100, None)), "99 samples"),
-    "a repeated time stamp": (lambda rows: _cell(rows, 61, 0, rows[59].split(",")[0]), "stands twice"),
-    "a gap": (lambda rows: rows.__delitem__(slice(100, 140)), "gap"),
     "a mute channel": (lambda rows: _column(rows, 2, "0.5"), "'upper_z' is mute"),
-    "another rate": (lambda rows: rows.__delitem__(slice(1, None, 2)), "128 Hz"),
 }
 
 
@@ -371,6 +438,37 @@ def test_a_bad_log_gets_one_sentence(fault, logs):
     spoil(logs.light)
     sentence = refused(logs.identify(), word)
     assert "light" in sentence
+
+
+# what is wrong with a part of the light log is left out, and said
+PARTLY = {
+    "NaN": (lambda rows: _cell(rows, 40, 2, "nan"), "1 value(s) are missing", "at fault"),
+    "an empty cell": (lambda rows: _cell(rows, 50, 2, ""), "1 value(s) are missing", "at fault"),
+    "a repeated time stamp": (lambda rows: _cell(rows, 61, 0, rows[59].split(",")[0]), "stand twice", "at fault"),
+    "a gap": (lambda rows: rows.__delitem__(slice(100, 140)), "40 sample(s) lost", "at fault"),
+}
+
+
+@pytest.mark.parametrize("fault", PARTLY)
+def test_a_fault_in_a_part_of_a_log_is_left_out_and_said(fault, logs, tmp_path):
+    spoil, *words = PARTLY[fault]
+    spoil(logs.light)
+    done = logs.identify("--law", "arctan_velocity")
+    assert done.exit_code == 0, done.stderr
+    text = " ".join(done.stdout.split())
+    for word in words:
+        assert word in text
+    findings = json.loads((tmp_path / "result" / "result.json").read_text())["diagnostics"]["runs"][1]["findings"]
+    assert any("at fault" in finding["message"] for finding in findings)
+
+
+def test_runs_of_two_rates_are_put_at_the_lower_one(logs, tmp_path):
+    del logs.light[1::2]
+    done = logs.identify("--law", "arctan_velocity")
+    assert done.exit_code == 0, done.stderr
+    assert {
+        run["fs"] for run in json.loads((tmp_path / "result" / "result.json").read_text())["diagnostics"]["runs"]
+    } == {128.0}
 
 
 def test_an_empty_file_is_named(field_test, tmp_path):

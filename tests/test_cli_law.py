@@ -110,7 +110,7 @@ def test_a_still_specimen_ends_with_status_1(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--force", "lod", "--travel", "stroke"), ("no column 'lod' for the force", "did you mean 'load'")),
+        (("--force", "lod", "--travel", "stroke"), ("there is no channel 'lod'", "did you mean 'load'")),
         (("--force", "stroke", "--travel", "load"), ("are force and travel swapped",)),
         ((*COLUMNS, "--velocity", "load"), ("given for both force and velocity",)),
         (("--force", "load"), ()),

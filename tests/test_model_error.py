@@ -10,7 +10,8 @@ from opid import cli
 from opid.identify.doubts import unexplained_noise
 from opid.identify.identification import identify_study
 from opid.identify.result import PARAMETERS
-from opid.identify.study import Run, Study, write_study
+from opid.identify.study import Run, Study
+from opid.identify.study_file import write_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.response import time_response
 from opid.mechanics.road import SpeedProfile, iso8608_road

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from opid import plots
 from opid.identify.identification import identify_study
 from opid.identify.result import Estimate
-from opid.identify.study import Study, read_study
+from opid.identify.study import Study
+from opid.identify.study_file import read_study
 from opid.mechanics.laws import Law
 from opid.plots.spectra import _noise_lines
 from opid.plots.style import every, panels, pretty

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from opid.errors import InputError
 from opid.identify.identification import identify_study
 from opid.identify.result import PARAMETERS, Estimate
-from opid.identify.study import Study, read_study
+from opid.identify.study import Study
+from opid.identify.study_file import read_study
 from opid.mechanics.laws import law_from_parameters
 from opid.report import (
     health_json,

@@ -7,7 +7,9 @@ import pytest
 
 from opid.errors import InputError
 from opid.identify.sensor_facts import IDEAL_PAIR, Leak, SensorFacts, SensorPair
-from opid.identify.study import Run, Study, read_study, study_from_logs, write_study
+from opid.identify.study import Run, Study
+from opid.identify.study_file import read_log_settings, read_study, study_from_logs, write_study
+from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
@@ -135,7 +137,7 @@ def test_one_run_or_equal_masses_or_no_run_at_the_reference_are_no_input_error()
     ("old", "new", "words"),
     [
         ("title", "tittle", "the study has an unknown key 'tittle' .did you mean 'title'"),
-        ("sprung =", "sprong =", r"\[channels\] has an unknown key 'sprong'"),
+        ("sprung =", "sprong =", r"\[channels\] lacks 'sprung', .*did you mean 'sprong'"),
         ("start_s", "begin_s", r"\[\[runs\]\] number 2 has an unknown key 'begin_s'"),
         ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] number 2 is '-220', give a number"),
         ("-220.5", "true", "is True, give a number"),
@@ -147,8 +149,8 @@ def test_one_run_or_equal_masses_or_no_run_at_the_reference_are_no_input_error()
         ("heavy.csv", "havy.csv", "run 'heavy': there is no file .*did you mean 'heavy.csv'"),
         ('"light"', '"heavy"', "2 runs are called 'heavy', rename"),
         ('sprung = "upper_z"', 'sprung = "lower_z"', "sprung and unsprung are both 'lower_z'"),
-        ("upper_z", "uper_z", "no channel 'uper_z' in its log .did you mean 'upper_z'"),
-        ("start_s = 0.5", "start_s = 5", r"run 'light': the section 5 s to 1.5 s holds 0 sample"),
+        ("upper_z", "uper_z", "there is no channel 'uper_z' in .*heavy.csv: did you mean 'upper_z'"),
+        ("start_s = 0.5", "start_s = 5", r"run 'light': start_s is 5 and stop_s 1.5: give a stop after"),
         ("start_s = 0.5", "start_s = 1.4", r"run 'light': it has 51 samples .* 256 are needed"),
     ],
 )
@@ -284,7 +286,7 @@ def test_facts_that_are_written_read_back(tmp_path, sensors):
         ("corner_hz = 0.33\n", "", r"\[sensors\] corner_tolerance is given without corner_hz"),
         ("= 1\n", "= 0\n", r"\[sensors\] noise_m_per_s2 is 0: give a positive number"),
         ('"sprung"\ntol', '"both"\ntol', r"\[sensors\] a leak goes into 'both': give 'sprung' or 'unsprung'"),
-        ('channel = "lower_x"', 'channel = "lower_y"', "run 'heavy': there is no channel 'lower_y' in its log"),
+        ('channel = "lower_x"', 'channel = "lower_y"', "run 'heavy': there is no channel 'lower_y' in .*heavy.csv"),
     ],
 )
 def test_what_is_wrong_with_the_sensors_is_named(read, tmp_path, old, new, words):
@@ -315,3 +317,123 @@ def test_a_leak_is_another_axis_and_stands_once(leaks, said):
     runs = (Run("heavy", log(0, names=("lower_z", "upper_z", "lower_x")), 0.0),)
     with pytest.raises(InputError, match=said):
         Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=SensorPair(leaks=leaks))
+
+
+# ---- channels as tables, several recorders, several rates ----------------------------------------------
+
+
+def both_recorders(tmp_path, *, shift_s=0.0, fs=(512.0, 1000.0)):
+    """One motion, the wheel in m/s^2 in one file, the airframe in another: counts, upside down, another clock."""
+    t = [np.arange(round(20 * rate)) / rate for rate in fs]
+    tones = [(1.7, 0.4), (11.3, 1.0), (31.0, 2.0)]
+    wheel = sum(np.cos(2 * np.pi * f * t[0] + p) for f, p in tones)
+    body = sum(np.cos(2 * np.pi * f * (t[1] + shift_s) + p) for f, p in tones)
+    counts = np.round(-body / 9.80665 * 2000)
+    write_log(recording_from_arrays([wheel], ["lower_z"], fs=fs[0]), tmp_path / "heavy.csv")
+    rows = "".join(f"{stamp:.6f},{count:.0f}\n" for stamp, count in zip(t[1], counts, strict=True))
+    (tmp_path / "heavy_airframe.csv").write_text("time [s],az\n" + rows)
+
+
+MIXED = """\
+[channels]
+unsprung = "lower_z"
+
+[channels.sprung]
+file = "{run}_airframe.csv"
+channel = "az"
+unit = "g"
+scale = 5e-4
+sign = -1
+shift_s = 0.25
+gain_tolerance = 0.02
+corner_hz = 0.3
+
+[[runs]]
+name = "heavy"
+log = "heavy.csv"
+mass_change_kg = 0
+"""
+
+
+def test_one_study_mixes_recorders(tmp_path):
+    both_recorders(tmp_path, shift_s=0.25)
+    (tmp_path / "study.toml").write_text(MIXED)
+    taxi = read_study(tmp_path / "study.toml")
+    assert (taxi.unsprung, taxi.sprung) == ("lower_z", "sprung")
+    run = taxi.runs[0].recording
+    assert run.fs == 512.0
+    assert run.start_s == 0.25
+    # the same motion once in each sensor: equal but for the counts
+    assert np.abs(run.channel("sprung") - run.channel("lower_z"))[200:-200].max() < 0.02
+    assert any("resampled from 1000 Hz to 512 Hz" in line for line in run.history)
+    assert any("shifted by 0.25 s" in line for line in run.history)
+    assert taxi.sensors.sprung == SensorFacts(gain_tolerance=0.02, corner_hz=0.3)
+    assert taxi.sensors.unsprung == SensorFacts()
+
+
+def test_a_run_may_differ_and_the_rate_may_be_asked_for(tmp_path):
+    both_recorders(tmp_path)
+    (tmp_path / "heavy_airframe.csv").rename(tmp_path / "other.csv")
+    text = "fs_hz = 256\n" + MIXED.replace("shift_s = 0.25\n", "") + '[runs.channels.sprung]\nfile = "other.csv"\n'
+    (tmp_path / "study.toml").write_text(text)
+    taxi = read_study(tmp_path / "study.toml")
+    assert taxi.fs == 256.0
+    run = taxi.runs[0].recording
+    assert np.abs(run.channel("sprung") - run.channel("lower_z"))[200:-200].max() < 0.02
+
+
+def test_runs_of_two_rates_are_put_at_the_lower_one(tmp_path):
+    write_log(log(0, fs=512.0, n_samples=4096), tmp_path / "heavy.csv")
+    write_log(log(1, fs=500.0, n_samples=4000), tmp_path / "light.csv")
+    taxi = study_from_logs(
+        [tmp_path / "heavy.csv", tmp_path / "light.csv"], sprung="upper_z", unsprung="lower_z", mass_changes_kg=[-220]
+    )
+    assert [run.recording.fs for run in taxi.runs] == [500.0, 500.0]
+    assert taxi.runs[0].recording.history[-1] == "resampled from 512 Hz to 500 Hz"
+    np.testing.assert_array_equal(taxi.runs[1].recording.samples, log(1, fs=500.0, n_samples=4000).samples)
+
+
+def test_fast_runs_are_reduced(tmp_path):
+    write_log(log(0, fs=5000.0, n_samples=20000), tmp_path / "heavy.csv")
+    taxi = study_from_logs([tmp_path / "heavy.csv"], sprung="upper_z", unsprung="lower_z", mass_changes_kg=[])
+    assert taxi.fs == 500.0
+    assert "resampled from 5000 Hz to 500 Hz" in taxi.runs[0].recording.history
+
+
+def test_settings_for_inspect(tmp_path):
+    (tmp_path / "study.toml").write_text('[log]\nclock = "reconstructed"\nnames = ["t", "az"]\n' + MIXED)
+    settings, channels = read_log_settings(tmp_path / "study.toml")
+    assert settings == LogSettings(names=("t", "az"), clock="reconstructed")
+    # the other one is in a file of its own
+    assert channels == {"lower_z": ChannelSettings("lower_z")}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("scale = 5e-4", "scal = 5e-4", r"\[channels.sprung\] has an unknown key 'scal' .did you mean 'scale'"),
+        ("scale = 5e-4", "scale = 0.0", "scale is 0.0: give a finite number other than 0"),
+        ('unit = "g"', 'unit = "parsec"', "the unit 'parsec' is not known"),
+        ('unit = "g"', "", "channel 'az' states no unit"),
+        ("sign = -1", "sign = 2", "sign is 2: give 1 or -1"),
+        (
+            'unsprung = "lower_z"',
+            "unsprung = 3",
+            "'unsprung' in .channels. is 3, give the name of a channel or a table",
+        ),
+        ("[channels]", '[log]\nclok = "stamps"\n[channels]', r"\[log\] has an unknown key 'clok'"),
+        (
+            "[channels]",
+            "[sensors.sprung]\ncorner_hz = 0.2\n[channels]",
+            "'corner_hz' stands in .channels.sprung. and in",
+        ),
+        ("{run}_airframe", "{run}_airfram", "there is no file .*heavy_airfram.csv: did you mean 'heavy_airframe.csv'"),
+        ("shift_s = 0.25", "shift_s = 100.0", "share no time"),
+    ],
+)
+def test_what_is_wrong_with_a_channel_is_named(tmp_path, old, new, words):
+    both_recorders(tmp_path)
+    assert old in MIXED
+    (tmp_path / "study.toml").write_text(MIXED.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        read_study(tmp_path / "study.toml")

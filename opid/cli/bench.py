@@ -30,7 +30,8 @@ def law(bench: Path, force: str, travel: str, velocity: str | None, out: Path | 
     target = None if out is None else require_directory(out)
     with progress() as say:
         say("the record")
-        record = bench_from_recording(read_log(bench), force=force, travel=travel, velocity=velocity)
+        wanted = [name for name in dict.fromkeys((force, travel, velocity)) if name is not None]
+        record = bench_from_recording(read_log(bench, channels=wanted), force=force, travel=travel, velocity=velocity)
         result = law_of_bench(record, title=bench.name, progress=say)
         page = None if target is None else write_bench_report(result, target, progress=say)
     click.echo(bench_text(result))

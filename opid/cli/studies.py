@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,8 +72,7 @@ def identify(
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
     with progress() as say:
-        say("logs")
-        study = _study(paths, sprung, unsprung, mass_changes)
+        study = _study(paths, sprung, unsprung, mass_changes, say)
         result = identify_study(study, progress=say, **settings)
         page = write_report(result, target, known, progress=say)
     click.echo(result_text(result, known))
@@ -85,8 +85,14 @@ def _name(path: Path) -> str:
     return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
 
 
-def _study(paths: tuple[Path, ...], sprung: str | None, unsprung: str | None, mass_changes: tuple[float, ...]) -> Study:
-    from opid.identify.study import read_study, study_from_logs
+def _study(
+    paths: tuple[Path, ...],
+    sprung: str | None,
+    unsprung: str | None,
+    mass_changes: tuple[float, ...],
+    say: Callable[[str], None],
+) -> Study:
+    from opid.identify.study_file import read_study, study_from_logs
 
     studies = [path for path in paths if path.suffix.lower() == ".toml"]
     if studies:
@@ -96,10 +102,12 @@ def _study(paths: tuple[Path, ...], sprung: str | None, unsprung: str | None, ma
             raise click.UsageError(
                 f"{studies[0]} names the channels and mass changes: leave out --sprung, --unsprung and --mass-change"
             )
-        return read_study(studies[0])
+        return read_study(studies[0], progress=say)
     if paths[0].is_dir():
         raise click.UsageError(f"{paths[0]} is a directory: name a study file in it, or logs")
     if not (sprung and unsprung):
         raise click.UsageError("name the channels of the logs: --sprung NAME --unsprung NAME, or give a study file")
     title = " and ".join(path.name for path in paths)
-    return study_from_logs(paths, sprung=sprung, unsprung=unsprung, mass_changes_kg=mass_changes, title=title)
+    return study_from_logs(
+        paths, sprung=sprung, unsprung=unsprung, mass_changes_kg=mass_changes, title=title, progress=say
+    )

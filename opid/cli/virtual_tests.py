@@ -29,7 +29,7 @@ def demo(out: Path, seed: int) -> None:
     import numpy as np
 
     from opid.identify.identification import identify_study
-    from opid.identify.study import read_study
+    from opid.identify.study_file import read_study
     from opid.mechanics.landing_gear import LandingGear, taxi_test
     from opid.report import read_truth, result_text, write_field_test, write_report
     from opid.report.directory import require_directory

@@ -315,10 +315,10 @@ def _checked(study: Study, run: Run, unsprung: FloatArray, sprung: FloatArray) -
     for finding in findings:
         if finding.severity == "fault":
             raise InputError(f"run {run.name!r}: {finding.message}")
-    health = inspect(run.recording)
+    health = inspect(run.recording, thorough=False)
     pair = (study.unsprung, study.sprung)
     # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
-    return findings + tuple(f for f in health.findings if f.severity != "note" and f.channel in pair)
+    return run.findings + findings + tuple(f for f in health.findings if f.severity != "note" and f.channel in pair)
 
 
 def _run_evidence(start: Start, place: int, joint: JointFit) -> RunEvidence:

@@ -128,5 +128,5 @@ def _run_diagnostics(run: RunEvidence) -> dict[str, Any]:
         "complex_least_squares": direct(run.complex_fit),
         "errors_in_variables": direct(run.spectral_fit),
         "peaks_hz": [peak.frequency_hz for peak in run.peaks],
-        "findings": [f"{finding.channel}: {finding.message}" for finding in run.findings],
+        "findings": [asdict(finding) for finding in run.findings],
     }

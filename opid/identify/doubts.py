@@ -119,7 +119,9 @@ def doubts(evidence: Evidence, parameters: Mapping[str, Estimate]) -> Iterator[s
     """
     for run in evidence.runs:
         for finding in run.findings:
-            yield f"run {run.name!r}, {finding.channel!r}: {finding.message}"
+            if finding.severity != "note":
+                channel = f", {finding.channel!r}" if finding.channel else ""
+                yield f"run {run.name!r}{channel}: {finding.message}"
     if evidence.model is None:
         yield from _classical_residual(evidence)
         averages = min(run.T.spectra.n_averages for run in evidence.runs)

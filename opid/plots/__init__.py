@@ -7,6 +7,7 @@ The only room with matplotlib. Without Axes a function draws on a figure of its 
 from opid.plots.answer import estimates, law_ladder
 from opid.plots.bench import bench_curves, bench_ladder, bench_residual, force_against_motion
 from opid.plots.force import law_curves, restoring_force_map, restoring_force_surface, slices
+from opid.plots.health import health_picture
 from opid.plots.laws import force_departures, force_sections, model_ladder
 from opid.plots.runs import accelerations, integration, recording
 from opid.plots.spectra import equation_residual, transmissibilities
@@ -23,6 +24,7 @@ __all__ = [
     "force_against_motion",
     "force_departures",
     "force_sections",
+    "health_picture",
     "house_style",
     "integration",
     "law_curves",

@@ -1,13 +1,15 @@
 """Results -> text, JSON and a page that opens offline.
 
 `result_text` is what the terminal shows, `result_json` what other programs read, `write_report` both with the figures;
-`bench_text`, `bench_json` and `write_bench_report` are the same for the law of a test bench.
+`bench_text`, `bench_json` and `write_bench_report` are the same for the law of a test bench; `health_text` and
+`health_json` tell what is wrong with logs.
 """
 
-from opid.report.as_json import health_json, result_json
-from opid.report.as_text import health_text, result_text
+from opid.report.as_json import result_json
+from opid.report.as_text import result_text
 from opid.report.bench_report import bench_json, bench_text, write_bench_report
 from opid.report.field_test import read_truth, truth_json, write_field_test
+from opid.report.health_report import health_json, health_text
 from opid.report.page import write_report
 
 __all__ = [

@@ -12,9 +12,6 @@ from typing import Any
 import numpy as np
 
 from opid.identify.result import SCHEMA, Estimate, Identification, VisitedForce
-from opid.signals.health import Health
-
-HEALTH_SCHEMA = "opid.health/1"
 
 
 def result_json(result: Identification) -> dict[str, Any]:
@@ -47,18 +44,6 @@ def result_json(result: Identification) -> dict[str, Any]:
             "not_determined": result.not_determined,
         }
     )
-
-
-def health_json(logs: Mapping[str, Health]) -> dict[str, Any]:
-    """Return the health of some recordings as a value of JSON.
-
-    Args:
-        logs: health by the name of the log.
-
-    >>> health_json({})
-    {'schema': 'opid.health/1', 'logs': []}
-    """
-    return plain({"schema": HEALTH_SCHEMA, "logs": [{"log": name} | asdict(h) for name, h in logs.items()]})
 
 
 def plain(value: Any) -> Any:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from opid.identify.result import Estimate, Identification
-from opid.signals.health import Health
 
 WIDTH = 80
 PARAMETER_LABELS = {
@@ -163,35 +162,6 @@ def limits(result: Identification) -> str:
     )
 
 
-def health_text(name: str, health: Health) -> str:
-    """Return the health of a recording as text: its figures, then what is wrong and what to do.
-
-    Args:
-        name: of the log.
-        health: from `opid.signals.health.inspect`.
-    """
-    head = ("channel", "unit", "mean", "rms", "peak", "rms > 5 Hz", "step")
-    lines = [
-        (
-            c.name,
-            c.unit,
-            *(f"{x:.3g}" for x in (c.mean, c.rms, c.peak, c.high_frequency_rms)),
-            _step(c.quantisation_step),
-        )
-        for c in health.channels
-    ]
-    parts = [f"{name}: {health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples", ""]
-    parts += [*_aligned([head, *lines], n_left=2), ""]
-    if health.looks_unsprung:
-        parts.append(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz).")
-    for finding in health.findings:
-        where = f"{finding.channel}: " if finding.channel else ""
-        parts += wrapped(where + finding.message, f"{finding.severity.capitalize()}: ")
-    if not health.findings:
-        parts.append("Nothing is wrong.")
-    return "\n".join(parts) + "\n"
-
-
 def wrapped(text: str, head: str = "") -> list[str]:
     """Return a paragraph as lines of at most 80 characters, `head` before the first.
 
@@ -311,15 +281,23 @@ def table_lines(table: Sequence[Row], head: Sequence[str]) -> list[str]:
         table: the rows.
         head: of the columns.
     """
-    lines = iter(_aligned([head, *((row.label, *row.cells) for row in table if row.cells)], n_left=1))
+    lines = iter(aligned([head, *((row.label, *row.cells) for row in table if row.cells)], n_left=1))
     text = [next(lines)]
     for row in table:
         text += [next(lines)] if row.cells else ["", row.label]
     return text
 
 
-def _aligned(table: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
-    """Align columns, the first `n_left` to the left and the others to the right."""
+def aligned(table: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
+    """Return the rows of a table with aligned columns.
+
+    Args:
+        table: the rows, of as many cells each.
+        n_left: so many columns to the left, the others to the right.
+
+    >>> aligned([("name", "value"), ("mass", "1850")], n_left=1)
+    ['name  value', 'mass   1850']
+    """
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     return [
         "  ".join(
@@ -332,7 +310,3 @@ def _aligned(table: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
 
 def _two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
-
-
-def _step(step: float | None) -> str:
-    return "-" if step is None else f"{step:.2g}"

@@ -10,7 +10,8 @@ from typing import Any
 
 from opid.errors import InputError
 from opid.identify.result import PARAMETERS
-from opid.identify.study import Run, Study, write_study
+from opid.identify.study import Run, Study
+from opid.identify.study_file import write_study
 from opid.mechanics.landing_gear import TaxiTest
 from opid.mechanics.laws import law_from_parameters
 from opid.report.as_json import json_text, plain

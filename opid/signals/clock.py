@@ -45,12 +45,14 @@ class Clock:
         start_s: the first stamp, s.
         fs_as_written: the rate before that rounding, Hz.
         resolution_s: step to which the stamps were rounded, s.
+        stray_s: how far the stamps lie off this clock at the most, s; 0 where that was not asked.
     """
 
     fs: float
     start_s: float
     fs_as_written: float
     resolution_s: float
+    stray_s: float = 0.0
 
 
 def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
@@ -74,7 +76,7 @@ def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
     time_s = written * seconds_per_unit
     steps = np.diff(time_s)
     _require_increasing(time_s, steps)
-    resolution_s = _resolution(written) * seconds_per_unit
+    resolution_s = resolution_of(written) * seconds_per_unit
     float_noise = 4 * float(np.spacing(np.abs(time_s).max()))
 
     count = np.arange(time_s.size) - 0.5 * (time_s.size - 1)
@@ -96,13 +98,51 @@ def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
 
     uncertainty = float_noise if worst_step <= 1e-6 * period + float_noise else resolution_s
     relative = 1e-10 + uncertainty / float(elapsed[-1])
-    return Clock(_plain_number(1 / period, relative / period), float(time_s[0]), 1 / period, resolution_s)
+    return Clock(plain_number(1 / period, relative / period), float(time_s[0]), 1 / period, resolution_s)
 
 
-def _resolution(stamps: FloatArray) -> float:
+def reconstructed_clock(stamps: ArrayLike) -> Clock:
+    """Return the uniform clock through stamps that crowd, like those of a host that empties a buffer now and then.
+
+    The rows are taken to be equally spaced; the rate is the slope of the least-squares line through the stamps. A
+    sample that was lost goes unnoticed: `stray_s` says how far the stamps lie off.
+
+    Args:
+        stamps: (n_samples,) times that do not go back, s, two or more.
+
+    Raises:
+        ClockError: a stamp that goes back, or all of them equal.
+
+    >>> true = np.arange(2000) / 117.0
+    >>> clock = reconstructed_clock(np.floor(true / 0.03) * 0.03)  # about four rows share a stamp
+    >>> bool(abs(clock.fs - 117.0) < 0.1), bool(clock.stray_s < 0.031)
+    (True, True)
+    """
+    time_s = np.asarray(stamps, dtype=np.float64)
+    steps = np.diff(time_s)
+    if (steps < 0).any():
+        sample = int(np.argmax(steps < 0)) + 1
+        raise ClockError(
+            f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
+            "put the samples in order, or split the log here if two were joined",
+            sample,
+        )
+    if time_s[-1] == time_s[0]:
+        raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
+    count = np.arange(time_s.size) - 0.5 * (time_s.size - 1)
+    period = float(count @ time_s / (count @ count))
+    start_s = float(time_s.mean()) + period * float(count[0])
+    stray = time_s - (start_s + period * np.arange(time_s.size))
+    return Clock(1 / period, start_s, 1 / period, 0.0, float(np.abs(stray).max()))
+
+
+def resolution_of(stamps: FloatArray) -> float:
     """Return the coarsest decimal or binary step of which the last stamps are multiples.
 
     The last ones, because in scientific notation and in single precision the large stamps are the coarsest.
+
+    Args:
+        stamps: (n,) times, two or more.
     """
     block = stamps[-min(max(2, stamps.size // 2), 1000) :]
     offsets = block - block[0]
@@ -114,8 +154,16 @@ def _resolution(stamps: FloatArray) -> float:
     return 2 * noise
 
 
-def _plain_number(value: float, uncertainty: float) -> float:
-    """Return the number of fewest decimals within the uncertainty of `value`, or `value`."""
+def plain_number(value: float, uncertainty: float) -> float:
+    """Return the number of fewest decimals within the uncertainty of `value`, or `value`.
+
+    Args:
+        value: as it was measured or rounded.
+        uncertainty: how far the true one may lie off.
+
+    >>> plain_number(1 / 1.52588e-05, 0.22)
+    65536.0
+    """
     for decimals in range(7):
         if abs(round(value, decimals) - value) <= uncertainty:
             return round(value, decimals)

@@ -1,138 +1,64 @@
-"""What is wrong with a recording, channel by channel, and what to do about it."""
+"""What is wrong with a log and what to do about it, clock by clock and channel by channel, read once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from opid.errors import InputError
+from opid.signals.across_channels import MOST_CROSSED, check_pair, looks_unsprung
+from opid.signals.channel_figures import Checks, TrackFigures, track_figures
+from opid.signals.channel_findings import channel_findings, unit_findings
+from opid.signals.channel_health import FLAT_S, LevelCheck, RunCheck
+from opid.signals.chunks import Chunk, ChunkMaker, chunk_rows, rows_of_a_bin, same_sized
+from opid.signals.clock_health import USUAL_STAMPS, ClockCheck, clock_findings
+from opid.signals.health_result import ChannelHealth, Finding, Health, Severity
+from opid.signals.log import Block, Log, Track, log_of_recording
+from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.units import STANDARD_GRAVITY
+from opid.signals.spectrum_health import SpectrumCheck
+from opid.signals.spikes import SpikeSearch, without_spikes
 
-Severity = Literal["note", "warning", "fault"]
+__all__ = [
+    "ChannelHealth",
+    "Finding",
+    "Health",
+    "Severity",
+    "check_pair",
+    "inspect",
+    "looks_unsprung",
+    "without_spikes",
+]
 
-MUTE_VALUES = 3
-"""A channel of so few distinct values is mute: a constant, or the last bit of a converter."""
-
-CLIP_RUN = 3
-"""Samples in a row at the extreme value that make a clipped peak: a smooth peak has one, by chance two."""
-
-CLIP_CROWDING = 4.0
-"""How much fuller than the next level the extreme level of a quantised, clipped signal is. The rounded top of
-a coarsely quantised sine is about twice as full."""
-
-FLAT_S = 0.1
-"""A value held for so long is no vibration of a machine in operation."""
-
-SPIKE_SIGMA = 10.0
-"""Robust standard deviations by which a spike departs from its neighbours; Gaussian noise never does."""
-
-SPIKE_BLOCK_S = 1.0
-"""Stretch over which the usual departure is taken, lest a braking run's loud start be called spiky."""
-
-COARSE_STEPS = 5.0
-"""Quantisation steps an rms should have: at 5 the rounding, step/sqrt(12), is 6 % of the signal."""
-
-OFFSET_RMS = 0.5
-"""An offset beyond this part of the rms is worth a note: integrated twice it would hide the motion."""
-
-GRAVITY_TOLERANCE = 0.05
-"""How far from 1 g (relative) a mean still looks like gravity: a tilt of 18 degrees, or sensor offset."""
-
-HIGH_FREQUENCY_HZ = 5.0
-"""Above the bounce of a vehicle (1 to 3 Hz), where the suspension isolates the sprung side."""
-
-MUTE_RATIO = 1e-3
-"""A sensor of a pair this much quieter than the other is mute: no suspension takes 60 dB off the rms."""
-
-QUIET_RATIO = 0.02
-"""A sensor of a pair this much quieter than the other may show only its noise."""
-
-SWAP_RATIO = 0.9
-"""How much quieter than the airframe the spindle may be above 5 Hz before the two look swapped: a strut
-locked by friction makes them nearly equal."""
+Converter = Callable[[FloatArray], FloatArray]
 
 _SEVERITIES: tuple[Severity, ...] = ("fault", "warning", "note")
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One thing that is wrong or noteworthy.
+def inspect(
+    what: Log | Recording,
+    settings: LogSettings = AS_WRITTEN,
+    *,
+    channels: Mapping[str, ChannelSettings] | Sequence[str] | None = None,
+    thorough: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Health:
+    """Return the health of a log or a recording: figures of every clock and channel, and findings with what to do.
+
+    A log is read once, block by block; memory does not grow with its length.
 
     Args:
-        severity: "fault" (unusable), "warning" (may spoil the result) or "note" (good to know).
-        channel: the channel it concerns, empty for the whole recording.
-        message: what was found and what to do.
-    """
+        what: a log as its file holds it, or a recording.
+        settings: what the file does not say.
+        channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
+        thorough: whether channels are looked at beside each other, and what a picture shows is kept.
+        progress: told what part of the rows is read, from 0 to 1, where their number is known.
 
-    severity: Severity
-    channel: str
-    message: str
-
-
-@dataclass(frozen=True)
-class ChannelHealth:
-    """Figures of one channel, in its SI unit.
-
-    Args:
-        name: of the channel.
-        unit: its SI unit.
-        mean: the offset.
-        rms: root mean square about the mean.
-        peak: largest distance from the mean.
-        crest_factor: peak over rms, 0 for a mute channel.
-        high_frequency_rms: rms of the part above 5 Hz.
-        quantisation_step: the step of which the values are multiples, None where none is visible.
-        clipped_fraction: part of the samples that sit at an extreme value, three or more in a row.
-        longest_flat_s: longest time for which the value does not change, s.
-        spikes: single samples that depart from both neighbours by 10 robust standard deviations.
-        mute: whether the channel shows nothing.
-    """
-
-    name: str
-    unit: str
-    mean: float
-    rms: float
-    peak: float
-    crest_factor: float
-    high_frequency_rms: float
-    quantisation_step: float | None
-    clipped_fraction: float
-    longest_flat_s: float
-    spikes: int
-    mute: bool
-
-
-@dataclass(frozen=True)
-class Health:
-    """What `inspect` found in a recording.
-
-    Args:
-        fs: sampling rate, Hz.
-        duration_s: length, s.
-        n_samples: samples a channel.
-        channels: figures of each channel.
-        looks_unsprung: the acceleration channel that looks like the wheel's side, None if there is no choice.
-        findings: what is wrong, faults first.
-    """
-
-    fs: float
-    duration_s: float
-    n_samples: int
-    channels: tuple[ChannelHealth, ...]
-    looks_unsprung: str | None
-    findings: tuple[Finding, ...]
-
-
-def inspect(recording: Recording) -> Health:
-    """Return the health of a recording: figures of every channel, and findings with what to do.
-
-    Args:
-        recording: at least two samples of one or more channels.
+    Raises:
+        InputError: a channel that is not there, neither a rate nor time stamps, or what reading the file raises.
 
     >>> rng = np.random.default_rng(0)
     >>> samples = np.clip(rng.standard_normal((2000, 1)).cumsum(axis=0), -20, 20)
@@ -141,247 +67,165 @@ def inspect(recording: Recording) -> Health:
     >>> health.findings[0].severity, health.findings[0].channel
     ('warning', 'upper_z')
     """
-    channels: list[ChannelHealth] = []
+    log = log_of_recording(what) if isinstance(what, Recording) else what
+    wanted = _wanted(log, channels)
+    done, every = 0, sum(track.n_samples or 0 for track in log.tracks)
+    results: list[TrackFigures] = []
+    for track in log.tracks:
+        columns = {name: column for name, (_, (where, column)) in wanted.items() if where is track}
+        if not columns:
+            continue
+        shown = None if progress is None or not track.n_samples else _part(progress, done, every)
+        own = {name: wanted[name][0] for name in columns}
+        results.append(_inspect_track(log, track, columns, own, settings, thorough, shown))
+        done += track.n_samples or 0
+    return _together(results, order=tuple(wanted))
+
+
+def _wanted(
+    log: Log, channels: Mapping[str, ChannelSettings] | Sequence[str] | None
+) -> dict[str, tuple[ChannelSettings, tuple[Track, int]]]:
+    """Settings and place of each channel, by its name in the result."""
+    if channels is None:
+        places = [(track, column) for track in log.tracks for column in range(len(track.channels))]
+        return {name: (ChannelSettings(name), place) for name, place in zip(log.names, places, strict=True)}
+    own = dict(channels) if isinstance(channels, Mapping) else {name: ChannelSettings(name) for name in channels}
+    return {name: (setting, log.find(setting.channel)) for name, setting in own.items()}
+
+
+def _part(progress: Callable[[float], None], done: int, every: int) -> Callable[[int], None]:
+    return lambda rows: progress(min(1.0, (done + rows) / every))
+
+
+def _inspect_track(
+    log: Log,
+    track: Track,
+    columns: Mapping[str, int],
+    wanted: Mapping[str, ChannelSettings],
+    settings: LogSettings,
+    thorough: bool,
+    progress: Callable[[int], None] | None,
+) -> TrackFigures:
+    """Read the channels of one clock once."""
+    blocks = iter(track.blocks(list(columns.values())))
+    fs = settings.fs_hz or track.fs
+    first, usual = _first_stamps(blocks, stated=fs is not None)
+    if not first:
+        raise InputError(f"{log.path} holds no samples: export the log again")
+    if fs is None and first[0].stamps is None:
+        raise InputError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
+    start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
+    clock = ClockCheck(fs=fs, start_s=start_s, reconstruct=settings.clock == "reconstructed", usual=usual)
+    bin_rows = rows_of_a_bin(clock.fs, len(columns))
+    clock.keep_every(bin_rows)
+    checks, convert = _checks(track, columns, wanted, settings, clock, bin_rows, thorough)
+    rows = chunk_rows(bin_rows, len(columns))
+    maker = ChunkMaker(convert, bin_rows, rows)
+    every: list[Callable[[Chunk], None]] = [checks.levels.add, checks.spectra.add]
+    every += [run.add for run in checks.runs] + [search.add for search in checks.spikes]
+    for samples, stamps in same_sized(chain(first, blocks), len(columns), rows):
+        chunk = maker.chunk(samples, clock.add(stamps, samples.shape[1]))
+        for add in every:
+            add(chunk)
+        if progress is not None:
+            progress(clock.n)
+    for run in checks.runs:
+        run.finish()
+    return track_figures(checks)
+
+
+def _checks(
+    track: Track,
+    columns: Mapping[str, int],
+    wanted: Mapping[str, ChannelSettings],
+    settings: LogSettings,
+    clock: ClockCheck,
+    bin_rows: int,
+    thorough: bool,
+) -> tuple[Checks, list[Converter]]:
+    """What looks at the rows of a track, and what makes its channels SI."""
+    n = len(columns)
+    convert, units, without = _conversions(track, columns, wanted, settings)
+    flat_rows = int(np.ceil(FLAT_S * clock.fs - 1e-9)) + 1
+    crossed = [i for i in range(n) if units[i] == "m/s^2"][:MOST_CROSSED] if thorough else []
+    checks = Checks(
+        track=track.name,
+        names=tuple(columns),
+        units=tuple(units),
+        without_unit=tuple(without),
+        bin_rows=bin_rows,
+        clock=clock,
+        levels=LevelCheck(n, envelope=thorough),
+        runs=tuple(RunCheck(i, bin_rows=bin_rows, flat_rows=flat_rows) for i in range(n)),
+        spikes=tuple(SpikeSearch(i, bin_rows) for i in range(n)),
+        spectra=SpectrumCheck(n, bin_rows, crossed=crossed if len(crossed) > 1 else (), spectrogram=thorough),
+        thorough=thorough,
+    )
+    return checks, convert
+
+
+def _first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block], FloatArray]:
+    """The first blocks, and as many of their stamps as tell what is usual."""
+    first: list[Block] = []
+    n = 0
+    for block in blocks:
+        first.append(block)
+        n += block.samples.shape[0]
+        if stated or block.stamps is None or n >= USUAL_STAMPS:
+            break
+    stamps = [block.stamps for block in first if block.stamps is not None]
+    return first, np.concatenate(stamps)[:USUAL_STAMPS] if stamps and not stated else np.empty(0)
+
+
+def _conversions(
+    track: Track, columns: Mapping[str, int], wanted: Mapping[str, ChannelSettings], settings: LogSettings
+) -> tuple[list[Converter], list[str], list[str]]:
+    """For each channel: what makes it SI, its unit, and why none is known."""
+    convert: list[Converter] = []
+    units, without = [], []
+    for name, column in columns.items():
+        own, written = wanted[name], track.channels[column].unit or settings.unit
+        reason = ""
+        try:
+            unit = own.to_si(np.zeros(1), written)[1]
+        except InputError as error:
+            unit, reason = "?", str(error)
+            # scale, offset and sign hold in any unit
+            own, written = replace(own, unit="1"), None
+        convert.append(_converter(own, written))
+        units.append(unit)
+        without.append(reason)
+    return convert, units, without
+
+
+def _converter(own: ChannelSettings, written: str | None) -> Converter:
+    return lambda samples: own.to_si(samples, written)[0]
+
+
+def _together(results: Sequence[TrackFigures], *, order: Sequence[str]) -> Health:
+    """The health of all clocks."""
+    channels = {channel.name: channel for result in results for channel in result.channels}
     findings: list[Finding] = []
-    for name in recording.names:
-        samples = recording.channel(name)
-        channel = _channel_health(name, recording.unit(name), samples, recording.fs)
-        channels.append(channel)
-        findings += _findings(channel, samples, recording)
-    findings.sort(key=lambda finding: _SEVERITIES.index(finding.severity))
+    for result in results:
+        findings += clock_findings(result.clock_check, result.clock)
+        findings += result.pair_findings
+    places = {name: place for result in results for name, place in result.places.items()}
+    for name in order:
+        findings += channel_findings(channels[name], places[name])
+    findings += unit_findings({name: places[name].without_unit for name in order if places[name].without_unit})
+    place = {name: i for i, name in enumerate(("", *order))}
+    findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), place.get(finding.channel, 0)))
+    main = max((result.clock for result in results), key=lambda clock: clock.n_samples)
+    accelerations = [channels[name] for name in order if channels[name].unit == "m/s^2"]
+    loudest = max(accelerations, key=lambda c: c.high_frequency_rms) if len(accelerations) > 1 else None
     return Health(
-        fs=recording.fs,
-        duration_s=recording.duration_s,
-        n_samples=recording.n_samples,
-        channels=tuple(channels),
-        looks_unsprung=looks_unsprung(recording),
+        fs=main.fs,
+        duration_s=main.duration_s,
+        n_samples=main.n_samples,
+        channels=tuple(channels[name] for name in order),
+        looks_unsprung=loudest.name if loudest else None,
         findings=tuple(findings),
+        clocks=tuple(result.clock for result in results),
+        pairs=tuple(pair for result in results for pair in result.pairs),
+        levels=tuple(result.levels for result in results),
     )
-
-
-def looks_unsprung(recording: Recording, names: Sequence[str] | None = None) -> str | None:
-    """Return the acceleration channel with the largest rms above 5 Hz, which a suspension would take away.
-
-    Args:
-        recording: the log.
-        names: the channels to choose from; all accelerations if left out.
-
-    Returns:
-        Its name, or None if there are fewer than two to choose from.
-    """
-    chosen = names or [channel.name for channel in recording.channels if channel.unit == "m/s^2"]
-    if len(chosen) < 2:
-        return None
-    return max(chosen, key=lambda name: _rms_above(recording.channel(name), recording.fs, HIGH_FREQUENCY_HZ))
-
-
-def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tuple[str, str]) -> tuple[Finding, ...]:
-    """Return what speaks against two accelerations being those of a spindle and the airframe above it.
-
-    Args:
-        unsprung: (n_samples,) acceleration of the spindle, m/s^2.
-        sprung: (n_samples,) acceleration of the airframe, m/s^2.
-        fs: sampling rate, Hz.
-        names: of the unsprung and the sprung channel, for the messages.
-
-    Raises:
-        InputError: a mute channel, or twice the same one.
-
-    >>> rng = np.random.default_rng(0)
-    >>> wheel = rng.standard_normal(4096)
-    >>> body = np.convolve(wheel, np.ones(20) / 20, "same")
-    >>> check_pair(wheel, body, fs=256.0, names=("lower_z", "upper_z"))
-    ()
-    >>> check_pair(body, wheel, fs=256.0, names=("lower_z", "upper_z"))[0].severity
-    'fault'
-    """
-    lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
-    if np.array_equal(lower, upper):
-        raise InputError(f"the channels {names[0]!r} and {names[1]!r} are the same signal: name two sensors")
-    pair = (lower, upper)
-    rms = [float(np.std(samples)) for samples in pair]
-    for name, samples, own, other in zip(names, pair, rms, rms[::-1], strict=True):
-        if _is_mute(samples) or own < MUTE_RATIO * other:
-            raise InputError(
-                f"the channel {name!r} is mute ({own:.3g} m/s^2 rms): check the sensor, its cable and range"
-            )
-    findings: list[Finding] = []
-    quiet = int(np.argmin(rms))
-    if rms[quiet] < QUIET_RATIO * rms[1 - quiet]:
-        message = (
-            f"{rms[quiet]:.3g} m/s^2 rms beside {rms[1 - quiet]:.3g} at {names[1 - quiet]!r}: "
-            "this may be the sensor's noise alone; check its cable, its range and the units"
-        )
-        findings.append(Finding("warning", names[quiet], message))
-    high = [_rms_above(without_spikes(samples, fs=fs)[0], fs, HIGH_FREQUENCY_HZ) for samples in pair]
-    if high[0] < SWAP_RATIO * high[1]:
-        message = (
-            f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
-            f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung"
-        )
-        findings.append(Finding("fault", names[0], message))
-    return tuple(findings)
-
-
-# ---- figures -------------------------------------------------------------------------------------
-
-
-def _channel_health(name: str, unit: str, samples: FloatArray, fs: float) -> ChannelHealth:
-    mean, mute = float(samples.mean()), _is_mute(samples)
-    rms, peak = float(samples.std()), float(np.abs(samples - mean).max())
-    step = None if mute else _quantisation_step(samples)
-    _, lengths = _runs(samples)
-    return ChannelHealth(
-        name=name,
-        unit=unit,
-        mean=mean,
-        rms=rms,
-        peak=peak,
-        crest_factor=0.0 if mute else peak / rms,
-        high_frequency_rms=_rms_above(samples, fs, HIGH_FREQUENCY_HZ),
-        quantisation_step=step,
-        clipped_fraction=0.0 if mute else _clipped(samples, step) / samples.size,
-        longest_flat_s=float(lengths.max() - 1) / fs,
-        spikes=0 if mute else _spikes(samples, fs, step).size,
-        mute=mute,
-    )
-
-
-def _is_mute(samples: FloatArray) -> bool:
-    # the first samples settle it for nearly every channel, without sorting them all
-    return np.unique(samples[:1000]).size <= MUTE_VALUES and np.unique(samples).size <= MUTE_VALUES
-
-
-def _runs(samples: FloatArray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each run of equal values starts, and how many samples it has."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(samples)) + 1])
-    return starts, np.diff(np.concatenate([starts, [samples.size]]))
-
-
-def _longest_flat(samples: FloatArray, fs: float, step: float | None) -> tuple[float, bool]:
-    """Return when the longest run of one value begins, s, and whether there is motion just beside it."""
-    starts, lengths = _runs(samples)
-    begin, end = int(starts[lengths.argmax()]), int((starts + lengths)[lengths.argmax()])
-    beside = round(0.5 * fs)
-    around = np.concatenate([samples[max(0, begin - beside) : begin], samples[end : end + beside]])
-    return begin / fs, around.size > 0 and float(around.std()) > COARSE_STEPS * (step or 0.0)
-
-
-def _quantisation_step(samples: FloatArray) -> float | None:
-    """Return the smallest distance between values if most neighbouring values are 1 to 10 of it apart."""
-    values = np.unique(samples)
-    distances = np.diff(values)
-    # two values that conversion to SI has rounded apart are one level
-    distances = distances[distances > 1e-9 * (values[-1] - values[0])]
-    smallest = distances.min()
-    step = float(distances[distances < 1.5 * smallest].mean())
-    multiples = distances / step
-    regular = (multiples < 10.5) & (np.abs(multiples - np.round(multiples)) < 0.1)
-    return step if regular.mean() > 0.5 else None
-
-
-def _clipped(samples: FloatArray, step: float | None) -> int:
-    """Count the samples held at the largest or smallest value, unless the levels next to it are as full."""
-    starts, lengths = _runs(samples)
-    count = 0
-    for below in (samples.max() - samples, samples - samples.min()):
-        held = int(lengths[(below[starts] == 0) & (lengths >= CLIP_RUN)].sum())
-        if step is not None:
-            next_levels = np.count_nonzero((below > 0.5 * step) & (below < 2.5 * step)) / 2
-            # the one keeps a single rounded peak of few samples from passing for a clipped one
-            held = held if held > CLIP_CROWDING * (next_levels + 1) else 0
-        count += held
-    return count
-
-
-def without_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndarray]:
-    """Replace single samples that stand far out by the cubic through their four neighbours.
-
-    Args:
-        samples: (n,) one channel.
-        fs: sampling rate, Hz.
-
-    Returns:
-        The mended samples, (n,), and the places that were mended.
-
-    >>> signal = np.sin(np.arange(2000) / 20.0)
-    >>> signal[700] += 30.0
-    >>> mended, places = without_spikes(signal, fs=500.0)
-    >>> places.tolist(), bool(abs(mended[700] - np.sin(35.0)) < 0.01)
-    ([700], True)
-    """
-    mended = np.array(samples, dtype=np.float64)
-    places = _spikes(mended, fs, None)
-    near, far = mended[places - 1] + mended[places + 1], mended[places - 2] + mended[places + 2]
-    mended[places] = (4 * near - far) / 6
-    return mended, places
-
-
-def _spikes(samples: FloatArray, fs: float, step: float | None) -> np.ndarray:
-    """Return the indices of single samples far from both neighbours, while those are close to each other.
-
-    The departure from the neighbours' mean, d_k = x_k - (x_{k-1} + x_{k+1})/2, of a spike of height s is
-    -s/2, s, -s/2; an impact that rings makes departures of one sign.
-    """
-    departure = samples[1:-1] - 0.5 * (samples[:-2] + samples[2:])
-    block = max(16, round(SPIKE_BLOCK_S * fs))
-    if departure.size < block:
-        return np.empty(0, dtype=np.intp)
-    size = np.abs(departure)
-    n_blocks = departure.size // block
-    usual = np.median(size[: n_blocks * block].reshape(n_blocks, block), axis=1)
-    # a standstill has hardly any departure: the whole run and the resolution set a floor
-    usual = np.maximum(usual, max(0.1 * float(np.median(size)), 0.5 * (step or 0.0)))
-    limit = SPIKE_SIGMA * 1.4826 * usual[np.minimum(np.arange(departure.size) // block, n_blocks - 1)]
-    left, centre, right = departure[:-2], departure[1:-1], departure[2:]
-    alone = np.maximum(np.sign(centre) * left, np.sign(centre) * right) < -0.25 * np.abs(centre)
-    return np.flatnonzero((np.abs(centre) > limit[1:-1]) & alone) + 2
-
-
-def _rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:
-    """Return the rms above a frequency, by Parseval under a Hann window (the whole rms if fs is too low)."""
-    window = np.hanning(samples.size + 1)[:-1] if samples.size > 2 else np.ones(samples.size)
-    spectrum = np.fft.rfft((samples - samples.mean()) * window)
-    first = int(np.ceil(frequency_hz * samples.size / fs)) if frequency_hz < 0.5 * fs else 1
-    power = 2 * np.sum(np.abs(spectrum[first:]) ** 2)
-    return float(np.sqrt(power / (samples.size * np.sum(window**2))))
-
-
-# ---- findings ------------------------------------------------------------------------------------
-
-
-def _findings(channel: ChannelHealth, samples: FloatArray, recording: Recording) -> Iterator[Finding]:
-    def finding(severity: Severity, message: str) -> Finding:
-        return Finding(severity, channel.name, message)
-
-    if channel.mute:
-        value = f"{channel.mean:.4g} {channel.unit}"
-        yield finding("fault", f"mute, all samples lie at {value}: check the sensor and its cable")
-        return
-    step = channel.quantisation_step
-    if channel.clipped_fraction > 0:
-        ends = f"{samples.min():.4g} or {samples.max():.4g} {channel.unit}"
-        part = f"{channel.clipped_fraction:.2%} of the samples"
-        yield finding("warning", f"{part} are clipped at {ends}: measure again with a larger range")
-    elif channel.longest_flat_s >= FLAT_S:
-        begin_s, moving = _longest_flat(samples, recording.fs, step)
-        if moving:
-            when = f"for {channel.longest_flat_s:.3g} s from {recording.start_s + begin_s:.3f} s"
-            yield finding("warning", f"one value is held {when}: leave this dropout out with start_s and stop_s")
-    if channel.spikes:
-        first = recording.start_s + _spikes(samples, recording.fs, step)[0] / recording.fs
-        where = f"{channel.spikes} spike(s) of one sample, the first at {first:.4f} s"
-        yield finding("warning", f"{where}: check the cable, or leave them out with start_s and stop_s")
-    if step is not None and channel.rms < COARSE_STEPS * step:
-        steps = f"the rms is only {channel.rms / step:.1f} steps of the resolution ({step:.3g} {channel.unit})"
-        yield finding("warning", f"{steps}: measure with a smaller range or more bits")
-    if channel.unit == "m/s^2":
-        if abs(abs(channel.mean) / STANDARD_GRAVITY - 1) < GRAVITY_TOLERANCE:
-            yield finding(
-                "note", f"the mean, {channel.mean:.3f} m/s^2, is gravity: nothing to do, `identify` takes it off"
-            )
-        elif abs(abs(channel.mean) - 1) < GRAVITY_TOLERANCE:
-            yield finding("note", f"the mean, {channel.mean:.3f} m/s^2, would be gravity in g: check the unit")
-        elif abs(channel.mean) > OFFSET_RMS * channel.rms:
-            offset = f"the offset, {channel.mean:.3g} m/s^2, is large beside the rms, {channel.rms:.3g} m/s^2"
-            yield finding("note", f"{offset}: nothing to do, `identify` takes it off")

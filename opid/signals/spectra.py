@@ -193,12 +193,26 @@ def noise_floor(samples: ArrayLike, *, fs: float) -> float:
     >>> bool(abs(noise_floor(0.01 * rng.standard_normal(20000), fs=500.0) / 0.01 - 1) < 0.1)
     True
     """
-    from scipy import signal, special
+    from scipy import signal
 
     channel = np.asarray(samples, dtype=np.float64)
     nperseg = min(channel.size, round(2 * fs))
     frequency_hz, density = signal.welch(channel, fs, nperseg=nperseg)
     n_blocks = max(1, (channel.size - nperseg // 2) // (nperseg - nperseg // 2))
+    return white_noise_rms(frequency_hz, density, n_blocks, fs=fs)
+
+
+def white_noise_rms(frequency_hz: FloatArray, density: FloatArray, n_blocks: float, *, fs: float) -> float:
+    """Return the standard deviation of white noise as quiet as the quietest tenth of a Welch spectrum.
+
+    Args:
+        frequency_hz: (n_lines,) from 0 to half the rate, Hz.
+        density: (n_lines,) one-sided, unit^2/Hz.
+        n_blocks: periodograms averaged.
+        fs: sampling rate, Hz.
+    """
+    from scipy import special
+
     # the last tenth below the Nyquist frequency is often the anti-aliasing filter's, and empty
     inside = (frequency_hz > 0) & (frequency_hz < 0.4 * fs)
     # the lowest decile of n averaged periodograms lies this far below their mean (gamma distribution)

@@ -52,8 +52,8 @@ _TABLE: dict[str, dict[str, float]] = {
     "Hz": _prefixed("Hz", "GMkm") | {"rpm": 1 / 60, "rev/min": 1 / 60},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "dps": math.pi / 180, "°/s": math.pi / 180},
-    "V": _prefixed("V", "kmun"),
-    "A": _prefixed("A", "kmun"),
+    "V": _prefixed("V", "kmun") | dict.fromkeys(("volt", "volts"), 1.0),
+    "A": _prefixed("A", "kmun") | dict.fromkeys(("amp", "amps"), 1.0),
     "Pa": _prefixed("Pa", "GMk") | {"bar": 1e5, "mbar": 1e2, "psi": _POUND_FORCE / _INCH**2},
     "degC": dict.fromkeys(("degC", "°C"), 1.0),
     "1": dict.fromkeys(("1", "-", "ratio", "count", "counts"), 1.0)

@@ -1,42 +1,159 @@
-"""One file per log format: each registers its reader and writer by file ending; units become SI here."""
+"""One file per log format: each registers its reader and writer by file ending; units become SI at this door.
+
+A reader opens a file and gives its `Log`: what is in it, to be read block by block. It executes nothing, writes nothing
+and believes no header that the file's size belies. `read_log` makes a `Recording` of it.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import TypeVar
 
 from opid.errors import InputError, nearest
+from opid.signals.conversion import recording_of
+from opid.signals.log import Block, Log, Rows, Track
+from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.recording import Recording
 
-Reader = Callable[[Path], Recording]
+Opener = Callable[[Path, LogSettings], Log]
 Writer = Callable[[Recording, Path], None]
-_Function = TypeVar("_Function", bound=Callable[..., object])
 
-_READERS: dict[str, Reader] = {}
+GZIP = ".gz"
+VALUES_PER_BYTE = 1000
+"""No compression packs more values into a byte: a header that says so lies, and would be read for hours."""
+
+_FOREIGN = {
+    b"PK\x03\x04": "a ZIP archive (a spreadsheet?)",
+    b"\x1f\x8b": "gzip data",
+    b"%PDF": "a PDF document",
+    b"\x7fELF": "a program",
+    b"\x93NUMPY": "a NumPy array",
+    b"\x80\x04": "a Python pickle",
+}
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format that can be read.
+
+    Args:
+        name: what people call it.
+        open: (path, settings) -> `Log`.
+        needs: distribution that must be installed, None for none beside opid's own.
+        extra: of opid that installs it.
+        magic: what such files begin with, any of these; empty where that tells nothing.
+        text: whether it is text, which may be compressed (.gz).
+    """
+
+    name: str
+    open: Opener
+    needs: str | None = None
+    extra: str | None = None
+    magic: tuple[bytes, ...] = ()
+    text: bool = False
+
+
+_READERS: dict[str, Format] = {}
 _WRITERS: dict[str, Writer] = {}
 
 
-def reader(*endings: str) -> Callable[[_Function], _Function]:
-    """Register the decorated function (path -> Recording) as the reader of files with these `endings`."""
-    return _registration(_READERS, endings)
+def reader(
+    *endings: str,
+    name: str,
+    needs: str | None = None,
+    extra: str | None = None,
+    magic: Sequence[bytes] = (),
+    text: bool = False,
+) -> Callable[[Opener], Opener]:
+    """Register the decorated function (path, settings) -> `Log` as the reader of files with these `endings`.
+
+    Args:
+        endings: like ".csv".
+        name: what people call the format.
+        needs: distribution that must be installed.
+        extra: of opid that installs it.
+        magic: what such files begin with, any of these.
+        text: whether it is text, which may be compressed.
+    """
+
+    def register(function: Opener) -> Opener:
+        _READERS.update(dict.fromkeys(endings, Format(name, function, needs, extra, tuple(magic), text)))
+        return function
+
+    return register
 
 
-def writer(*endings: str) -> Callable[[_Function], _Function]:
-    """Register the decorated function (recording, path) as the writer of files with these `endings`."""
-    return _registration(_WRITERS, endings)
+def writer(*endings: str) -> Callable[[Writer], Writer]:
+    """Register the decorated function (recording, path) as the writer of files with these `endings`.
+
+    Args:
+        endings: like ".csv".
+    """
+
+    def register(function: Writer) -> Writer:
+        _WRITERS.update(dict.fromkeys(endings, function))
+        return function
+
+    return register
 
 
-def read_log(path: str | os.PathLike[str]) -> Recording:
+def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -> Log:
+    """Open a log of any known format, as its file holds it.
+
+    Args:
+        path: the file; its ending (`.csv`, ...) says the format, or what it begins with where the ending is not known.
+        settings: what the file does not say.
+
+    Raises:
+        InputError: there is no such file, it is empty, of an unknown format, damaged, or its reader is not installed.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     file = Path(directory, "heavy.csv")
+    ...     _ = file.write_text("time [ms],upper_z [g]\\n0,0.5\\n2,1.0\\n4,0.0\\n")
+    ...     log = open_log(file)
+    >>> log.format, log.names
+    ('CSV', ('upper_z',))
+    """
+    file = Path(path)
+    _load_formats()
+    try:
+        if not file.exists():
+            raise InputError(f"there is no file {path}{_nearest_log(file)}")
+        if not file.is_file():
+            raise InputError(f"{path} is a directory or a device, not a log: give the name of one file")
+        if file.stat().st_size == 0:
+            raise InputError(f"{path} is empty: export the log again")
+        form = _format_of(file)
+        return _guarded(file, form, _opened(file, form, settings))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}: check the file and its rights") from error
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    settings: LogSettings = AS_WRITTEN,
+    *,
+    channels: Sequence[str] | Mapping[str, ChannelSettings] | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    fs_hz: float | None = None,
+) -> Recording:
     """Read a log of any known format into SI units at a uniform rate.
 
     Args:
-        path: the log file; its ending (`.csv`, ...) says the format.
+        path: the log file.
+        settings: what the file does not say.
+        channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
+        start_s: first time, s; from the beginning where left out.
+        stop_s: end, s; to the end where left out.
+        fs_hz: rate to which the channels are resampled, Hz; where left out the lowest of theirs, if they differ.
 
     Raises:
         InputError: there is no such file, it is empty, of an unknown format, or its content is at fault.
@@ -49,19 +166,8 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
     >>> run.fs, run.channels, run.channel("upper_z")
     (500.0, (Channel(name='upper_z', unit='m/s^2'),), array([4.903325, 9.80665 , 0. ]))
     """
-    file = Path(path)
-    _load_formats()
-    if not file.exists():
-        raise InputError(f"there is no file {path}{_nearest_log(file)}")
-    if not file.is_file():
-        raise InputError(f"{path} is a directory or a device, not a log: give the name of one file")
-    read = _format(_READERS, file, "read")
-    try:
-        if file.stat().st_size == 0:
-            raise InputError(f"{path} is empty: export the log again")
-        return read(file)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    log = open_log(path, settings)
+    return recording_of(log, settings, channels=channels, start_s=start_s, stop_s=stop_s, fs_hz=fs_hz)
 
 
 def write_log(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -75,15 +181,16 @@ def write_log(recording: Recording, path: str | os.PathLike[str]) -> None:
         InputError: an unknown ending, a place that cannot be written to, or names the format cannot hold.
     """
     _load_formats()
-    _format(_WRITERS, Path(path), "write")(recording, Path(path))
+    ending = Path(path).suffix.lower()
+    if ending not in _WRITERS:
+        raise InputError(f"cannot write {path}: no format has the ending {ending!r}: {nearest(ending, _WRITERS)}")
+    _WRITERS[ending](recording, Path(path))
 
 
-def _registration(table: dict[str, Callable], endings: tuple[str, ...]) -> Callable[[_Function], _Function]:
-    def register(function: _Function) -> _Function:
-        table.update(dict.fromkeys(endings, function))
-        return function
-
-    return register
+def formats() -> dict[str, Format]:
+    """Return the formats that can be read, by file ending."""
+    _load_formats()
+    return dict(_READERS)
 
 
 @cache
@@ -93,11 +200,111 @@ def _load_formats() -> None:
         import_module(f"{__name__}.{module.name}")
 
 
-def _format(table: dict[str, _Function], file: Path, verb: str) -> _Function:
+def _format_of(file: Path) -> Format:
+    """By the ending, and where that is not known by what the file begins with; what belies the ending is refused."""
+    with file.open("rb") as opened:
+        head = opened.read(4096)
     ending = file.suffix.lower()
-    if ending not in table:
-        raise InputError(f"cannot {verb} {file}: no format has the ending {ending!r}: {nearest(ending, table)}")
-    return table[ending]
+    packed = ending == GZIP
+    ending = Path(file.stem).suffix.lower() if packed else ending
+    form = _READERS.get(ending)
+    if packed and (form is None or not form.text):
+        raise InputError(f"cannot read {file}: only text logs (.csv.gz, ...) are read compressed: unpack it first")
+    if packed and not head.startswith(b"\x1f\x8b"):
+        raise InputError(f"{file} is no gzip data, as its ending says: rename it, or export it again")
+    if packed and form is not None:
+        return form
+    if form is None:
+        alike = {each.name: each for each in _READERS.values() if _begins(head, each.magic)}
+        if len(alike) != 1:
+            raise InputError(f"cannot read {file}: no format has the ending {ending!r}: {nearest(ending, _READERS)}")
+        return next(iter(alike.values()))
+    if form.magic and not _begins(head, form.magic):
+        raise InputError(f"{file} is no {form.name} file{_looks_like(head)}: check the ending, or export it again")
+    if form.text and not form.magic and (foreign := _looks_like(head)):
+        raise InputError(f"{file} is no {form.name} file{foreign}: check the ending, or export it as {form.name}")
+    return form
+
+
+def _begins(head: bytes, magic: Sequence[bytes]) -> bool:
+    return any(head.startswith(each) for each in magic)
+
+
+def _looks_like(head: bytes) -> str:
+    known = {each: form.name for form in _READERS.values() for each in form.magic}
+    for magic, name in (_FOREIGN | known).items():
+        if head.startswith(magic):
+            return f", it begins like {name}"
+    return ""
+
+
+def _opened(file: Path, form: Format, settings: LogSettings) -> Log:
+    try:
+        return form.open(file, settings)
+    except ModuleNotFoundError as error:
+        if form.needs is None:
+            raise
+        raise InputError(
+            f"reading {file} ({form.name}) needs {form.needs}, which is not installed: "
+            f"run `pip install 'opid[{form.extra}]'`"
+        ) from error
+    except InputError:
+        raise
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise _damaged(file, form, error) from error  # a library's word for damage, not the system's
+    except Exception as error:  # whatever a library stumbles over is in the file
+        raise _damaged(file, form, error) from error
+
+
+def _guarded(file: Path, form: Format, log: Log) -> Log:
+    """The log, its header checked against the size of the file, its reading against damage and change."""
+    before = file.stat()
+    if not log.tracks or not any(track.channels for track in log.tracks):
+        raise InputError(f"{file} holds no channel with numbers: export the log again")
+    for track in log.tracks:
+        if (track.n_samples or 0) * len(track.channels) > VALUES_PER_BYTE * before.st_size:
+            raise InputError(
+                f"{file} says that it holds {track.n_samples} samples of {len(track.channels)} channel(s) in "
+                f"{before.st_size} bytes: its header is damaged; export the log again"
+            )
+
+    def watched(rows: Rows) -> Rows:
+        def read(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+            try:
+                yield from rows(columns, start, stop)
+            except (InputError, GeneratorExit):
+                raise
+            except OSError as error:
+                if error.errno is None:  # a library's word for damage, not the system's
+                    raise _damaged(file, form, error) from error
+                raise InputError(f"cannot read {file}: {error.strerror or error}: export the log again") from error
+            except Exception as error:  # whatever a library stumbles over is in the file
+                raise _damaged(file, form, error) from error
+            if _changed(file, before):
+                raise InputError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
+
+        return read
+
+    return replace(log, tracks=tuple(_watched(track, watched) for track in log.tracks))
+
+
+def _changed(file: Path, before: os.stat_result) -> bool:
+    try:
+        after = file.stat()
+    except OSError:  # it is gone
+        return True
+    return (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
+
+
+def _watched(track: Track, watch: Callable[[Rows], Rows]) -> Track:
+    return replace(track, rows=watch(track.rows))
+
+
+def _damaged(file: Path, form: Format, error: Exception) -> InputError:
+    reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+    return InputError(f"{file} is no sound {form.name} file ({reason}): it is cut off or damaged; export it again")
 
 
 def _nearest_log(file: Path) -> str:

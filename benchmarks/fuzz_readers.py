@@ -1,0 +1,77 @@
+"""Search for bytes that a reader neither reads nor refuses.
+
+Run `python benchmarks/fuzz_readers.py --format csv --seconds 60`.
+
+Coverage-guided (atheris, libFuzzer) over opid's own code. It begins with the small sound log of the format in
+`tests/small_logs.py`. What is wrong: any exception but `InputError`, a message that does not name the file, blocks of a
+wrong shape, more than 2 GiB of memory, or more than 10 s. The bytes are then in the file `crash-...`, `timeout-...` or
+`oom-...` of the directory `--finds`, to become a case in `tests/test_logs_bad_input.py`.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import atheris
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+with atheris.instrument_imports(include=["opid.signals"]):
+    from small_logs import WRITERS, all_of
+
+    from opid.errors import InputError
+    from opid.signals.logs import formats
+
+    formats()
+
+
+def search(ending, directory, options):
+    """Read what libFuzzer makes of the logs in `directory`/corpus; it ends the process when the time is up."""
+    path = directory / f"run{ending}"
+
+    def read_or_refuse(content):
+        path.write_bytes(content)
+        try:
+            all_of(path)
+        except InputError as error:
+            if path.name not in str(error) or "\n" in str(error):
+                raise RuntimeError(f"not one sentence that names the file: {error}") from error
+
+    atheris.Setup([sys.argv[0], *options, str(directory / "corpus")], read_or_refuse)
+    atheris.Fuzz()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--format", required=True, choices=[ending.removeprefix(".") for ending in WRITERS])
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--finds", type=Path, default=Path(), help="directory for what is found")
+    parser.add_argument("--directory", type=Path, help=argparse.SUPPRESS)  # of the process that searches
+    wanted = parser.parse_args()
+    ending = f".{wanted.format}"
+    if wanted.directory is not None:
+        options = [
+            f"-max_total_time={wanted.seconds}",
+            f"-seed={wanted.seed}",
+            f"-max_len={2 * (wanted.directory / 'corpus' / 'sound').stat().st_size}",
+            f"-artifact_prefix={wanted.finds.resolve()}/",
+            "-timeout=10",
+            "-rss_limit_mb=2048",
+            "-print_final_stats=1",
+            "-close_fd_mask=1",
+        ]
+        search(ending, wanted.directory, options)
+    else:
+        with tempfile.TemporaryDirectory() as directory:
+            corpus = Path(directory, "corpus")
+            corpus.mkdir()
+            (corpus / "sound").write_bytes(WRITERS[ending][0]())
+            again = [sys.executable, __file__, *sys.argv[1:], "--directory", directory]
+            sys.exit(subprocess.run(again, check=False).returncode)
+
+
+if __name__ == "__main__":
+    main()

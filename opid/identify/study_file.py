@@ -1,0 +1,232 @@
+"""Study files and logs -> `Study`, and back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from opid.errors import InputError
+from opid.identify.run_files import RunFiles, Source, at_one_rate, run_from_files
+from opid.identify.sensor_facts import IDEAL_PAIR, SIDES, Leak, SensorFacts, SensorPair
+from opid.identify.study import Study, refuse
+from opid.identify.study_tables import SENSOR_KEYS, Document, document_faults, load
+from opid.signals.files import written_whole
+from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.logs import write_log
+
+Say = Callable[[str], None]
+
+
+def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> Study:
+    """Read a study file and the logs that it names.
+
+    Args:
+        path: a TOML file with `title`, a table `[channels]` (`sprung`, `unsprung`, and further ones by any name: each
+            the name of a channel in the logs, or a table with the fields of `ChannelSettings` and `SensorFacts`), and
+            one table `[[runs]]` for each log: `name`, `log` (path beside the study file), `mass_change_kg`, and
+            optionally `start_s` and `stop_s` on the time axis of the log (where neither is given, the sound stretch of
+            sustained motion is found), and `[runs.channels]` for what differs in this run. How logs are to be read
+            goes into `[log]` (the fields of `LogSettings`; `log` in a channel's table for its own file). `{run}` in a
+            channel's `file` stands for the run's name. `fs_hz` is the rate to identify at. What is known of the
+            sensors may also stand in `[sensors.sprung]` and `[sensors.unsprung]`, a further recorded axis that leaks in
+            in `[[sensors.leak]]` (`channel`, `into`, `tolerance`; without `into`, both sides).
+        progress: called with the name of each log as it is read.
+
+    Raises:
+        InputError: the file is missing or no TOML, an unknown, missing or mistyped key, or a log is at fault.
+    """
+    source = Path(path)
+    document = load(source)
+    refuse(list(document_faults(document)), source)
+    runs, faults = [], []
+    try:
+        sensors = _sensors(document)
+        all_files = [_run_files(document, entry, source.parent) for entry in document["runs"]]
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    for files in all_files:
+        try:
+            runs.append(run_from_files(files, progress=progress))
+        except InputError as error:
+            faults.append(f"run {files.name!r}: {error}")
+    refuse(faults, source)
+    names = {side: _name(document["channels"], side) for side in SIDES}
+    title = document.get("title", source.stem)
+    return Study(title, names["sprung"], names["unsprung"], at_one_rate(runs, document.get("fs_hz")), source, sensors)
+
+
+def study_from_logs(
+    paths: Sequence[str | os.PathLike[str]],
+    *,
+    sprung: str,
+    unsprung: str,
+    mass_changes_kg: Sequence[float],
+    title: str = "",
+    progress: Say | None = None,
+) -> Study:
+    """Return the study of some logs, the first of which is the reference.
+
+    Args:
+        paths: the logs.
+        sprung: name of the channel on the airframe.
+        unsprung: name of the channel on the spindle.
+        mass_changes_kg: sprung mass of each further log less that of the first, kg.
+        title: of the study.
+        progress: called with the name of each log as it is read.
+
+    Raises:
+        InputError: no log, a number of mass changes other than of further logs, or a log is at fault.
+    """
+    if not paths or len(mass_changes_kg) != len(paths) - 1:
+        raise InputError(
+            f"{len(paths)} log(s) and {len(mass_changes_kg)} mass change(s) are given: "
+            "give the reference log first and one mass change for each log after it (--mass-change)"
+        )
+    names = [Path(path).stem for path in paths]
+    if len(set(names)) < len(names):
+        names = [str(path) for path in paths]
+    runs = []
+    for name, path, change in zip(names, paths, (0.0, *mass_changes_kg), strict=True):
+        sources = {
+            channel: Source(Path(path), ChannelSettings(channel)) for channel in dict.fromkeys((unsprung, sprung))
+        }
+        runs.append(run_from_files(RunFiles(name, sources, float(change)), progress=progress))
+    return Study(title, sprung, unsprung, at_one_rate(runs))
+
+
+def read_log_settings(path: str | os.PathLike[str]) -> tuple[LogSettings, dict[str, ChannelSettings]]:
+    """Return how a study file says that logs are to be read.
+
+    Args:
+        path: the study file; its logs need not be there.
+
+    Returns:
+        The settings of `[log]`, and those of the channels that `[channels]` finds in the logs themselves.
+
+    Raises:
+        InputError: the file is missing or no TOML, or an unknown or mistyped key.
+    """
+    source = Path(path)
+    document = load(source)
+    refuse(list(document_faults(document)), source)
+    try:
+        settings = _log_settings(document.get("log", {}))
+        channels = {
+            _name(document["channels"], key): _channel(key, entry) for key, entry in document["channels"].items()
+        }
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    return settings, {name: own for name, own in channels.items() if own.file is None}
+
+
+def write_study(study: Study, path: str | os.PathLike[str]) -> None:
+    """Write a study so that `read_study` gives it back: the study file, and `NAME.csv` beside it for a run.
+
+    Args:
+        study: what to write.
+        path: the study file; its directory must exist.
+
+    Raises:
+        InputError: a place that cannot be written to, or a run whose name is no file name.
+    """
+    target = Path(path)
+    for run in study.runs:
+        if run.name in ("", ".", "..") or Path(run.name).name != run.name:
+            raise InputError(f"the run {run.name!r} cannot name its log: call it by one plain word")
+    for run in study.runs:
+        write_log(run.recording, target.parent / f"{run.name}.csv")
+    channels = {"unsprung": study.unsprung, "sprung": study.sprung}
+    sensors = _sensor_tables(study.sensors)
+    known = {"sensors": sensors} if sensors else {}
+    text = tomli_w.dumps({"title": study.title, "channels": channels, **known})
+    for run in study.runs:
+        entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
+        text += "\n[[runs]]\n" + tomli_w.dumps(entry)
+    with written_whole(target) as file:
+        file.write(text)
+
+
+# ---- tables -> settings ----------------------------------------------------------------------------
+
+
+def _name(channels: Mapping[str, Any], key: str) -> str:
+    """What a channel is called in the recordings: by its name in the log, or by its table."""
+    entry = channels[key]
+    return entry if isinstance(entry, str) else key
+
+
+def _log_settings(table: Mapping[str, Any]) -> LogSettings:
+    return LogSettings(**{**table, "names": tuple(map(str, table.get("names", ())))})
+
+
+def _channel(key: str, entry: str | Mapping[str, Any]) -> ChannelSettings:
+    if isinstance(entry, str):
+        return ChannelSettings(entry)
+    own = {name: value for name, value in entry.items() if name not in (*SENSOR_KEYS, "log")}
+    return ChannelSettings(**{"channel": key, **own})
+
+
+def _run_files(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
+    """Where each channel of a run is found, and how it is read."""
+    channels = document["channels"]
+    wanted = {_name(channels, key): channels[key] for key in channels}
+    for leak in document.get("sensors", {}).get("leak", []):
+        wanted.setdefault(leak["channel"], leak["channel"])
+    for key, own in entry.get("channels", {}).items():
+        name = _name(channels, key) if key in channels else key
+        before = wanted.get(name, {})
+        wanted[name] = own if isinstance(own, str) else {**_as_table(before), **own}
+    sources = {}
+    for name, table in wanted.items():
+        settings = _channel(name, table)
+        if settings.file is not None:
+            settings = replace(settings, file=settings.file.replace("{run}", entry["name"]))
+        how = {**document.get("log", {}), **(table.get("log", {}) if isinstance(table, Mapping) else {})}
+        sources[name] = Source(directory / (settings.file or entry["log"]), settings, _log_settings(how))
+    return RunFiles(entry["name"], sources, float(entry["mass_change_kg"]), entry.get("start_s"), entry.get("stop_s"))
+
+
+def _as_table(entry: str | Mapping[str, Any]) -> Mapping[str, Any]:
+    return {"channel": entry} if isinstance(entry, str) else entry
+
+
+def _sensors(document: Document) -> SensorPair:
+    """What is known of the sensors, from [sensors.SIDE] and from the tables of their channels."""
+    tables, facts = document.get("sensors", {}), {}
+    for side in SIDES:
+        entry = document["channels"][side]
+        of_channel = {key: value for key, value in _as_table(entry).items() if key in SENSOR_KEYS}
+        for key in sorted(of_channel.keys() & tables.get(side, {}).keys()):
+            raise InputError(f"{key!r} stands in [channels.{side}] and in [sensors.{side}]: give it once")
+        try:
+            facts[side] = SensorFacts(**tables.get(side, {}), **of_channel)
+        except InputError as error:
+            raise InputError(f"[sensors] {error}") from None
+    try:
+        leaks = [
+            Leak(**{**entry, "into": into})
+            for entry in tables.get("leak", [])
+            for into in ([entry["into"]] if "into" in entry else ["unsprung", "sprung"])
+        ]
+    except InputError as error:
+        raise InputError(f"[sensors] {error}") from None
+    if not leaks and facts["unsprung"] == facts["sprung"] == SensorFacts():
+        return IDEAL_PAIR
+    return SensorPair(facts["unsprung"], facts["sprung"], tuple(leaks))
+
+
+def _sensor_tables(sensors: SensorPair) -> dict[str, Any]:
+    """Only what differs from an ideal sensor."""
+    tables: dict[str, Any] = {}
+    for side in SIDES:
+        facts = {name: value for name, value in asdict(getattr(sensors, side)).items() if value}
+        if facts:
+            tables[side] = facts
+    if sensors.leaks:
+        tables["leak"] = [asdict(leak) for leak in sensors.leaks]
+    return tables

@@ -1,0 +1,331 @@
+"""The figure of a log's health: history with the faults marked, spectrum with the lines named, spectrogram."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from opid.errors import InputError, nearest
+from opid.plots.style import (
+    BLUE,
+    COUNT_MAP,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    figure_of,
+    house_style,
+    panels,
+    pretty,
+)
+from opid.signals.health_result import ChannelHealth, Health, Overview, SpectralLine, Stretch
+
+__all__ = ["health_picture"]
+
+WIDTH_IN = 12.0
+KINDS = {
+    "gap": ("gap: no samples", GREY),
+    "missing": ("missing values", PURPLE),
+    "clipped": ("clipped", VERMILION),
+    "flat": ("held at one value", ORANGE),
+    "spike": ("spike", GREEN),
+}
+# stretches of each kind that `Stretch` keeps: there may be more of them
+MOST_STRETCHES = 100
+MOST_LABELS = 6
+LONGEST_NAME = 44
+# what is quieter (a value that is held) is no vibration
+LEAST_DB, DEEPEST_DB = 40.0, 90.0
+
+
+def health_picture(
+    health: Health,
+    axes: Any = None,
+    *,
+    channels: Sequence[str] | None = None,
+    segment_s: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """Draw history, power spectral density and spectrogram of each channel, with what is wrong marked.
+
+    The history is the band between the least and the largest value of each stretch of time. Single spikes do not
+    stretch its scale: how far they reach is written beside them.
+
+    Args:
+        health: from `opid.signals.health.inspect`.
+        axes: (n_channels, 3) Axes, or None for a new figure.
+        channels: names of those to draw; all where left out. Some 12 fit on one figure.
+        segment_s: begin and end of the segment that is used, s, to be shaded.
+
+    Returns:
+        (n_channels, 3) Axes.
+
+    Raises:
+        InputError: a name that is none of the channels.
+    """
+    drawn = _chosen(health, channels)
+    n, row_in = len(drawn), 1.75 if len(drawn) <= 6 else 1.4
+    with house_style():
+        grid = panels(axes, n, 3, height_in=1.2 + row_in * n, width_in=WIDTH_IN, sharex="col", width_ratios=[10, 7, 7])
+        stretches = [_stretches(health, channel) for channel in drawn]
+        depth_db = _depth_db(drawn)
+        mesh = None
+        for (history_ax, psd_ax, spectrogram_ax), channel, wrong in zip(grid, drawn, stretches, strict=True):
+            _history(history_ax, channel, wrong, segment_s)
+            _spectrum(psd_ax, channel, _rate(health, channel))
+            mesh = _spectrogram(spectrogram_ax, channel, wrong, depth_db) or mesh
+        _limits(grid, drawn)
+        grid[0, 1].set_title("power spectral density")
+        grid[0, 2].set_title("spectrogram")
+        for ax, label in zip(grid[-1], ("time [s]", "frequency [Hz]", "time [s]"), strict=True):
+            ax.set_xlabel(label)
+        _key(grid, stretches, segment_s, on_figure=axes is None)
+        if mesh is not None:
+            bar = figure_of(grid).colorbar(mesh, ax=list(grid[:, 2]), aspect=18 * n, pad=0.02)
+            bar.set_label("dB below the loudest")
+            bar.outline.set_visible(False)
+    return grid
+
+
+def _chosen(health: Health, names: Sequence[str] | None) -> list[ChannelHealth]:
+    known = {channel.name: channel for channel in health.channels}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"there is no channel {name!r} to draw: {nearest(name, known)}")
+    chosen = list(health.channels) if names is None else [known[name] for name in names]
+    if not chosen:
+        raise InputError("there is no channel to draw: give one or more")
+    return chosen
+
+
+def _stretches(health: Health, channel: ChannelHealth) -> dict[str, list[Stretch]]:
+    """What is wrong with a channel, its clock's gaps among it, by kind."""
+    gaps = [gap for clock in health.clocks if channel.name in clock.channels for gap in clock.gaps]
+    every = list(dict.fromkeys((*gaps, *channel.stretches)))
+    return {kind: own for kind in KINDS if (own := [each for each in every if each.kind == kind])}
+
+
+def _rate(health: Health, channel: ChannelHealth) -> float:
+    return next((clock.fs for clock in health.clocks if channel.name in clock.channels), health.fs)
+
+
+# ---- history -------------------------------------------------------------------------------------
+
+
+def _history(
+    ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], segment_s: tuple[float, float] | None
+) -> None:
+    unit = "" if channel.unit == "?" else f" {pretty(channel.unit)}"
+    title = ax.set_title(f"{_brief(channel.name)}, {'mute' if channel.mute else f'{channel.rms:.4g}{unit} rms'}")
+    title.set_parse_math(False)  # a name may hold dollars
+    ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{pretty(channel.unit)}]")
+    overview = channel.overview
+    if overview is None or not np.isfinite(overview.lowest).any():
+        _nothing(ax, "no values")
+    else:
+        ax.fill_between(overview.time_s, overview.lowest, overview.highest, color=BLUE, linewidth=0.6)
+        _scale(ax, overview, wrong.get("spike", []))
+    if segment_s is not None:
+        ax.axvspan(*segment_s, color=SKY, alpha=0.22, linewidth=0, zorder=0)
+    top = ax.get_xaxis_transform()
+    for kind, own in wrong.items():
+        color = KINDS[kind][1]
+        spans = [(each.start_s, each.stop_s - each.start_s) for each in own]
+        # the edge keeps what is shorter than a dot visible
+        ax.broken_barh(spans, (0, 1), transform=top, color=color, alpha=0.3, linewidth=0.7, zorder=0.5)
+        ax.broken_barh(spans, (0.94, 0.06), transform=top, color=color, linewidth=0.7, zorder=3)
+        if kind == "spike":
+            middles = [0.5 * (each.start_s + each.stop_s) for each in own]
+            ax.plot(middles, [0.95] * len(own), "v", color=color, markersize=5, transform=top, zorder=4)
+
+
+def _scale(ax: Axes, overview: Overview, spikes: Sequence[Stretch]) -> None:
+    """Scale the history to what is no spike, and say how far the spikes reach."""
+    half_s = 0.5 * float(np.median(np.diff(overview.time_s))) if overview.time_s.size > 1 else 0.0
+    calm = np.isfinite(overview.lowest)
+    for each in spikes:
+        calm &= (overview.time_s + half_s < each.start_s) | (overview.time_s - half_s > each.stop_s)
+    if not calm.any():
+        return
+    low, high = float(overview.lowest[calm].min()), float(overview.highest[calm].max())
+    least, most = float(np.nanmin(overview.lowest)), float(np.nanmax(overview.highest))
+    room = 0.5 * (high - low)
+    # room at the top for the marks
+    if spikes and room > 0 and (least < low - room or most > high + room):
+        ax.set_ylim(low - 0.3 * room, high + 0.6 * room)
+        reach = " and ".join(
+            f"{value:.4g}" for value, far in ((least, least < low - room), (most, most > high + room)) if far
+        )
+        _write(ax, f"spikes reach {reach}".replace("-", "−"), 0.03, color=GREEN)
+    elif most > least:
+        ax.set_ylim(least - 0.08 * (most - least), most + 0.15 * (most - least))
+
+
+# ---- spectra -------------------------------------------------------------------------------------
+
+
+def _spectrum(ax: Axes, channel: ChannelHealth, fs: float) -> None:
+    unit = "" if channel.unit == "?" else pretty(channel.unit)
+    ax.set_xscale("log")
+    ax.set_ylabel(f"[{f'({unit})²' if '/' in unit or ' ' in unit else f'{unit}²' if unit else '1'}/Hz]")
+    overview = channel.overview
+    if overview is None or not np.any(overview.psd[overview.frequency_hz > 0] > 0):
+        _nothing(ax, "mute: no spectrum" if channel.mute else "no spectrum")
+        return
+    shown = (overview.frequency_hz > 0) & (overview.psd > 0)
+    ax.set_yscale("log")
+    ax.plot(overview.frequency_hz[shown], overview.psd[shown], color=INK, linewidth=0.8)
+    low, high = float(overview.psd[shown].min()), float(overview.psd[shown].max())
+    if channel.noise_floor > 0:
+        # white noise spreads evenly up to half the rate
+        floor = channel.noise_floor**2 / (0.5 * fs)
+        ax.axhline(floor, color=GREY, linewidth=1.0, linestyle="--")
+        low, high = min(low, floor), max(high, floor)
+        _write(ax, f"noise floor {channel.noise_floor:.2g} {unit} rms".replace("  ", " "), floor, color=GREY)
+    decades = max(float(np.log10(high / low)), 1.0)
+    others = [line for line in channel.lines if "mains" not in line.name]
+    ax.set_ylim(low * 10 ** (-0.25 * decades), high * 10 ** ((0.45 if others else 0.1) * decades))
+    mains = [line for line in channel.lines if line not in others]
+    _mark(ax, mains, overview, VERMILION)
+    _mark(ax, others, overview, BLUE, named=True)
+    if mains:
+        _write(ax, _mains_words(mains), 0.03, color=VERMILION)
+
+
+def _mark(ax: Axes, lines: Sequence[SpectralLine], overview: Overview, color: str, *, named: bool = False) -> None:
+    """Mark every line; if `named`, write the frequencies of the strongest that leave each other room."""
+    labelled: list[float] = []
+    frequency_hz = overview.frequency_hz
+    decades = float(np.log10(frequency_hz[-1] / frequency_hz[frequency_hz > 0][0]))
+    for line in lines:
+        nearest_line = int(np.argmin(np.abs(frequency_hz - line.frequency_hz)))
+        level = float(overview.psd[max(nearest_line - 1, 0) : nearest_line + 2].max())
+        ax.plot([line.frequency_hz], [level], "o", color=color, markersize=3.5)
+        place = float(np.log10(line.frequency_hz))
+        if named and len(labelled) < MOST_LABELS and all(abs(place - one) > 0.055 * decades for one in labelled):
+            labelled.append(place)
+            text, at = f"{line.frequency_hz:.4g} Hz", (line.frequency_hz, level)
+            how: Any = {"textcoords": "offset points", "rotation": 90, "ha": "center", "va": "bottom"}
+            ax.annotate(text, at, (0, 4), fontsize=7, color=color, **how)
+
+
+def _mains_words(lines: Sequence[SpectralLine]) -> str:
+    """Say which lines are those of the mains: "mains, 50 Hz, and harmonics 2, 3"."""
+    harmonics = sorted(int(line.name.split()[1]) for line in lines if line.name.startswith("harmonic "))
+    listed = ", ".join(map(str, harmonics))
+    first = [line.name for line in lines if not line.name.startswith("harmonic ")]
+    if not first:
+        return f"{lines[0].name.partition(' of the ')[2]}: harmonic{'s' * (len(harmonics) > 1)} {listed}"
+    return first[0] + (f", and harmonic{'s' * (len(harmonics) > 1)} {listed}" if harmonics else "")
+
+
+def _spectrogram(ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], depth_db: float) -> Any:
+    ax.grid(False)
+    ax.set_yscale("log")
+    ax.set_ylabel("[Hz]")
+    overview = channel.overview
+    if overview is None or not np.any(overview.spectrogram[:, overview.spectrogram_hz > 0] > 0):
+        _nothing(ax, "no spectrogram")
+        return None
+    bands = overview.spectrogram_hz > 0
+    level = _decibels(overview.spectrogram[:, bands])
+    time_s = _edges(overview.spectrogram_s, float(overview.time_s[0]), float(overview.time_s[-1]))
+    frequency_hz = overview.spectrogram_hz[bands]
+    frequency_edges = _edges(frequency_hz, 0.75 * frequency_hz[0], 1.25 * frequency_hz[0])
+    mesh = ax.pcolormesh(time_s, frequency_edges, level.T, cmap=COUNT_MAP, vmin=-depth_db, vmax=0.0, rasterized=True)
+    for kind in {"gap", "missing"} & wrong.keys():
+        spans = [(each.start_s, each.stop_s - each.start_s) for each in wrong[kind]]
+        ax.broken_barh(spans, (0, 1), transform=ax.get_xaxis_transform(), color=KINDS[kind][1], linewidth=0.7)
+    return mesh
+
+
+def _decibels(density: np.ndarray) -> np.ma.MaskedArray:
+    """Levels below the largest, masked where there is nothing."""
+    there = np.ma.masked_invalid(np.ma.masked_less_equal(density, 0.0))
+    return 10 * np.ma.log10(there / there.max())
+
+
+def _depth_db(channels: Sequence[ChannelHealth]) -> float:
+    """How deep the colours reach: all but the quietest of half of the spectrograms is told apart."""
+    quietest = []
+    for overview in (channel.overview for channel in channels):
+        if overview is None:
+            continue
+        density = overview.spectrogram[:, overview.spectrogram_hz > 0]
+        if np.any(density > 0):
+            quietest.append(-float(np.quantile(_decibels(density).compressed(), 0.05)))
+    usual = float(np.median(quietest)) if quietest else LEAST_DB
+    return 10 * float(np.ceil(np.clip(usual, LEAST_DB, DEEPEST_DB) / 10))
+
+
+def _edges(middles: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Edges of cells from their middles; `low` and `high` those of a single one."""
+    if middles.size < 2:
+        return np.array([low, max(high, np.nextafter(low, np.inf))])
+    between = 0.5 * (middles[1:] + middles[:-1])
+    return np.concatenate([[1.5 * middles[0] - 0.5 * middles[1]], between, [1.5 * middles[-1] - 0.5 * middles[-2]]])
+
+
+# ---- what stands around ----------------------------------------------------------------------------
+
+
+def _limits(grid: np.ndarray, channels: Sequence[ChannelHealth]) -> None:
+    """The same times and the same frequencies in every row."""
+    seen = [channel.overview for channel in channels if channel.overview is not None]
+    times = np.concatenate([each.time_s for each in seen]) if seen else np.empty(0)
+    lines = np.concatenate([each.frequency_hz[each.frequency_hz > 0] for each in seen]) if seen else np.empty(0)
+    if times.size and times.min() < times.max():
+        for column in (0, 2):
+            grid[0, column].set_xlim(times.min(), times.max())
+    if lines.size and lines.min() < lines.max():
+        grid[0, 1].set_xlim(lines.min(), lines.max())
+
+
+def _key(
+    grid: np.ndarray,
+    stretches: Sequence[dict[str, list[Stretch]]],
+    segment_s: tuple[float, float] | None,
+    *,
+    on_figure: bool,
+) -> None:
+    """One legend for all rows, of what there is."""
+    handles: list[Any] = [Patch(color=BLUE, label="least to largest value")]
+    if segment_s is not None:
+        handles.append(Patch(color=SKY, alpha=0.35, label="segment that is used"))
+    for kind, (label, color) in KINDS.items():
+        most = max((len(wrong.get(kind, ())) for wrong in stretches), default=0)
+        if most:
+            label += f" (the first {MOST_STRETCHES} are drawn)" if most >= MOST_STRETCHES else ""
+            mark = Line2D([], [], marker="v", linestyle="none", color=color, label=label)
+            handles.append(mark if kind == "spike" else Patch(color=color, label=label))
+    if on_figure:
+        figure_of(grid).legend(handles=handles, loc="outside upper left", ncols=len(handles))
+    else:
+        grid[0, 0].legend(handles=handles, loc="lower right", fontsize=7)
+
+
+def _write(ax: Axes, text: str, height: float, *, color: str) -> None:
+    """Write at the left edge: a noise floor above its line, all else near the bottom."""
+    floor = color == GREY
+    at: Any = ax.get_yaxis_transform() if floor else ax.transAxes
+    box = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.3}
+    how: Any = {"xycoords": at, "textcoords": "offset points", "va": "bottom", "fontsize": 7, "zorder": 5, "bbox": box}
+    ax.annotate(text, (0.0, height), (3.0, 1.5 if floor else 0.0), color=color, **how)
+
+
+def _brief(name: str) -> str:
+    """A name that fits above a history; the end of a long one tells more than its beginning."""
+    shown = name if name.isprintable() else ascii(name)[1:-1]
+    return shown if len(shown) <= LONGEST_NAME else f"…{shown[1 - LONGEST_NAME :]}"
+
+
+def _nothing(ax: Axes, text: str) -> None:
+    ax.text(0.5, 0.5, text, color=GREY, ha="center", va="center", transform=ax.transAxes)
+    ax.set_yticks([])

@@ -1,0 +1,225 @@
+"""What is wrong with logs, as text for a terminal of 80 columns and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from opid.report.as_json import plain
+from opid.report.as_text import WIDTH, aligned, wrapped
+from opid.signals.health_result import ChannelHealth, ClockHealth, Finding, Health, PairHealth
+
+SCHEMA = "opid.health/1"
+MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
+"""What a screen has room for, of a channel's lines, of pairs, and of notes: `health_json` tells them all."""
+
+LEAST_JITTER = 1e-6
+"""Of the period; what is less is the rounding of numbers, not of stamps."""
+
+
+def health_text(name: str, health: Health) -> str:
+    """Return the health of a log as text: its figures, then what is wrong, the worst first, and what to do.
+
+    Args:
+        name: of the log.
+        health: from `opid.signals.health.inspect`.
+    """
+    parts = [*_clock_lines(_shown(name), health), "", *_channel_lines(health.channels), ""]
+    of_channels = [
+        wrapped(_line_words(each), f"Lines of {_shown(each.name)}: ") for each in health.channels if each.lines
+    ]
+    parts += [*(line for lines in of_channels for line in lines), *([""] if of_channels else [])]
+    parts += _pair_lines(health.pairs)
+    if health.looks_unsprung:
+        parts.append(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz).")
+    parts += _finding_lines(health.findings)
+    if not health.findings:
+        parts.append("Nothing is wrong.")
+    return "\n".join(parts) + "\n"
+
+
+def health_json(logs: Mapping[str, Health]) -> dict[str, Any]:
+    """Return the health of some logs as a value of JSON, without the arrays that pictures are drawn from.
+
+    Args:
+        logs: health by the name of the log.
+
+    Returns:
+        `schema` and `logs`, each with the fields of `Health` but `levels`, of its channels all but `overview`.
+
+    >>> health_json({})
+    {'schema': 'opid.health/1', 'logs': []}
+    """
+    return plain({"schema": SCHEMA, "logs": [{"log": name} | _without_arrays(each) for name, each in logs.items()]})
+
+
+def _without_arrays(health: Health) -> dict[str, Any]:
+    # left out before `asdict`, which copies
+    channels = tuple(replace(channel, overview=None) for channel in health.channels)
+    document = asdict(replace(health, channels=channels, levels=()))
+    del document["levels"]
+    for channel in document["channels"]:
+        del channel["overview"]
+    return document
+
+
+# ---- clocks ----------------------------------------------------------------------------------------
+
+
+def _clock_lines(name: str, health: Health) -> list[str]:
+    """The name of the log, and a sentence for each clock."""
+    if not health.clocks:
+        return [f"{name}: {health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples"]
+    if len(health.clocks) == 1:
+        return wrapped(f"{name}: {_clock_words(health.clocks[0])}.")
+    lines = [f"{name}: {len(health.clocks)} clocks, {_counted(len(health.channels), 'channel')}"]
+    for clock in health.clocks:
+        title = _shown(clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1))
+        lines += wrapped(f"{title}: {_clock_words(clock)}.", "  ")
+    return lines
+
+
+def _clock_words(clock: ClockHealth) -> str:
+    """One sentence: rate, length, jitter, gaps, stamps that stand twice."""
+    if clock.stated:
+        rate = f"{clock.fs:.9g} Hz as stated, no time stamps to check it by"
+    else:
+        jitter = f"jitter {_figure(100 * clock.jitter)} % of the period" if clock.jitter > LEAST_JITTER else "no jitter"
+        rate = f"{clock.fs:.9g} Hz from time stamps, {jitter}"
+        rate += f" (they are rounded to {_seconds(clock.resolution_s)})" if clock.resolution_s > 0 else ""
+    words = [f"{clock.duration_s:.6g} s from {clock.start_s:.6g} s on", rate, f"{clock.n_samples} samples"]
+    if clock.n_gaps:
+        longest = max((gap.stop_s - gap.start_s for gap in clock.gaps), default=0.0)
+        words.append(f"{_counted(clock.n_gaps, 'gap')} (the longest {_seconds(longest)}, {clock.n_lost} samples lost)")
+    elif not clock.stated:
+        words.append("no gap")
+    words += [f"{_counted(clock.repeated, 'stamp')} repeated"] * (clock.repeated > 0)
+    words += [f"{_counted(clock.backward, 'stamp')} run{'s' * (clock.backward == 1)} backward"] * (clock.backward > 0)
+    return "; ".join(words)
+
+
+def _seconds(value: float) -> str:
+    """A time in the unit that needs no zeros: "3.5 s", "10 ms", "1 us"."""
+    for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
+        if value * factor >= 0.9995:  # 999.9 ms would be 1e+03 ms
+            return f"{value * factor:.3g} {unit}"
+    return f"{1e9 * value:.3g} ns"
+
+
+def _counted(number: int, word: str) -> str:
+    return f"{number} {word}{'s' * (number != 1)}"
+
+
+# ---- channels --------------------------------------------------------------------------------------
+
+
+def _channel_lines(channels: Sequence[ChannelHealth]) -> list[str]:
+    """A table of figures, and one of faults for the channels that have any."""
+    head = ("channel", "unit", "mean", "rms", "peak", "noise floor", "step", "drift")
+    rows = [
+        (
+            _shown(channel.name),
+            channel.unit,
+            *(_figure(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
+            _figure(channel.noise_floor or None),
+            _figure(channel.quantisation_step),
+            _figure(None if channel.mute else channel.drift),
+        )
+        for channel in channels
+    ]
+    lines = _table(head, rows, n_left=2)
+    faults = [
+        row for row in ((_shown(channel.name), *_faults(channel)) for channel in channels) if set(row[1:]) != {"-"}
+    ]
+    if faults:
+        lines += ["", *_table(("channel", "missing", "clipped", "longest held", "spikes"), faults, n_left=1)]
+    return lines
+
+
+def _shown(name: str) -> str:
+    """A name that no terminal stumbles over."""
+    return name if name.isprintable() else ascii(name)[1:-1]
+
+
+def _figure(value: float | None, digits: int = 2) -> str:
+    """A number of so many digits: "4000", not "4e+03"."""
+    return "-" if value is None or not math.isfinite(value) else f"{float(f'{value:.{digits}g}'):.6g}"
+
+
+def _faults(channel: ChannelHealth) -> tuple[str, ...]:
+    flat = any(stretch.kind == "flat" for stretch in channel.stretches)
+    return (
+        f"{channel.missing}" if channel.missing else "-",
+        f"{channel.clipped_fraction:.2%}" if channel.clipped_fraction > 0 else "-",
+        _seconds(channel.longest_flat_s) if flat else "mute" if channel.mute else "-",
+        f"{channel.spikes}" if channel.spikes else "-",
+    )
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
+    """Aligned columns; names too long for the screen stand on a line of their own."""
+    width = max(map(len, aligned([head, *rows], n_left=n_left)))
+    if width <= WIDTH:
+        return aligned([head, *rows], n_left=n_left)
+    room = max(12, max(map(len, (row[0] for row in rows))) - (width - WIDTH))
+    short = [(row[0] if len(row[0]) <= room else "", *row[1:]) for row in rows]
+    lines = aligned([head, *short], n_left=n_left)
+    text = lines[:1]
+    for row, line in zip(rows, lines[1:], strict=True):
+        text += [row[0], line] if len(row[0]) > room else [line]
+    return text
+
+
+def _line_words(channel: ChannelHealth) -> str:
+    unit = "" if channel.unit == "?" else f" {channel.unit}"
+    told = [
+        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms"
+        for line in channel.lines[:MOST_LINES]
+    ]
+    more = len(channel.lines) - len(told)
+    return "; ".join(told) + (f"; and {more} weaker" if more > 0 else "") + "."
+
+
+# ---- pairs and findings ------------------------------------------------------------------------------
+
+
+def _pair_lines(pairs: Sequence[PairHealth]) -> list[str]:
+    """A table of the pairs that move together."""
+    together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
+    rows = [(_shown(pair.first), _shown(pair.second), *_pair_words(pair)) for pair in together[:MOST_PAIRS]]
+    lines = _table(("channel", "beside", "comes later by", "coherent band"), rows, n_left=2) if rows else []
+    more, apart = len(together) - len(rows), len(pairs) - len(together)
+    lines += [f"and {_counted(more, 'pair')} more (--json tells all)"] * (more > 0)
+    lines += [f"{_counted(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent"] * (apart > 0)
+    return [*lines, ""] if lines else []
+
+
+def _pair_words(pair: PairHealth) -> tuple[str, str]:
+    """The lag of the second channel, ms, and the band in which the two move together."""
+    lag = "-"
+    if math.isfinite(pair.lag_s):
+        decimals = 3
+        if math.isfinite(pair.lag_std_s) and pair.lag_std_s > 0:
+            # two digits of the standard deviation, in ms
+            decimals = min(6, max(0, 1 - math.floor(math.log10(1e3 * pair.lag_std_s))))
+        lag = f"{1e3 * pair.lag_s:.{decimals}f} +- {1e3 * pair.lag_std_s:.{decimals}f} ms"
+    band = pair.coherent_band_hz
+    return lag, "none" if band is None else f"{band[0]:.3g} to {band[1]:.3g} Hz"
+
+
+def _finding_lines(findings: Sequence[Finding]) -> Iterator[str]:
+    """The findings, those that say the same of several channels together."""
+    together: dict[tuple[str, str], list[str]] = {}
+    for finding in findings:
+        message = finding.message.removeprefix(f"channel {finding.channel!r} ")
+        together.setdefault((finding.severity, message), []).append(finding.channel)
+    notes = [key for key in together if key[0] == "note"]
+    for (severity, message), channels in together.items():
+        if (severity, message) in notes[MOST_NOTES:]:
+            continue
+        where = ", ".join(dict.fromkeys(_shown(channel) for channel in channels if channel))
+        yield from wrapped(f"{where}: {message}" if where else message, f"{severity.capitalize()}: ")
+    if len(notes) > MOST_NOTES:
+        yield f"and {_counted(len(notes) - MOST_NOTES, 'note')} more (--json tells all)"

@@ -1,0 +1,127 @@
+"""What the names beside numbers mean, whatever the file: which is the time, which the rate, where the unit stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from opid.errors import InputError
+from opid.signals.units import to_si
+
+TIME_NAMES = ("time", "t", "times", "time_s", "timestamp", "timestamps", "elapsed_time", "zeit")
+"""Names of the time, the likelier ones first; case is not looked at."""
+
+RATE_NAMES = ("fs", "fs_hz", "srate", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency", "samplefreq")
+INTERVAL_NAMES = ("dt", "ts", "delta_t", "sampling_interval", "sample_interval")
+START_NAMES = ("start_s", "t0")
+NAME_KEYS = ("names", "channel_names", "channels", "labels", "columns", "name", "label")
+UNIT_KEYS = ("units", "unit", "unit_str")
+
+RATE_RANGE_HZ = (1e-6, 1e9)
+"""No accelerometer is sampled slower or faster than this."""
+
+
+def split_unit(text: str) -> tuple[str, str | None]:
+    """Split `upper_z [m/s^2]` or `upper_z (m/s^2)` into name and unit; None where there is none.
+
+    Args:
+        text: a name, with or without its unit.
+
+    >>> split_unit("upper_z [m/(s^2)]"), split_unit("speed (km/h)"), split_unit("a[0]"), split_unit("upper_z")
+    (('upper_z', 'm/(s^2)'), ('speed', 'km/h'), ('a[0]', None), ('upper_z', None))
+    """
+    text = text.strip()
+    for opening, closing in ("[]", "()"):
+        depth = 0
+        for at in range(len(text) - 1, -1, -1) if text.endswith(closing) else ():
+            depth += (text[at] == closing) - (text[at] == opening)
+            if depth == 0:
+                name, unit = text[:at].strip(), text[at + 1 : -1].strip()
+                # a[0] and x(2) are elements of something, not quantities without a unit
+                return (
+                    (text, None)
+                    if not name or (unit.isdigit() and unit != "1") or unit == "0"
+                    else (name, unit or None)
+                )
+    return text, None
+
+
+def time_name(names: Sequence[str]) -> str | None:
+    """Return which of the names is that of the time; None for none.
+
+    Args:
+        names: as they are written, units and all.
+
+    >>> time_name(["az [g]", "Time [ms]", "t0"])
+    'Time [ms]'
+    """
+    plain = {split_unit(name)[0].casefold(): name for name in reversed(names)}
+    return next((plain[known] for known in TIME_NAMES if known in plain), None)
+
+
+def named(values: Mapping[str, object], names: Sequence[str]) -> str | None:
+    """Return the key of `values` that is one of the names, whatever its case; None for none.
+
+    Args:
+        values: by name.
+        names: the likelier ones first.
+    """
+    plain = {key.casefold(): key for key in reversed(list(values))}
+    return next((plain[known] for known in names if known in plain), None)
+
+
+def stated_rate(numbers: Mapping[str, float]) -> float | None:
+    """Return the rate that some named numbers state, Hz, however absurd; None where none of them is a rate.
+
+    Args:
+        numbers: by name: `fs = 512`, or `dt = 0.002`.
+
+    >>> stated_rate({"Fs": 512.0}), stated_rate({"dt": 0.002}), stated_rate({"range": 16.0})
+    (512.0, 500.0, None)
+    """
+    if (rate := named(numbers, RATE_NAMES)) is not None:
+        return float(numbers[rate])
+    if (interval := named(numbers, INTERVAL_NAMES)) is not None:
+        dt_s = float(numbers[interval])
+        if not dt_s:
+            return math.inf
+        fs = 1 / dt_s
+        # the interval of 51.2 Hz is no round number, its rate is
+        return round(fs, 6) if abs(round(fs, 6) / fs - 1) < 1e-12 else fs
+    return None
+
+
+def sound_rate(fs: float, *, where: str) -> float:
+    """Return a rate, Hz, if there can be such a one.
+
+    Args:
+        fs: what is stated, Hz.
+        where: the file, and the place in it.
+
+    Raises:
+        InputError: the rate is no number, not positive, or beyond any accelerometer's.
+    """
+    if not (math.isfinite(fs) and RATE_RANGE_HZ[0] <= fs <= RATE_RANGE_HZ[1]):
+        raise InputError(f"{where} states a rate of {fs:g} Hz: give the true one as fs_hz in [log]")
+    return float(fs)
+
+
+def seconds_per_unit(unit: str | None, *, where: str) -> float:
+    """Return what one unit of a time is, s; 1 where none is stated.
+
+    Args:
+        unit: of the time, as it is written.
+        where: the file, and the place in it.
+
+    Raises:
+        InputError: no unit of time.
+    """
+    if not unit:
+        return 1.0
+    try:
+        factor, name = to_si(unit)
+    except InputError:
+        factor, name = 0.0, ""
+    if name != "s":
+        raise InputError(f"{where}: the time is in {unit!r}, which is no unit of time: give time_unit in [log]")
+    return factor

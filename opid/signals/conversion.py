@@ -1,0 +1,188 @@
+"""From what a file holds to a `Recording`: the wanted channels of one stretch, in SI units, on one uniform clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_clock
+from opid.signals.log import Log, Track
+from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.recording import Channel, FloatArray, Recording
+from opid.signals.resampling import on_common_clock, resampled
+
+
+def recording_of(
+    log: Log,
+    settings: LogSettings = AS_WRITTEN,
+    *,
+    channels: Sequence[str] | Mapping[str, ChannelSettings] | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    fs_hz: float | None = None,
+) -> Recording:
+    """Return a stretch of a log in SI units on one uniform clock.
+
+    Args:
+        log: as its file holds it.
+        settings: what the file does not say.
+        channels: those wanted, by their names in the log, or {name in the recording: settings}; all where left out.
+        start_s: first time, s; from the beginning where left out.
+        stop_s: end, s; to the end where left out.
+        fs_hz: rate to which the channels are resampled, Hz; where left out the lowest of theirs, if they differ.
+
+    Raises:
+        InputError: a channel that is not there, a unit that is not known, stamps that are no uniform clock, a value
+            that is missing, a stretch without samples, or all channels of a log with several clocks.
+    """
+    if channels is None:
+        if len(log.tracks) > 1:
+            raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_listed(log)}")
+        wanted: dict[str, ChannelSettings] = {name: ChannelSettings(name) for name in log.names}
+    elif isinstance(channels, Mapping):
+        wanted = dict(channels)
+    else:
+        wanted = {name: ChannelSettings(name) for name in channels}
+    places = {name: log.find(own.channel) for name, own in wanted.items()}
+    parts = []
+    for track in log.tracks:
+        own = {name: column for name, (where, column) in places.items() if where is track}
+        if own:
+            parts.append(_part(log, track, own, wanted, settings, start_s, stop_s))
+    if len(parts) > 1:
+        return on_common_clock(parts, order=tuple(wanted), fs_hz=fs_hz)
+    return parts[0] if fs_hz is None or fs_hz == parts[0].fs else resampled(parts[0], fs_hz)
+
+
+def _part(
+    log: Log,
+    track: Track,
+    columns: Mapping[str, int],
+    wanted: Mapping[str, ChannelSettings],
+    settings: LogSettings,
+    start_s: float | None,
+    stop_s: float | None,
+) -> Recording:
+    """The wanted channels of one track."""
+    samples, stamps, first = _stretch(log, track, list(columns.values()), settings, start_s, stop_s)
+    try:
+        clock = _clock(track, settings, stamps, first)
+    except ClockError as error:
+        raise InputError(f"{log.path} {track.place(first + error.sample)}: {error}") from error
+    converted, found, words = [], [], []
+    for (name, column), values in zip(columns.items(), samples.T, strict=True):
+        written = track.channels[column].unit or settings.unit
+        try:
+            si, unit = wanted[name].to_si(values, written)
+        except InputError as error:
+            raise InputError(f"{log.path}: {error}") from None
+        converted.append(si)
+        found.append(Channel(name, unit))
+        words.append(wanted[name].words(written))
+    for column, values in zip(columns.values(), samples.T, strict=True):
+        missing = np.flatnonzero(~np.isfinite(values))
+        if missing.size:
+            raise InputError(
+                f"{log.path} {track.place(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
+                f"number there, nor in {missing.size - 1} more row(s): choose start_s and stop_s in a sound part"
+            )
+    history = [f"read {samples.shape[0]} samples from {log.path.name}", _rate_words(track, settings, clock)]
+    if start_s is not None or stop_s is not None:
+        history.append(f"section {_time(start_s, 'start')} to {_time(stop_s, 'end')}")
+    try:
+        return Recording(
+            np.stack(converted, axis=1),
+            fs=clock.fs,
+            channels=tuple(found),
+            start_s=clock.start_s,
+            history=(*history, *(word for word in words if word)),
+        )
+    except InputError as error:
+        raise InputError(f"{log.path}: {error}") from None
+
+
+def _stretch(
+    log: Log,
+    track: Track,
+    columns: Sequence[int],
+    settings: LogSettings,
+    start_s: float | None,
+    stop_s: float | None,
+) -> tuple[FloatArray, FloatArray | None, int]:
+    """Samples and stamps between two times, and the number of the first row."""
+    low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
+    fs = settings.fs_hz or track.fs
+    if fs is not None and (settings.fs_hz or track.n_samples is not None):
+        origin = 0.0 if settings.fs_hz and track.fs is None else track.start_s
+        # half a sample of slack: times written with few digits must not lose a sample
+        first = 0 if start_s is None else max(0, int(np.ceil((low - origin) * fs - 0.5)))
+        stop = None if stop_s is None else max(first, int(np.ceil((high - origin) * fs - 0.5)))
+        blocks = list(track.blocks(columns, first, stop))
+        parts = [block.samples for block in blocks]
+        return _joined(log, parts, low, high), None, first
+    parts, times, row = [], [], 0
+    begun: int | None = None
+    for block in track.blocks(columns):
+        if block.stamps is None:
+            raise InputError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
+        slack = 0.5 * float(np.median(np.diff(block.stamps))) if block.stamps.size > 1 else 0.0
+        keep = (block.stamps >= low - slack) & (block.stamps < high - slack)
+        if keep.any():
+            begun = row + int(np.argmax(keep)) if begun is None else begun
+            parts.append(block.samples[keep])
+            times.append(block.stamps[keep])
+        elif begun is not None and block.stamps[0] >= high:
+            break
+        row += keep.size
+    samples = _joined(log, parts, low, high)
+    return samples, np.concatenate(times), begun or 0
+
+
+def _joined(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatArray:
+    n = sum(part.shape[0] for part in parts)
+    if n < 2:
+        held = ("no samples", "one sample")[n]
+        if np.isfinite(low) or np.isfinite(high):
+            raise InputError(
+                f"the section {low:g} s to {high:g} s of {log.path} holds {held}: choose start and stop inside the log"
+            )
+        raise InputError(f"{log.path} holds {held} below its header: give a run of some tens of seconds")
+    return np.concatenate(parts)
+
+
+def _clock(track: Track, settings: LogSettings, stamps: FloatArray | None, first: int) -> Clock:
+    if stamps is None:
+        fs = settings.fs_hz or track.fs
+        assert fs is not None  # `_stretch` has seen to it
+        start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
+        return Clock(fs, start_s + first / fs, fs, 0.0)
+    if settings.clock == "reconstructed":
+        return reconstructed_clock(stamps)
+    return uniform_clock(stamps)
+
+
+def _rate_words(track: Track, settings: LogSettings, clock: Clock) -> str:
+    if settings.fs_hz:
+        return f"rate {clock.fs:.9g} Hz as the user states"
+    if track.fs is not None:
+        return f"rate {clock.fs:.9g} Hz as the file states"
+    if settings.clock == "reconstructed":
+        return (
+            f"rate {clock.fs:.9g} Hz reconstructed: the stamps lie up to {clock.stray_s:.3g} s off a uniform clock, "
+            "rows taken to be equally spaced"
+        )
+    rate = f"rate {clock.fs:.9g} Hz from the time stamps"
+    if abs(clock.fs / clock.fs_as_written - 1) > 1e-9:
+        rate += f" ({clock.fs_as_written:.9g} Hz as written, rounded within the resolution of the stamps)"
+    return rate
+
+
+def _time(value: float | None, word: str) -> str:
+    return word if value is None else f"{value:g} s"
+
+
+def _listed(log: Log, most: int = 12) -> str:
+    names = [repr(name) for name in log.names[:most]]
+    return ", ".join(names) + (f" and {len(log.names) - most} more" if len(log.names) > most else "")

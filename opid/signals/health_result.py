@@ -1,0 +1,230 @@
+"""What `inspect` finds in a log: figures of clocks, channels and pairs, stretches that are at fault, and findings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from opid.signals.recording import FloatArray
+
+Severity = Literal["note", "warning", "fault"]
+Kind = Literal["gap", "missing", "clipped", "flat", "spike"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong or noteworthy.
+
+    Args:
+        severity: "fault" (unusable), "warning" (may spoil the result) or "note" (good to know).
+        channel: the channel it concerns, empty for the whole recording.
+        message: what was found and what to do.
+    """
+
+    severity: Severity
+    channel: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of time at which something is wrong.
+
+    Args:
+        kind: what.
+        start_s: where it begins, s.
+        stop_s: where it ends, s.
+    """
+
+    kind: Kind
+    start_s: float
+    stop_s: float
+
+
+@dataclass(frozen=True)
+class ClockHealth:
+    """Figures of one clock.
+
+    Args:
+        track: name of the track, empty where there is but one.
+        channels: names of its channels.
+        fs: rate, Hz: as stated, or from the stamps.
+        stated: whether the file (or the user) states the rate; there are no stamps to look at then.
+        start_s: time of the first sample, s.
+        duration_s: length, gaps included, s.
+        n_samples: number of rows.
+        jitter: standard deviation of the steps between stamps over the period, rounding of the stamps included.
+        resolution_s: step to which the stamps are rounded, s; 0 without stamps.
+        repeated: stamps equal to the one before.
+        backward: stamps before the one before.
+        gaps: steps of more than a period and a half, the first hundred.
+        n_gaps: how many there are.
+        n_lost: samples lost in them, about.
+    """
+
+    track: str
+    channels: tuple[str, ...]
+    fs: float
+    stated: bool
+    start_s: float
+    duration_s: float
+    n_samples: int
+    jitter: float = 0.0
+    resolution_s: float = 0.0
+    repeated: int = 0
+    backward: int = 0
+    gaps: tuple[Stretch, ...] = ()
+    n_gaps: int = 0
+    n_lost: int = 0
+
+
+@dataclass(frozen=True)
+class SpectralLine:
+    """A line that stands out of the spectrum.
+
+    Args:
+        frequency_hz: where.
+        rms: of the line, in the unit of the channel.
+        name: "mains, 50 Hz", "harmonic 3 of the mains (50 Hz)", or empty.
+    """
+
+    frequency_hz: float
+    rms: float
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """What a picture of a channel shows, however long the log is.
+
+    Args:
+        time_s: (n,) middles of the stretches, s.
+        lowest: (n,) least value in each, NaN where there is none.
+        highest: (n,) largest value in each.
+        frequency_hz: (n_lines,) of the spectra, Hz.
+        psd: (n_lines,) power spectral density, unit^2/Hz.
+        spectrogram_s: (m,) middles of the times of the spectrogram, s.
+        spectrogram_hz: (n_bands,) of the spectrogram, Hz, at most 512: neighbouring lines are averaged.
+        spectrogram: (m, n_bands) power spectral density at these times, unit^2/Hz, NaN where there is none.
+    """
+
+    time_s: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+    frequency_hz: FloatArray
+    psd: FloatArray
+    spectrogram_s: FloatArray
+    spectrogram_hz: FloatArray
+    spectrogram: FloatArray
+
+
+@dataclass(frozen=True)
+class ChannelHealth:
+    """Figures of one channel, in its SI unit (as written where no unit is known).
+
+    Args:
+        name: of the channel.
+        unit: its SI unit, "?" where none is known.
+        mean: the offset.
+        rms: root mean square about the mean.
+        peak: largest distance from the mean.
+        crest_factor: peak over rms, 0 for a mute channel.
+        high_frequency_rms: rms of the part above 5 Hz.
+        quantisation_step: the step of which the values are multiples, None where none is visible.
+        clipped_fraction: part of the samples that sit at an extreme value, three or more in a row.
+        longest_flat_s: longest time for which the value does not change, s.
+        spikes: single samples that depart from both neighbours by 10 robust standard deviations.
+        mute: whether the channel shows nothing.
+        missing: values that are not there (NaN).
+        drift: range of the slow offset (means of long stretches), in the unit.
+        noise_floor: rms of white noise as quiet as the quietest part of the spectrum.
+        lines: what stands out of the spectrum, the strongest first.
+        stretches: where something is wrong, the first hundred of each kind.
+        overview: what a picture shows.
+    """
+
+    name: str
+    unit: str
+    mean: float
+    rms: float
+    peak: float
+    crest_factor: float
+    high_frequency_rms: float
+    quantisation_step: float | None
+    clipped_fraction: float
+    longest_flat_s: float
+    spikes: int
+    mute: bool
+    missing: int = 0
+    drift: float = 0.0
+    noise_floor: float = 0.0
+    lines: tuple[SpectralLine, ...] = ()
+    stretches: tuple[Stretch, ...] = ()
+    overview: Overview | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class PairHealth:
+    """Figures of two channels of one clock beside each other.
+
+    Args:
+        first: name of a channel.
+        second: name of another.
+        lag_s: time by which the second comes later, s; NaN where they are not coherent enough to tell.
+        lag_std_s: its standard deviation, s.
+        coherent_band_hz: longest band in which the squared coherence exceeds a half, Hz; None where there is none.
+    """
+
+    first: str
+    second: str
+    lag_s: float
+    lag_std_s: float
+    coherent_band_hz: tuple[float, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """How strong the motion is, second by second: what segments are found from.
+
+    Args:
+        start_s: (n,) begin of each stretch, s.
+        length_s: of each, s.
+        rms: (n, n_channels) about the mean of each stretch, in the unit of the channel; NaN where values are missing.
+        sound: (n, n_channels) whether nothing is wrong with the channel there.
+        complete: (n, n_channels) whether every value is there and the clock runs on; None where only `sound` is known.
+    """
+
+    start_s: FloatArray
+    length_s: float
+    rms: FloatArray
+    sound: np.ndarray
+    complete: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Health:
+    """What `inspect` found in a log.
+
+    Args:
+        fs: sampling rate, Hz, of the clock with most samples.
+        duration_s: its length, s.
+        n_samples: samples a channel of it.
+        channels: figures of each channel.
+        looks_unsprung: the acceleration channel that looks like the wheel's side, None if there is no choice.
+        findings: what is wrong, faults first.
+        clocks: figures of each clock.
+        pairs: accelerations of one clock beside each other.
+        levels: of each clock, in the order of `clocks`.
+    """
+
+    fs: float
+    duration_s: float
+    n_samples: int
+    channels: tuple[ChannelHealth, ...]
+    looks_unsprung: str | None
+    findings: tuple[Finding, ...]
+    clocks: tuple[ClockHealth, ...] = ()
+    pairs: tuple[PairHealth, ...] = ()
+    levels: tuple[Levels, ...] = ()

@@ -1,0 +1,223 @@
+"""What a file holds before any of it is believed: channels that share a clock, read block by block.
+
+A log may be longer than memory, may have gaps and missing values, channels of several rates, units that nobody stated.
+`opid.signals.conversion` makes a `Recording` (in memory, uniform, finite, SI) of a part of it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.signals.recording import FloatArray, Recording
+
+BLOCK_VALUES = 1 << 20
+"""Values that are read at a time: 8 MiB as float64, small beside any memory and large beside the cost of a call."""
+
+
+@dataclass(frozen=True)
+class LoggedChannel:
+    """A channel as its file calls it.
+
+    Args:
+        name: of the channel.
+        unit: as it is written; None where the file states none.
+    """
+
+    name: str
+    unit: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive rows of a track.
+
+    Args:
+        samples: (n, n_channels) values as written, NaN where the file holds none.
+        stamps: (n,) time of each row, s; None where the file states a rate.
+    """
+
+    samples: FloatArray
+    stamps: FloatArray | None = None
+
+
+# columns, first row and end (None: to the last) -> their blocks, one after the other, of `BLOCK_VALUES` or so values
+Rows = Callable[[Sequence[int], int, int | None], Iterator[Block]]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Channels that share a clock.
+
+    Args:
+        channels: in the order of the columns.
+        rows: gives the blocks of some columns from one row to another.
+        fs: rate that the file states, Hz; None where each row has a time stamp.
+        start_s: time of the first row where there are no stamps, s.
+        n_samples: number of rows; None where only reading tells.
+        name: tells the tracks of a log apart; empty where there is but one.
+        place: says where in the file a row stands, for error messages.
+    """
+
+    channels: tuple[LoggedChannel, ...]
+    rows: Rows
+    fs: float | None = None
+    start_s: float = 0.0
+    n_samples: int | None = None
+    name: str = ""
+    place: Callable[[int], str] = lambda row: f"row {row + 1}"
+
+    def blocks(self, columns: Sequence[int] | None = None, start: int = 0, stop: int | None = None) -> Iterator[Block]:
+        """Yield the rows from `start` to before `stop` in blocks.
+
+        Args:
+            columns: numbers of the channels, from 0; all where left out.
+            start: first row.
+            stop: row after the last one; None for all.
+        """
+        wanted = range(len(self.channels)) if columns is None else columns
+        yield from self.rows(wanted, start, stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log as its file holds it.
+
+    Args:
+        path: of the file; a name in brackets where there is none.
+        format: what it is called.
+        tracks: one for each clock.
+    """
+
+    path: Path
+    format: str
+    tracks: tuple[Track, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each channel, track by track: "track/channel" where a name alone does not tell."""
+        plain = [channel.name for track in self.tracks for channel in track.channels]
+        full = [_full(track, channel) for track in self.tracks for channel in track.channels]
+        times = Counter(plain)
+        return tuple(one if times[one] == 1 else other for one, other in zip(plain, full, strict=True))
+
+    def find(self, channel: str | int) -> tuple[Track, int]:
+        """Return the track of a channel and its column there.
+
+        Args:
+            channel: its name, or its number in `names`, counted from 1.
+
+        Raises:
+            InputError: there is none, or several of that name.
+        """
+        places = [(track, column) for track in self.tracks for column in range(len(track.channels))]
+        if isinstance(channel, int):
+            if not 1 <= channel <= len(places):
+                raise InputError(f"there is no channel number {channel} in {self.path}: it has {len(places)}")
+            return places[channel - 1]
+        names = [_full(track, track.channels[column]) for track, column in places]
+        plain = [track.channels[column].name for track, column in places]
+        found = [i for i in range(len(places)) if channel in (names[i], plain[i])]
+        if not found:
+            raise InputError(f"there is no channel {channel!r} in {self.path}: {nearest(channel, self.names)}")
+        if len(found) > 1:
+            several = ", ".join(repr(names[i]) for i in found)
+            raise InputError(f"{len(found)} channels of {self.path} are called {channel!r}: write one of {several}")
+        return places[found[0]]
+
+
+def in_blocks(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
+    """Return the rows of an array, in memory or mapped to it: only what is asked for is converted to float64.
+
+    Args:
+        samples: (n, n_channels) of any type of number.
+        stamps: (n,) time of each row, s.
+
+    >>> rows = in_blocks(np.arange(6, dtype=np.int16).reshape(3, 2))
+    >>> [block.samples.tolist() for block in rows([1], 1, None)]
+    [[[3.0], [5.0]]]
+    """
+
+    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        end = samples.shape[0] if stop is None else min(stop, samples.shape[0])
+        step = rows_at_once(len(columns))
+        for first in range(start, end, step):
+            last = min(first + step, end)
+            own = np.stack([samples[first:last, column] for column in columns], axis=1).astype(np.float64)
+            yield Block(own, None if stamps is None else np.asarray(stamps[first:last], dtype=np.float64))
+
+    return rows
+
+
+def from_first_row(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Rows:
+    """Return the rows of what can only be read from its beginning.
+
+    Args:
+        all_blocks: columns -> the blocks of all rows.
+    """
+
+    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        first = 0
+        for block in all_blocks(columns):
+            last = first + block.samples.shape[0]
+            inside = slice(max(start - first, 0), None if stop is None else max(stop - first, 0))
+            own = block.samples[inside]
+            if own.shape[0]:
+                yield Block(own, None if block.stamps is None else block.stamps[inside])
+            first = last
+            if stop is not None and first >= stop:
+                return
+
+    return rows
+
+
+def rows_at_once(n_columns: int) -> int:
+    """Return how many rows of so many columns make a block.
+
+    Args:
+        n_columns: number of columns.
+    """
+    return max(1024, BLOCK_VALUES // max(n_columns, 1))
+
+
+def distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ...]:
+    """Return names that differ, for files that use one twice: the second "a" becomes "a (2)".
+
+    Args:
+        names: as the file writes them.
+        unnamed: stands for an empty name.
+
+    >>> distinct(["a", "b", "a", ""])
+    ('a', 'b', 'a (2)', 'channel')
+    """
+    found: dict[str, None] = {}
+    counts: dict[str, int] = {}
+    for name in names:
+        plain = own = name.strip() or unnamed
+        while own in found:
+            counts[plain] = counts.get(plain, 1) + 1
+            own = f"{plain} ({counts[plain]})"
+        found[own] = None
+    return tuple(found)
+
+
+def log_of_recording(recording: Recording, *, path: str = "[recording]") -> Log:
+    """Return a recording as the log that it would be.
+
+    Args:
+        recording: any.
+        path: stands for the file.
+    """
+    channels = tuple(LoggedChannel(channel.name, channel.unit) for channel in recording.channels)
+    n = recording.n_samples
+    track = Track(channels, in_blocks(recording.samples), recording.fs, recording.start_s, n)
+    return Log(Path(path), "recording", (track,))
+
+
+def _full(track: Track, channel: LoggedChannel) -> str:
+    return f"{track.name}/{channel.name}" if track.name else channel.name

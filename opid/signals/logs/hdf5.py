@@ -1,0 +1,240 @@
+"""HDF5 files: recordings as opid writes them, and the usual layouts of others.
+
+opid's own layout: one group for each recording, with the attributes `opid_layout` = 1, `fs` (Hz), `start_s` (s),
+`names`, `units` (SI) and `history`, and one dataset `samples` (n_samples, n_channels), float64.
+
+Others: the datasets of a group that share a length are channels, a dataset n x m is m of them. The rate is an attribute
+`fs`, `sampling_rate`, `dt`, ... of the dataset, its group or a group above, or a scalar dataset of such a name; or a
+dataset `time` holds the stamps. Units are attributes `unit` or `units`. Links to other files, data kept in other files
+and virtual datasets are not followed: nothing but the file that was named is opened.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
+from opid.signals.files import written_whole
+from opid.signals.hdf5_heaps import SIGNATURE, opened_with_care
+from opid.signals.log import Log
+from opid.signals.log_settings import LogSettings
+from opid.signals.logs import reader, writer
+from opid.signals.named_arrays import NamedArray, NamedGroup, tracks_of
+from opid.signals.recording import Recording
+
+if TYPE_CHECKING:
+    import h5py
+
+DEEPEST = 16
+MOST_OBJECTS = 100_000
+"""Groups within groups, and objects in all, beyond which a file is no log."""
+
+_LAYOUT = 1
+_MOST_TEXTS = 10_000
+_HEADER_BYTES = 60_000  # an attribute of HDF5 holds 64 KiB
+
+
+@reader(".h5", ".hdf5", ".hdf", name="HDF5", needs="h5py", extra="hdf5", magic=(SIGNATURE,))
+def open_hdf5(path: Path, settings: LogSettings) -> Log:
+    """Open an HDF5 log; its samples are read in slices, so that it may be larger than memory.
+
+    Args:
+        path: the file.
+        settings: what the file does not say.
+
+    Raises:
+        InputError: the file is cut off, holds no numbers of its own, states an absurd rate, or fits no known layout.
+    """
+    elsewhere: list[str] = []
+    with opened_with_care(path) as file:
+        groups = list(_groups(path, file, {}, elsewhere))
+    if not any(group.arrays for group in groups):
+        links = f", only links to data elsewhere ({', '.join(elsewhere[:3])}), which are not followed"
+        raise InputError(
+            f"{path} holds no datasets of numbers{links if elsewhere else ''}: export the log again, in one file"
+        )
+    return Log(path, "HDF5", tracks_of(path, groups, settings, lambda: opened(path)))
+
+
+@writer(".h5", ".hdf5", ".hdf")
+def write_hdf5(recording: Recording, path: Path) -> None:
+    """Write a recording as HDF5 in opid's own layout, to the last bit, with its history.
+
+    Args:
+        recording: what to write, in SI units.
+        path: the file to write.
+
+    Raises:
+        InputError: names or units that HDF5 cannot hold, or a place that cannot be written to.
+    """
+    import h5py
+
+    names, units = [list(recording.names), [channel.unit for channel in recording.channels]]
+    held = io.BytesIO()
+    try:
+        with h5py.File(held, "w") as file:
+            group = file.create_group("recording")
+            group.attrs["opid_layout"] = _LAYOUT
+            group.attrs["fs"] = recording.fs
+            group.attrs["start_s"] = float(recording.start_s)
+            for key, values in (("names", names), ("units", units), ("history", list(recording.history))):
+                coded = [value.encode() for value in values]
+                if any(b"\0" in each for each in coded):
+                    raise ValueError(f"a NUL in {key}")
+                # of one length: in a damaged file there are then no lengths and addresses to be wrong
+                text = h5py.string_dtype(length=max(1, *map(len, coded), 1))
+                if len(coded) * text.itemsize > _HEADER_BYTES:
+                    group.create_dataset(key, data=np.array(coded, dtype=text))
+                else:
+                    group.attrs.create(key, np.array(coded, dtype=text))
+            group.create_dataset("samples", data=recording.samples)
+    except (ValueError, RuntimeError) as error:  # a NUL or half a character in a name
+        raise InputError(f"cannot write {path}: HDF5 does not hold the names {names} and units {units}") from error
+    with written_whole(path, "wb") as target:
+        target.write(held.getbuffer())
+
+
+def opened(path: Path) -> AbstractContextManager[Any]:
+    """Return an HDF5 file, open for reading until the block ends.
+
+    Args:
+        path: the file.
+    """
+    import h5py
+
+    return h5py.File(path, "r")
+
+
+def members(group: h5py.Group, elsewhere: list[str]) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
+    """Yield name and object of what lies in a group itself, not behind a link to another place or file.
+
+    Args:
+        group: of an open file.
+        elsewhere: receives the names of what lies elsewhere.
+    """
+    import h5py
+
+    for name in group:
+        link = group.get(name, getlink=True)
+        if isinstance(link, h5py.HardLink):
+            own = group[name]
+            if isinstance(own, h5py.Dataset) and (own.is_virtual or own.external):
+                elsewhere.append(own.name)
+            elif isinstance(own, h5py.Group | h5py.Dataset):
+                yield name, own
+        elif isinstance(link, h5py.ExternalLink):
+            elsewhere.append(f"{group.name.rstrip('/')}/{name}")
+
+
+def numbers_of(attributes: Mapping[str, object]) -> dict[str, float]:
+    """Return the attributes that are one number.
+
+    Args:
+        attributes: of a group or dataset.
+    """
+    found = {}
+    for name, value in attributes.items():
+        values = np.asarray(value)
+        if values.size == 1 and values.dtype.kind in "fiu":
+            found[name] = float(values.reshape(-1)[0])
+    return found
+
+
+def texts_of(attributes: Mapping[str, object]) -> dict[str, tuple[str, ...]]:
+    """Return the attributes that are names or units, one text or several.
+
+    Args:
+        attributes: of a group or dataset.
+    """
+    found = {}
+    for name, value in attributes.items():
+        values = np.asarray(value).reshape(-1)
+        if name.casefold() in (*NAME_KEYS, *UNIT_KEYS) and values.dtype.kind in "OSU":
+            texts = [each.decode("utf-8", "replace") if isinstance(each, bytes) else each for each in values.tolist()]
+            if all(isinstance(text, str) for text in texts):
+                found[name] = tuple(texts)
+    return found
+
+
+def _groups(
+    path: Path, group: h5py.Group, above: Mapping[str, float], elsewhere: list[str], seen: set[Any] | None = None
+) -> Iterator[NamedGroup]:
+    """The group itself and those in it; `above` are the numbers that groups above it state."""
+    import h5py
+
+    seen = set() if seen is None else seen
+    if group.name.count("/") > DEEPEST or len(seen) > MOST_OBJECTS:
+        raise InputError(f"{path} has groups within groups beyond reason at {group.name[:80]}: it is no log")
+    own, texts = _attributes(group)
+    if "opid_layout" in own:
+        yield _recording(path, group, own, texts)
+        return
+    arrays, within = [], []
+    for name, member in members(group, elsewhere):
+        if hash(member.id) in seen:
+            continue
+        seen.add(hash(member.id))
+        if isinstance(member, h5py.Group):
+            within.append(member)
+        elif member.dtype.kind in "fiub" and member.shape is not None:
+            if member.shape == () or member.shape == (1,):
+                own[name] = float(np.asarray(member[()]).reshape(-1)[0])
+            elif len(member.shape) <= 2 and min(member.shape) > 0:
+                attributes = _attributes(member)
+                arrays.append(NamedArray(name, member.shape, _reading(member.name), *attributes))
+        elif h5py.check_string_dtype(member.dtype) and member.shape is not None and member.size <= _MOST_TEXTS:
+            texts |= texts_of({name: member[()]} if name.casefold() in (*NAME_KEYS, *UNIT_KEYS) else {})
+    stated = {**above, **own}
+    yield NamedGroup(group.name.strip("/"), tuple(arrays), stated, texts)
+    for each in within:
+        yield from _groups(path, each, stated, elsewhere, seen)
+
+
+def _attributes(member: h5py.Group | h5py.Dataset) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
+    """What the attributes state; references and whatever is long are not read."""
+    import h5py
+
+    readable = {}
+    for name in member.attrs:
+        header = member.attrs.get_id(name)
+        kind, wanted = header.dtype.kind, name.casefold() in (*NAME_KEYS, *UNIT_KEYS)
+        text = wanted and h5py.check_string_dtype(header.dtype) is not None
+        if (kind in "fiu" or text) and math.prod(header.shape) * header.dtype.itemsize <= _HEADER_BYTES:
+            readable[name] = member.attrs[name]
+    return numbers_of(readable), texts_of(readable)
+
+
+def _reading(name: str) -> Any:
+    return lambda file, key: file[name][key]
+
+
+def _recording(
+    path: Path, group: h5py.Group, numbers: dict[str, float], texts: dict[str, tuple[str, ...]]
+) -> NamedGroup:
+    """A recording as `write_hdf5` leaves it."""
+    layout = numbers["opid_layout"]
+    if layout != _LAYOUT:
+        raise InputError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")
+    found = dict(members(group, []))
+    texts = texts_of({key: found[key][()] for key in ("names", "units") if key in found}) | texts
+    samples: Any = found.get("samples")
+    shape = getattr(samples, "shape", None)
+    count = {len(texts.get(key, ())) for key in ("names", "units")}
+    if shape is None or len(shape) != 2 or count != {shape[1]} or samples.dtype.kind not in "fiu":
+        raise InputError(
+            f"{path} {group.name} is no recording as opid writes it: `samples` has shape {shape}, with "
+            f"{len(texts.get('names', ()))} name(s) and {len(texts.get('units', ()))} unit(s): export the log again"
+        )
+    if not {"fs", "start_s"} <= set(numbers):
+        raise InputError(f"{path} {group.name} states no fs or no start_s: export the log again")
+    own = {key: texts[key] for key in ("names", "units")}
+    array = NamedArray("samples", shape, _reading(samples.name), texts=own, time_axis=0)
+    return NamedGroup(group.name.strip("/"), (array,), numbers, alone=True)

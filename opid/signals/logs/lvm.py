@@ -1,0 +1,276 @@
+"""Logs of LabVIEW as text: a header for the file, then one for each segment, and one line for each sample below it.
+
+After "Specification for the LabVIEW Measurement File (.lvm)", National Instruments, white paper 4139. The usual library
+(lvm_read) holds all of a file in memory and unpickles what lies beside it, so it is not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
+from opid.signals.log_settings import LogSettings
+from opid.signals.logs import reader
+from opid.signals.recording import FloatArray
+from opid.signals.text_lines import BYTES_AT_ONCE, lines_of
+from opid.signals.text_stamps import nanoseconds
+from opid.signals.text_table import MOST_COLUMNS, TextTable, number_of, numbers_of
+
+_END = "***End_of_Header***"
+_MOST_HEADER_LINES = 1000
+_HEAD_BYTES = 1 << 16
+_LINES_AT_ONCE = 1 << 15
+
+
+@dataclass(frozen=True)
+class _File:
+    """The header of the file: how its segments are written."""
+
+    path: Path
+    encoding: str | None
+    separator: str
+    decimal: str
+    x_columns: str  # "one", "multi" or "no"
+
+
+@dataclass(frozen=True, eq=False)
+class _Segment:
+    """The header of a segment."""
+
+    line: int  # of its column names
+    names: tuple[str, ...]  # of all columns before the comments
+    n_channels: int
+    entries: dict[str, list[str]]
+
+    def entry(self, key: str, channel: int) -> str:
+        """What is said of a channel, counted from 0; empty for nothing."""
+        cells = self.entries.get(key, [])
+        return cells[channel].strip() if channel < len(cells) else ""
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """Channels of a segment with one time column, None where only a period is stated."""
+
+    x: int | None
+    columns: tuple[int, ...]  # of their values
+    channels: tuple[int, ...]  # their numbers among the channels of the file, from 0
+
+
+@reader(".lvm", name="LabVIEW LVM", magic=(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"), text=True)
+def open_lvm(path: Path, settings: LogSettings) -> Log:
+    """Open a LabVIEW measurement file; its segments follow one another as their times of day say.
+
+    Stamps are the X values, as `Delta_X` is often rounded; where there are none, X0 and its multiples.
+
+    Args:
+        path: the file.
+        settings: what the file does not say.
+
+    Raises:
+        InputError: the first fault found, with file, line and remedy.
+    """
+    numbered = _numbered_lines(path, settings.encoding, _HEAD_BYTES)
+    file = _file_header(path, numbered, settings)
+    segment = _segment_header(file, numbered)
+    if segment is None:
+        raise InputError(f"{path} has no segment of data below its header: it is cut off; export the log again")
+    clocks = _clocks(file, segment)
+    return Log(path, "LabVIEW LVM", tuple(_track(file, segment, clock, settings, len(clocks)) for clock in clocks))
+
+
+# ---- headers -------------------------------------------------------------------------------------
+
+
+def _numbered_lines(path: Path, encoding: str | None, bytes_at_once: int) -> Iterator[tuple[int, str]]:
+    return enumerate(chain.from_iterable(lines_of(path, encoding, bytes_at_once=bytes_at_once)), start=1)
+
+
+def _header_lines(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """The lines of a header up to its end; what other programs put between special marks is left out."""
+    special = False
+    for at, (number, line) in enumerate(numbered):
+        if at > _MOST_HEADER_LINES:
+            raise InputError(f"{path} line {number}: a header of {at} lines has no {_END}: export the log again")
+        if line.startswith(_END):
+            return
+        special = (special or line.startswith("***Start_Special***")) and not line.startswith("***End_Special***")
+        if not special:
+            yield number, line
+
+
+def _file_header(path: Path, numbered: Iterator[tuple[int, str]], settings: LogSettings) -> _File:
+    lines = [line for _, line in _header_lines(path, numbered)]
+    # the separator stands behind its own name: "Separator,Comma"
+    separator = next((line[9:10] for line in lines if line.startswith("Separator")), "") or "\t"
+    found = {key: value for key, _, value in (line.partition(separator) for line in lines)}
+    decimal = settings.decimal or found.get("Decimal_Separator", ".")[:1] or "."
+    x_columns = found.get("X_Columns", "One").strip(separator + " ").casefold()
+    if separator not in "\t,;" or decimal not in ".," or x_columns not in ("one", "multi", "no"):
+        raise InputError(
+            f"{path}: its header says Separator {separator!r}, Decimal_Separator {decimal!r}, X_Columns {x_columns!r}: "
+            "tab, comma or semicolon, point or comma, and One, Multi or No are known; export the log again"
+        )
+    return _File(path, settings.encoding, settings.delimiter or separator, decimal, x_columns)
+
+
+def _segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segment | None:
+    """The next header of a segment, its column names included; None at the end of the file."""
+    entries: dict[str, list[str]] = {}
+    for _, line in _header_lines(file.path, numbered):
+        if line.strip(file.separator + " "):
+            key, *values = line.split(file.separator)
+            entries[key.strip()] = values
+    if not entries:
+        return None
+    number, names = next(numbered, (0, ""))
+    where = f"{file.path} line {number}" if number else f"the end of {file.path}"
+    written = (entries.get("Channels") or [""])[0].strip()
+    if not (written.isascii() and written.isdecimal() and 1 <= int(written) <= MOST_COLUMNS):
+        raise InputError(
+            f"{where}: the header of the segment says Channels {written[:40]!r}: "
+            f"a number from 1 to {MOST_COLUMNS} is needed; export the log again"
+        )
+    n = 2 * int(written) if file.x_columns == "multi" else int(written) + 1
+    cells = [name.strip() for name in names.split(file.separator)]
+    if cells[0] != "X_Value" or len(cells) < n or not all(cells[:n]):
+        raise InputError(
+            f"{where}: {n} names that begin with X_Value were expected for {written} channel(s), "
+            f"found {sum(map(bool, cells))}: the file is cut off or damaged; export the log again"
+        )
+    return _Segment(number, tuple(cells[:n]), int(written), entries)
+
+
+def _clocks(file: _File, segment: _Segment) -> list[_Clock]:
+    """The channels of each clock: all of them, but for those with time columns of their own that differ."""
+    n = segment.n_channels
+    if file.x_columns != "multi":
+        return [_Clock(0 if file.x_columns == "one" else None, tuple(range(1, n + 1)), tuple(range(n)))]
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for channel in range(n):
+        key = tuple(segment.entry(each, channel) for each in ("X0", "Delta_X", "Samples", "Date", "Time"))
+        alike.setdefault(key if key[1] else (str(channel),), []).append(channel)
+    return [_Clock(2 * own[0], tuple(2 * each + 1 for each in own), tuple(own)) for own in alike.values()]
+
+
+# ---- samples -------------------------------------------------------------------------------------
+
+
+def _track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings, n_clocks: int) -> Track:
+    names = [segment.names[column] for column in clock.columns]
+    if len(set(names)) < len(names):  # LabVIEW calls all channels of an untitled signal alike
+        names = [f"{name} {channel + 1}" for name, channel in zip(names, clock.channels, strict=True)]
+    units = [segment.entry("Y_Unit_Label", channel) or None for channel in clock.channels]
+
+    def blocks(chosen: Sequence[int]) -> Iterator[Block]:
+        return _blocks(file, clock, [clock.columns[each] for each in chosen], stamped=settings.fs_hz is None)
+
+    return Track(
+        tuple(LoggedChannel(name, unit) for name, unit in zip(names, units, strict=True)),
+        from_first_row(blocks),
+        fs=settings.fs_hz,
+        name=f"clock {clock.channels[0] + 1}" if n_clocks > 1 else "",
+        place=lambda row: f"line {_line_of_row(file, row)}",
+    )
+
+
+def _pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
+    """Segment, number of the first line and lines of samples, some at a time."""
+    numbered = _numbered_lines(file.path, file.encoding, BYTES_AT_ONCE)
+    for _ in _header_lines(file.path, numbered):
+        pass
+    blank = file.separator + " "
+    names: tuple[str, ...] | None = None
+    while (segment := _segment_header(file, numbered)) is not None:
+        if names not in (None, segment.names):
+            raise InputError(
+                f"{file.path} line {segment.line}: this segment has other channels than the first: "
+                "write them to a file of their own"
+            )
+        names = segment.names
+        first, lines = segment.line + 1, []
+        for number, line in numbered:
+            if not line.strip(blank):
+                break
+            lines.append(line)
+            if len(lines) == _LINES_AT_ONCE:
+                yield segment, first, lines
+                first, lines = number + 1, []
+        if lines:
+            yield segment, first, lines
+
+
+def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool) -> Iterator[Block]:
+    begun: int | None = None  # when the first segment began, ns
+    segment: _Segment | None = None
+    offset, last, row = 0.0, -np.inf, 0
+    for piece, number, lines in _pieces(file):
+        table = TextTable(file.path, file.encoding, file.separator, file.decimal, number, piece.names, more=True)
+        values = numbers_of(table, number, lines, [*wanted, *([] if clock.x is None else [clock.x])])
+        if not stamped:
+            yield Block(values[:, : len(wanted)])
+            continue
+        new, segment = piece is not segment, piece
+        row = 0 if new else row
+        x = _spaced(file, piece, clock, row, len(values)) if clock.x is None else values[:, -1]
+        row += len(values)
+        held = ~np.isnan(x)
+        if file.x_columns == "multi":  # the longer channels go on
+            values, x = values[held], x[held]
+        elif not held.all():
+            at = number + int(np.argmin(held))
+            raise InputError(f"{file.path} line {at}, column 'X_Value': the cell is empty: cut the log there")
+        if not x.size:
+            continue
+        if new and begun is None:
+            begun = _begin(piece, clock)
+        elif new:
+            offset = 0.0 if x[0] > last else _later(file, piece, clock, begun)
+        last = float(x[-1] + offset)
+        yield Block(values[:, : len(wanted)], x + offset)
+
+
+def _spaced(file: _File, segment: _Segment, clock: _Clock, row: int, n: int) -> FloatArray:
+    """X values of the n rows from `row` on where the file has only the first and their distance."""
+    stated = [segment.entry(key, clock.channels[0]) for key in ("X0", "Delta_X")]
+    first, period = (number_of(cell, file.decimal) for cell in stated)
+    if first is None or period is None or not (np.isfinite(first) and np.isfinite(period) and period > 0):
+        raise InputError(
+            f"{file.path} line {segment.line}: the segment has no X values, and says X0 {stated[0]!r}, "
+            f"Delta_X {stated[1]!r}: give `fs_hz` in [log]"
+        )
+    return first + period * np.arange(row, row + n, dtype=np.float64)
+
+
+def _begin(segment: _Segment, clock: _Clock) -> int | None:
+    """When a segment began, ns; None where it does not say."""
+    stamp = f"{segment.entry('Date', clock.channels[0])} {segment.entry('Time', clock.channels[0])}"
+    try:
+        return int(nanoseconds([stamp])[0])
+    except ValueError:
+        return None
+
+
+def _later(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> float:
+    """How much later than the first segment one began, s."""
+    begin = _begin(segment, clock)
+    if begin is None or begun is None:
+        raise InputError(
+            f"{file.path} line {segment.line}: the segment does not go on where the one before ends, and Date and Time "
+            "do not say when it began: write segments to files of their own"
+        )
+    return 1e-9 * (begin - begun)
+
+
+def _line_of_row(file: _File, row: int) -> int:
+    for _, number, lines in _pieces(file):
+        if row < len(lines):
+            return number + row
+        row -= len(lines)
+    raise IndexError(row)

@@ -1,0 +1,272 @@
+"""Parquet files: a table with a column for each channel, as pandas, polars or a database exports it.
+
+The time is the column called `time` or `t` (or `time` of the table [log]), else the index that pandas stored, else the
+one column of time stamps. Without one the rate is `fs`, `dt`, ... in the metadata of the file. Time stamps with a date
+become seconds from the first. The unit of a column stands in its field's metadata (`unit`), in its name in brackets, or
+in what pandas stored of `DataFrame.attrs["units"]`. A missing value is NaN. Columns of text are left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.signals.column_names import UNIT_KEYS, named, seconds_per_unit, sound_rate, split_unit, stated_rate, time_name
+from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
+from opid.signals.log_settings import LogSettings
+from opid.signals.logs import reader
+from opid.signals.recording import FloatArray
+
+if TYPE_CHECKING:
+    import pyarrow
+
+_TICKS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_BUFFER_BYTES = 1 << 20  # of each column: a file of one row group is not held whole
+
+
+@dataclass(frozen=True)
+class _Time:
+    """The column of the stamps.
+
+    Args:
+        column: its number in the file.
+        seconds: what one unit of it is.
+        first: subtracted, in its unit.
+    """
+
+    column: int
+    seconds: float
+    first: int = 0
+
+
+@reader(".parquet", ".pq", name="Parquet", needs="pyarrow", extra="parquet", magic=(b"PAR1",))
+def open_parquet(path: Path, settings: LogSettings) -> Log:
+    """Open a Parquet log; only the wanted columns are read, batch by batch, so that it may be larger than memory.
+
+    Args:
+        path: the file.
+        settings: what the file does not say; `names` are those of its columns of numbers, the time among them.
+
+    Raises:
+        InputError: the file is cut off, holds no columns of numbers, or states an absurd rate.
+    """
+    with _opened(path) as file:
+        schema, n = file.schema_arrow, file.metadata.num_rows
+        _require_distinct(path, schema.names)
+        columns = [number for number, field in enumerate(schema) if _is_number(field.type)]
+        metadata = _decoded(schema.metadata or {})
+        time = _time(path, file, columns, metadata, settings)
+    units = _units_of_frame(metadata)
+    names = [schema.names[number] for number in columns]
+    if settings.names:
+        if len(settings.names) != len(columns):
+            raise InputError(
+                f"{path} has {len(columns)} column(s) of numbers, the time among them, names in [log] are "
+                f"{len(settings.names)}: name each of them"
+            )
+        names = list(settings.names)
+    channels, numbers = [], []
+    for number, name in zip(columns, names, strict=True):
+        if time is not None and number == time.column:
+            continue
+        plain, unit = split_unit(name)
+        own = _decoded(schema.field(number).metadata or {})
+        key = named(own, UNIT_KEYS)
+        written = schema.names[number]
+        channels.append(LoggedChannel(plain, (own[key] if key else None) or unit or units.get(written)))
+        numbers.append(number)
+    rate = None
+    if time is None:
+        rate = settings.fs_hz or stated_rate(_numbers(metadata))
+        rate = None if rate is None else sound_rate(rate, where=str(path))
+    rows = _rows(path, numbers, time, n)
+    return Log(path, "Parquet", (Track(tuple(channels), rows, rate, 0.0, n),))
+
+
+def _opened(path: Path) -> Any:
+    import pyarrow.parquet
+
+    return pyarrow.parquet.ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False, memory_map=False)
+
+
+def _require_distinct(path: Path, names: Sequence[str]) -> None:
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{path} has {names.count(twice)} columns {twice!r}: rename all but one")
+
+
+# ---- what the columns are ------------------------------------------------------------------------
+
+
+def _is_number(kind: pyarrow.DataType) -> bool:
+    from pyarrow import types
+
+    plain = types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
+    return plain or types.is_decimal(kind) or _ticks(kind) is not None
+
+
+def _ticks(kind: pyarrow.DataType) -> float | None:
+    """What one tick of a type of time is, s; None of any other type."""
+    from pyarrow import types
+
+    if types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind):
+        return _TICKS_S[kind.unit]
+    return None
+
+
+def _time(
+    path: Path, file: Any, columns: Sequence[int], metadata: Mapping[str, str], settings: LogSettings
+) -> _Time | None:
+    from pyarrow import types
+
+    schema = file.schema_arrow
+    number = _time_column(path, schema, columns, metadata, settings)
+    if number is None:
+        return None
+    kind = schema.field(number).type
+    ticks = _ticks(kind)
+    if ticks is not None:
+        first = 0
+        if types.is_timestamp(kind):
+            batch = next(file.iter_batches(batch_size=1, columns=[schema.names[number]]), None)
+            first = (batch.column(0)[0].value if batch is not None and batch.num_rows else 0) or 0
+        return _Time(number, ticks, first)
+    own = _decoded(schema.field(number).metadata or {})
+    key = named(own, UNIT_KEYS)
+    unit = settings.time_unit or (own[key] if key else None) or split_unit(schema.names[number])[1]
+    return _Time(number, 1.0 if settings.fs_hz else seconds_per_unit(unit, where=str(path)))
+
+
+def _time_column(
+    path: Path, schema: pyarrow.Schema, columns: Sequence[int], metadata: Mapping[str, str], settings: LogSettings
+) -> int | None:
+    names = list(settings.names) if len(settings.names) == len(columns) else [schema.names[each] for each in columns]
+    if isinstance(settings.time, int):
+        if not 1 <= settings.time <= len(columns):
+            raise InputError(f"{path} has {len(columns)} column(s) of numbers, none is number {settings.time} (time)")
+        return columns[settings.time - 1]
+    if settings.time is not None:
+        plain = [split_unit(name)[0] for name in names]
+        for each in (names, plain):
+            if settings.time in each:
+                return columns[each.index(settings.time)]
+        raise InputError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
+    known = time_name(names)
+    if known is not None:
+        return columns[names.index(known)]
+    index = [name for name in _index_of_frame(metadata) if name in schema.names]
+    if len(index) == 1 and schema.names.index(index[0]) in columns:
+        return schema.names.index(index[0])
+    stamps = [number for number in columns if _ticks(schema.field(number).type) is not None]
+    return stamps[0] if len(stamps) == 1 else None
+
+
+def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, str]:
+    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in metadata.items()}
+
+
+def _numbers(metadata: Mapping[str, str]) -> dict[str, float]:
+    """What of the metadata is a number, that in pandas' `DataFrame.attrs` included."""
+    found = {}
+    for key, value in [*_attributes_of_frame(metadata).items(), *metadata.items()]:
+        with suppress(TypeError, ValueError):
+            found[key] = float(value)
+    return found
+
+
+def _frame(metadata: Mapping[str, str]) -> dict[str, Any]:
+    with suppress(ValueError, RecursionError):
+        found = json.loads(metadata.get("pandas", "{}"))
+        return found if isinstance(found, dict) else {}
+    return {}
+
+
+def _index_of_frame(metadata: Mapping[str, str]) -> list[str]:
+    columns = _frame(metadata).get("index_columns")
+    return [each for each in columns if isinstance(each, str)] if isinstance(columns, list) else []
+
+
+def _attributes_of_frame(metadata: Mapping[str, str]) -> dict[str, Any]:
+    attributes = _frame(metadata).get("attributes")
+    return attributes if isinstance(attributes, dict) else {}
+
+
+def _units_of_frame(metadata: Mapping[str, str]) -> dict[str, str]:
+    units = _attributes_of_frame(metadata).get("units")
+    return {str(key): str(value) for key, value in units.items()} if isinstance(units, dict) else {}
+
+
+# ---- their rows ----------------------------------------------------------------------------------
+
+
+def _rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Rows:
+    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        end = n if stop is None else min(stop, n)
+        wanted = [numbers[column] for column in columns]
+        with _opened(path) as file:
+            schema = file.schema_arrow
+            read = [schema.names[number] for number in dict.fromkeys([*wanted, *([time.column] if time else [])])]
+            first, groups = _groups(file.metadata, start, end)
+            if start >= end or not read:
+                return
+            size = rows_at_once(len(read))
+            for batch in file.iter_batches(batch_size=size, row_groups=groups, columns=read):
+                inside = slice(max(start - first, 0), max(end - first, 0))
+                first += batch.num_rows
+                batch = batch.slice(inside.start, max(0, min(inside.stop, batch.num_rows) - inside.start))
+                if batch.num_rows:
+                    samples = np.empty((batch.num_rows, len(wanted)))
+                    for place, number in enumerate(wanted):
+                        samples[:, place] = _values(batch.column(schema.names[number]))
+                    stamps = None
+                    if time is not None:
+                        stamps = _values(batch.column(schema.names[time.column]), time.first) * time.seconds
+                    yield Block(samples, stamps)
+                if first >= end:
+                    return
+        if first < end:
+            raise InputError(f"{path} says that it holds {n} rows, {first} are there: export the log again")
+
+    return rows
+
+
+def _groups(metadata: Any, start: int, end: int) -> tuple[int, list[int]]:
+    """Number of the first row of the row groups that hold the rows wanted, and those groups."""
+    begin, first = 0, 0
+    wanted: list[int] = []
+    for group in range(metadata.num_row_groups):
+        n = metadata.row_group(group).num_rows
+        if begin < end and begin + n > start:
+            first = first if wanted else begin
+            wanted.append(group)
+        begin += n
+    return first, wanted
+
+
+def _values(column: pyarrow.Array, first: int = 0) -> FloatArray:
+    """The numbers of a column, less `first`; NaN where one is missing."""
+    import pyarrow
+    from pyarrow import types
+
+    kind = column.type
+    if _ticks(kind) is not None:
+        column = column.cast(pyarrow.int64() if kind.bit_width == 64 else pyarrow.int32())
+    if types.is_boolean(kind):
+        column = column.cast(pyarrow.int8())
+    missing = column.is_null().to_numpy(zero_copy_only=False) if column.null_count else None
+    if first:
+        # before they become floats: nanoseconds since 1970 have more digits than these hold
+        whole = column.fill_null(first) if missing is not None else column
+        values = (whole.to_numpy(zero_copy_only=False) - first).astype(np.float64)
+    else:
+        values = column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False).astype(np.float64)
+    if missing is not None:
+        values[missing] = np.nan
+    return values

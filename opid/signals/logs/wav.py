@@ -1,0 +1,164 @@
+"""WAV files: whole numbers or floats of any number of channels, as instrument-grade recorders write them.
+
+A WAV file states neither unit nor scale. Its samples are parts of its full scale, from -1 to 1; `full_scale` of the
+table [log] says what 1 stands for, in `unit`. The chunks are walked here and not by a library: those at hand read
+24-bit files, what most recorders write, only whole, and warn about every remark that a recorder adds.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.column_names import sound_rate, split_unit
+from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
+from opid.signals.log_settings import LogSettings
+from opid.signals.logs import reader
+from opid.signals.recording import FloatArray
+
+MOST_CHUNKS = 10_000
+"""Chunks before the samples beyond which a file is damaged."""
+
+_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
+_CODES = {2: "ADPCM", 6: "A-law", 7: "mu-law", 0x55: "MP3"}
+_BYTES = {_PCM: (1, 2, 3, 4), _FLOAT: (4, 8)}
+_IN_DS64 = 0xFFFFFFFF
+
+
+@dataclass(frozen=True)
+class _Form:
+    code: int
+    n_channels: int
+    fs: int
+    frame: int  # bytes of a row
+    order: str  # "<" or ">"
+
+    @property
+    def width(self) -> int:
+        """Bytes of a sample."""
+        return self.frame // self.n_channels
+
+
+@reader(".wav", ".wave", name="WAV", magic=(b"RIFF", b"RIFX", b"RF64"))
+def open_wav(path: Path, settings: LogSettings) -> Log:
+    """Open a WAV file (RIFF, RIFX or RF64) of 8 to 32-bit integers or 32 or 64-bit floats; it is read in slices.
+
+    Args:
+        path: the file.
+        settings: `full_scale` and `unit` say what the samples mean, `names` the channels.
+
+    Raises:
+        InputError: the file is cut off, compressed, or its header at fault; a unit without a full scale.
+    """
+    if settings.unit is not None and settings.full_scale is None:
+        raise InputError(
+            f"{path} holds parts of its full scale: give full_scale in [log], what its full scale stands for in "
+            f"{settings.unit} (1 where floats are in {settings.unit} themselves)"
+        )
+    with path.open("rb") as file:
+        form, begin, size = _header(path, file)
+    fs = sound_rate(settings.fs_hz or form.fs, where=str(path))
+    names = settings.names or tuple(f"channel_{number + 1}" for number in range(form.n_channels))
+    if len(names) != form.n_channels:
+        raise InputError(f"{path} has {form.n_channels} channel(s), names in [log] are {len(names)}: name each of them")
+    channels = tuple(LoggedChannel(*split_unit(name)) for name in names)
+    n = size // form.frame
+    scale = (settings.full_scale or 1.0) / (1.0 if form.code == _FLOAT else 2.0 ** (8 * form.width - 1))
+    track = Track(channels, _rows(path, form, begin, n, scale), fs, 0.0, n, place=lambda row: f"sample {row + 1}")
+    return Log(path, "WAV", (track,))
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
+    """Form of the samples, where they begin and how many bytes they are."""
+    file_size = path.stat().st_size
+    order = ">" if file.read(12)[:4] == b"RIFX" else "<"
+    file.seek(8)
+    if file.read(4) != b"WAVE":
+        raise InputError(f"{path} is no WAV file, though it begins like one: export the log as WAV")
+    form, long_size, at = None, None, 12
+    for _ in range(MOST_CHUNKS):
+        file.seek(at)
+        head = file.read(8)
+        if len(head) < 8:
+            break
+        name, size = head[:4], struct.unpack(order + "I", head[4:])[0]
+        if name == b"ds64":
+            long_size = struct.unpack("<Q", _exactly(path, file, 16)[8:])[0]
+        elif name == b"fmt ":
+            form = _form(path, _exactly(path, file, min(size, 40)), order)
+        elif name == b"data":
+            if form is None:
+                raise InputError(f"{path} has samples before its format is stated: export the log again")
+            size = long_size if size == _IN_DS64 and long_size is not None else size
+            held = file_size - at - 8
+            if size > held or (size == 0 and held >= form.frame):
+                raise InputError(
+                    f"{path} says that it holds {size} bytes of samples, {held} are there: the recorder did not close "
+                    "it, or it is cut off; copy it again, or have an audio program repair its header"
+                )
+            return form, at + 8, size
+        at += 8 + size + size % 2
+    raise InputError(f"{path} has no samples (no chunk `data`): it is cut off or damaged; copy it again")
+
+
+def _form(path: Path, chunk: bytes, order: str) -> _Form:
+    if len(chunk) < 16:
+        raise InputError(f"{path} has a format chunk of {len(chunk)} bytes, 16 are needed: export the log again")
+    code, n_channels, fs, _, frame, bits = struct.unpack(order + "HHIIHH", chunk[:16])
+    if code == _EXTENSIBLE and len(chunk) >= 26:
+        code = struct.unpack(order + "H", chunk[24:26])[0]
+    if code not in _BYTES:
+        kind = _CODES.get(code, f"of kind {code}")
+        raise InputError(f"{path} holds compressed samples ({kind}): export the log as PCM or float")
+    if not n_channels:
+        raise InputError(f"{path} states 0 channels: export the log again")
+    form = _Form(code, n_channels, fs, frame, order)
+    if frame % n_channels or form.width not in _BYTES[code] or not 8 * (form.width - 1) < bits <= 8 * form.width:
+        raise InputError(
+            f"{path} states {bits} bits and {frame} bytes for a row of {n_channels} channel(s), which do not fit: "
+            "its header is damaged, export the log as 16, 24 or 32 bit"
+        )
+    return form
+
+
+def _exactly(path: Path, file: BinaryIO, size: int) -> bytes:
+    data = file.read(size)
+    if len(data) < size:
+        raise InputError(f"{path} is cut off: {size} bytes were to follow, {len(data)} do; copy it again")
+    return data
+
+
+def _rows(path: Path, form: _Form, begin: int, n: int, scale: float) -> Rows:
+    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        end = n if stop is None else min(stop, n)
+        step = rows_at_once(form.n_channels)
+        with path.open("rb") as file:
+            for first in range(start, end, step):
+                last = min(first + step, end)
+                file.seek(begin + first * form.frame)
+                raw = _exactly(path, file, (last - first) * form.frame)
+                yield Block(_samples(raw, form)[:, list(columns)] * scale)
+
+    return rows
+
+
+def _samples(raw: bytes, form: _Form) -> FloatArray:
+    """The numbers of some rows as they are written, 8 bits (which have no sign) centred, (n, n_channels)."""
+    if form.code == _PCM and form.width == 3:
+        # the upper three bytes of a 32-bit number
+        wide = np.zeros((len(raw) // 3, 4), dtype=np.uint8)
+        upper = slice(1, 4) if form.order == "<" else slice(0, 3)
+        wide[:, upper] = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 3)
+        values = (wide.view(form.order + "i4")[:, 0] >> 8).astype(np.float64)
+    elif form.code == _PCM and form.width == 1:
+        values = np.frombuffer(raw, dtype=np.uint8).astype(np.float64) - 128.0
+    else:
+        kind = "f" if form.code == _FLOAT else "i"
+        values = np.frombuffer(raw, dtype=f"{form.order}{kind}{form.width}").astype(np.float64)
+    return values.reshape(-1, form.n_channels)

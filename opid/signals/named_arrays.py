@@ -1,0 +1,323 @@
+"""Named arrays of a file (MATLAB, HDF5) -> tracks: which is the time, what the rate, and what a channel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.signals.column_names import (
+    NAME_KEYS,
+    START_NAMES,
+    UNIT_KEYS,
+    named,
+    seconds_per_unit,
+    sound_rate,
+    split_unit,
+    stated_rate,
+    time_name,
+)
+from opid.signals.log import Block, LoggedChannel, Rows, Track, rows_at_once
+from opid.signals.log_settings import LogSettings
+
+CONSTANTS = 16
+"""Arrays of fewer rows are constants (a range, a position) where there are longer ones."""
+
+MOST_CHANNELS = 10_000
+"""No logger has more; a header that says so lies."""
+
+_PLAIN = ("data", "samples", "signal", "values", "value", "y")
+
+
+@dataclass(frozen=True, eq=False)
+class NamedArray:
+    """Numbers of a file under one name, not yet read.
+
+    Args:
+        name: as it is written.
+        shape: (n,) or (n, m).
+        read: (opened file, one slice for each dimension) -> the numbers there.
+        numbers: stated beside it: its rate.
+        texts: stated beside it: its unit, the names of its columns.
+        time_axis: which dimension is the time, where that is known.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    read: Callable[[Any, tuple[slice, ...]], np.ndarray]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    time_axis: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class NamedGroup:
+    """Arrays that stand together: a MATLAB struct, an HDF5 group, or the file itself.
+
+    Args:
+        name: empty for the file itself.
+        arrays: in the order of the file.
+        numbers: stated for all of them: the rate, `start_s`.
+        texts: stated for all of them: names and units.
+        alone: whether it is a recording by itself, never joined with others.
+    """
+
+    name: str
+    arrays: tuple[NamedArray, ...]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    alone: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    array: NamedArray
+    axis: int  # of the array: the time
+    number: int
+    name: str
+    unit: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Bundle:
+    """Columns that share a clock."""
+
+    group: NamedGroup
+    n: int
+    time: _Column | None
+    fs: float | None
+    start_s: float
+    columns: tuple[_Column, ...]
+
+
+def tracks_of(
+    path: Path,
+    groups: Sequence[NamedGroup],
+    settings: LogSettings,
+    opened: Callable[[], AbstractContextManager[Any]],
+) -> tuple[Track, ...]:
+    """Return the tracks of a file's groups of arrays.
+
+    In each group, the array called `time` or `t` (or `settings.time`) holds the stamps, and every other array of its
+    length is a channel, a matrix one for each column. Where there is none, arrays of one length and one stated rate
+    make a track. Of a matrix, the time is the dimension that fits the stamps or the names, else the longer one.
+
+    Args:
+        path: of the file.
+        groups: in the order of the file.
+        settings: what the file does not say: `time`, `time_unit`, `names` (of all columns, the time among them).
+        opened: gives the file to `NamedArray.read`.
+
+    Raises:
+        InputError: a time that is not there, names that do not fit, an absurd rate or number of channels.
+    """
+    bundles = [bundle for group in groups for bundle in _bundles(path, group, settings)]
+    if settings.time is not None and not any(bundle.time for bundle in bundles):
+        arrays = [array.name for group in groups for array in group.arrays]
+        known = nearest(str(settings.time), arrays[:20]) if arrays else "it holds no array of numbers"
+        raise InputError(f"{path} has no time {settings.time!r} (time in [log]) beside other numbers: {known}")
+    bundles = _joined(bundles)
+    if settings.names:
+        bundles = [_renamed(path, bundles, settings.names)]
+    stated = len({bundle.group.name for bundle in bundles}) == len(bundles)
+    tracks = []
+    for bundle in bundles:
+        channels = tuple(LoggedChannel(column.name, column.unit) for column in bundle.columns)
+        rate = "stamps" if bundle.time else f"{bundle.n} samples" if bundle.fs is None else f"{bundle.fs:g} Hz"
+        name = bundle.group.name if stated else f"{bundle.group.name} {rate}".strip()
+        rows = _rows(bundle, opened, _seconds(path, bundle, settings))
+        fs = None if bundle.time else bundle.fs
+        name = name if len(bundles) > 1 else ""
+        tracks.append(Track(channels, rows, fs, bundle.start_s, bundle.n, name, place=lambda row: f"sample {row + 1}"))
+    return tuple(tracks)
+
+
+# ---- which arrays belong together ----------------------------------------------------------------
+
+
+def _bundles(path: Path, group: NamedGroup, settings: LogSettings) -> Iterator[_Bundle]:
+    time = _time(group, settings)
+    arrays = [array for array in group.arrays if array is not time]
+    if time is not None:
+        n = max(time.shape)
+        fitting = [(array, axis) for array in arrays if (axis := _axis(array, group, n)) is not None]
+        if fitting:
+            stamps = _Column(time, int(np.argmax(time.shape)), 0, *_with_unit(time, time.name))
+            yield _Bundle(group, n, stamps, None, 0.0, _columns(path, group, fitting))
+        return
+    lengths = {array.name: max(array.shape) for array in arrays}
+    least = CONSTANTS if max(lengths.values(), default=0) >= CONSTANTS else 2
+    alike: dict[tuple[int, float | None], list[tuple[NamedArray, int]]] = {}
+    for array in arrays:
+        axis = _axis(array, group, None)
+        if axis is None or array.shape[axis] < (1 if group.alone else least):
+            continue
+        fs = settings.fs_hz or stated_rate(array.numbers) or stated_rate(group.numbers)
+        if fs is None and any(stated_rate(numbers) is not None for numbers in (array.numbers, group.numbers)):
+            fs = 0.0
+        where = f"{path}{f' ({group.name})' if group.name else ''}"
+        fs = None if fs is None else sound_rate(fs, where=where)
+        alike.setdefault((array.shape[axis], fs), []).append((array, axis))
+    begin = named(group.numbers, START_NAMES)
+    start_s = float(group.numbers[begin]) if begin else 0.0
+    if not np.isfinite(start_s):
+        raise InputError(f"{path} states that it begins at {start_s} s: export the log again")
+    for (n, fs), fitting in alike.items():
+        yield _Bundle(group, n, None, fs, start_s, _columns(path, group, fitting))
+
+
+def _time(group: NamedGroup, settings: LogSettings) -> NamedArray | None:
+    vectors = {array.name: array for array in group.arrays if len(array.shape) == 1 or 1 in array.shape}
+    if isinstance(settings.time, int):
+        numbered = group.arrays[settings.time - 1 : settings.time] if settings.time > 0 else ()
+        return next((array for array in numbered if array.name in vectors), None)
+    if settings.time is not None:
+        return vectors.get(settings.time)
+    found = time_name(list(vectors))
+    return None if found is None or max(vectors[found].shape) < 2 or len(group.arrays) < 2 else vectors[found]
+
+
+def _axis(array: NamedArray, group: NamedGroup, n: int | None) -> int | None:
+    """Which dimension is the time, of n stamps where there are any; None where it does not fit."""
+    if array.time_axis is not None:
+        return array.time_axis
+    if n is not None:
+        return next((axis for axis, length in enumerate(array.shape) if length == n), None)
+    if len(array.shape) == 2:
+        count = len(_texts(array.texts, NAME_KEYS) or _texts(group.texts, NAME_KEYS))
+        if count in array.shape and array.shape[0] != array.shape[1]:
+            return 1 - array.shape.index(count)
+    return int(np.argmax(array.shape))
+
+
+def _columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, int]]) -> tuple[_Column, ...]:
+    counts = [array.shape[1 - axis] if len(array.shape) == 2 else 1 for array, axis in fitting]
+    if sum(counts) > MOST_CHANNELS:
+        raise InputError(
+            f"{path} says that it holds {sum(counts)} channels, more than any logger has ({MOST_CHANNELS}): "
+            "it is damaged, or a matrix lies on its side"
+        )
+    columns = []
+    for (array, axis), count in zip(fitting, counts, strict=True):
+        own_names, own_units = _texts(array.texts, NAME_KEYS), _texts(array.texts, UNIT_KEYS)
+        for number in range(count):
+            name = array.name if count == 1 else f"{split_unit(array.name)[0]}_{number + 1}"
+            name = own_names[number] if len(own_names) == count else name
+            exact = len(own_names) == len(own_units) == count and array.time_axis is not None
+            name, unit = (name, None) if exact else split_unit(name)
+            if len(own_units) in (1, count):
+                unit = own_units[number % len(own_units)] or unit
+            columns.append(_Column(array, axis, number, name, unit or split_unit(array.name)[1]))
+    # the group's names are those of a matrix, or of its one channel; a list may begin with the time
+    names, units = (_texts(group.texts, keys) for keys in (NAME_KEYS, UNIT_KEYS))
+    names, units = (texts[1:] if len(texts) == len(columns) + 1 else texts for texts in (names, units))
+    if len(names) == len(columns):
+        split = [split_unit(name) for name in names]
+        columns = [
+            replace(column, name=name or column.name, unit=column.unit or unit)
+            for column, (name, unit) in zip(columns, split, strict=True)
+        ]
+    if len(units) in (1, len(columns)):
+        units = units * (len(columns) // len(units))
+        columns = [
+            replace(column, unit=column.unit or unit or None) for column, unit in zip(columns, units, strict=True)
+        ]
+    return tuple(columns)
+
+
+def _with_unit(array: NamedArray, name: str) -> tuple[str, str | None]:
+    plain, unit = split_unit(name)
+    return plain, next(iter(_texts(array.texts, UNIT_KEYS)), None) or unit
+
+
+def _texts(texts: Mapping[str, tuple[str, ...]], keys: Sequence[str]) -> tuple[str, ...]:
+    found = named(texts, keys)
+    return () if found is None else texts[found]
+
+
+def _joined(bundles: Sequence[_Bundle]) -> list[_Bundle]:
+    """Groups of one channel each (one group for each sensor), of one rate and length, put side by side."""
+    result: list[_Bundle] = []
+    for bundle in bundles:
+        if bundle.time or bundle.group.alone or len(bundle.columns) != 1 or not bundle.group.name:
+            result.append(bundle)
+            continue
+        column = bundle.columns[0]
+        written = column.array.name == column.name
+        name = f"{bundle.group.name}/{column.name}" if written else column.name
+        name = bundle.group.name if written and column.name.casefold() in _PLAIN else name
+        own = replace(bundle, group=NamedGroup("sensors", ()), columns=(replace(column, name=name),))
+        key = (own.n, own.fs, own.start_s)
+        same = [i for i, other in enumerate(result) if not other.group.arrays and key == _key(other)]
+        if same:
+            result[same[0]] = replace(result[same[0]], columns=result[same[0]].columns + own.columns)
+        else:
+            result.append(own)
+    return result
+
+
+def _key(bundle: _Bundle) -> tuple[int, float | None, float]:
+    return bundle.n, bundle.fs, bundle.start_s
+
+
+def _renamed(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bundle:
+    if len(bundles) != 1:
+        raise InputError(f"{path} has {len(bundles)} clocks: name its channels in [channels], not by names in [log]")
+    bundle = bundles[0]
+    order = [array.name for array in bundle.group.arrays]
+    every = [*bundle.columns, *([bundle.time] if bundle.time else [])]
+    every.sort(key=lambda column: order.index(column.array.name) if column.array.name in order else -1)
+    if len(every) != len(names):
+        time = ", the time among them" if bundle.time else ""
+        raise InputError(f"{path} has {len(every)} column(s){time}, names in [log] are {len(names)}: name each of them")
+    split = {id(column): split_unit(name) for column, name in zip(every, names, strict=True)}
+    columns = [
+        replace(column, name=split[id(column)][0], unit=split[id(column)][1] or column.unit)
+        for column in bundle.columns
+    ]
+    return replace(bundle, columns=tuple(columns))
+
+
+# ---- their rows ----------------------------------------------------------------------------------
+
+
+def _seconds(path: Path, bundle: _Bundle, settings: LogSettings) -> float:
+    if bundle.time is None or settings.fs_hz:
+        return 1.0
+    return seconds_per_unit(settings.time_unit or bundle.time.unit, where=str(path))
+
+
+def _rows(bundle: _Bundle, opened: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:
+    def rows(wanted: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        columns = [bundle.columns[number] for number in wanted]
+        end = bundle.n if stop is None else min(stop, bundle.n)
+        # a matrix is read with all its columns: in most files those of a row lie side by side
+        arrays = {id(column.array): column for column in columns}
+        step = rows_at_once(sum(int(np.prod(each.array.shape) // bundle.n) for each in arrays.values()))
+        with opened() as file:
+            for first in range(start, end, step):
+                last = min(first + step, end)
+                held = {key: _stretch(file, each, first, last) for key, each in arrays.items()}
+                own = [held[id(column.array)][:, column.number] for column in columns]
+                samples = np.stack(own, axis=1).astype(np.float64) if own else np.empty((last - first, 0))
+                stamps = None
+                if bundle.time is not None:
+                    stamps = _stretch(file, bundle.time, first, last)[:, 0].astype(np.float64) * seconds
+                yield Block(samples, stamps)
+
+    return rows
+
+
+def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray:
+    """All columns of an array from one row to another, (last - first, m)."""
+    rows = slice(first, last)
+    if len(column.array.shape) == 1:
+        return column.array.read(file, (rows,))[:, np.newaxis]
+    key = (rows, slice(None)) if column.axis == 0 else (slice(None), rows)
+    block = column.array.read(file, key)
+    return block if column.axis == 0 else block.T

@@ -1,0 +1,154 @@
+"""One clock for channels of several: what a lower rate cannot hold is taken out first, nothing is shifted in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.recording import FloatArray, Recording
+
+PASS, STOP = 0.4, 0.5
+"""Of the lower rate: what is kept whole, and from where nothing is left (of 0.5 and more, the Nyquist frequency)."""
+
+STOP_DB = 80.0
+"""What the filter leaves of what would fold back: 1 part in 10^4, below the noise of any accelerometer."""
+
+SPLINE_SHARE = 0.12
+"""A quintic spline through samples of at least eight a period is right to 1 part in 10^4; else they are made finer."""
+
+HALF_WIDTH = 48
+"""Samples on either side from which a value in between is made: exact up to 0.45 of the rate."""
+
+_SAME = 1e-6
+
+
+def resampled(
+    recording: Recording, fs_hz: float, *, start_s: float | None = None, n_samples: int | None = None
+) -> Recording:
+    """Return a recording at another rate, without delay.
+
+    Args:
+        recording: at any rate.
+        fs_hz: the new rate, Hz. Below the old one everything above 0.5 fs_hz is filtered out, and kept up to 0.4.
+        start_s: time of the first new sample, s; that of the recording where left out.
+        n_samples: number of new samples; to the end where left out.
+
+    Raises:
+        InputError: a rate that is not positive, or times outside the recording.
+
+    >>> from opid.signals.recording import recording_from_arrays
+    >>> t = np.arange(4000) / 1000.0
+    >>> slow = resampled(recording_from_arrays([np.sin(2 * np.pi * 20 * t)], ["a"], fs=1000.0), 128.0)
+    >>> bool(np.abs(slow.channel("a") - np.sin(2 * np.pi * 20 * slow.time_s))[50:-50].max() < 1e-3)
+    True
+    """
+    if not (np.isfinite(fs_hz) and fs_hz > 0):
+        raise InputError(f"fs_hz is {fs_hz}: give a positive rate in Hz")
+    begin = recording.start_s if start_s is None else float(start_s)
+    offset = (begin - recording.start_s) * recording.fs
+    last = recording.n_samples - 1
+    n = n_samples or int(np.floor((last - offset) * fs_hz / recording.fs + _SAME)) + 1
+    place = offset + np.arange(n) * (recording.fs / fs_hz)
+    if n < 2 or place[0] < -_SAME or place[-1] > last + 2 * _SAME * n:
+        raise InputError(
+            f"{n} samples at {fs_hz:g} Hz from {begin:g} s on are wanted of a recording from {recording.start_s:g} s "
+            f"to {recording.time_s[-1]:g} s: choose times inside it"
+        )
+    samples = recording.samples
+    limit = 0.5
+    if fs_hz < recording.fs * (1 - _SAME):
+        samples, limit = _low_passed(samples, fs_hz / recording.fs), STOP * fs_hz / recording.fs
+    return Recording(
+        _at(samples, np.clip(place, 0, last), limit),
+        fs=fs_hz,
+        channels=recording.channels,
+        start_s=begin,
+        history=(*recording.history, f"resampled from {recording.fs:.9g} Hz to {fs_hz:.9g} Hz"),
+    )
+
+
+def on_common_clock(
+    recordings: Sequence[Recording], *, order: Sequence[str] | None = None, fs_hz: float | None = None
+) -> Recording:
+    """Return the channels of several recordings over the time that they share, on one clock.
+
+    Args:
+        recordings: with different names of channels; their times count from one origin.
+        order: of the channels in the result; as they come where left out.
+        fs_hz: the rate, Hz; the lowest of theirs where left out.
+
+    Raises:
+        InputError: no common time.
+    """
+    fs = fs_hz or min(each.fs for each in recordings)
+    begin = max(each.start_s for each in recordings)
+    end = min(float(each.time_s[-1]) for each in recordings)
+    n = int(np.floor((end - begin) * fs + _SAME)) + 1
+    if n < 2:
+        spans = ", ".join(f"{each.start_s:g} to {each.time_s[-1]:g} s" for each in recordings)
+        raise InputError(f"the channels share no time ({spans}): check the recorders' clocks")
+    same = [_fits(each, fs, begin) for each in recordings]
+    parts = [
+        each.samples[round((begin - each.start_s) * fs) :][:n]
+        if fits
+        else resampled(each, fs, start_s=begin, n_samples=n).samples
+        for each, fits in zip(recordings, same, strict=True)
+    ]
+    channels = [channel for each in recordings for channel in each.channels]
+    names = [channel.name for channel in channels]
+    columns = [names.index(name) for name in (order or names)]
+    history = [line for each in recordings for line in each.history]
+    history += [
+        f"{', '.join(each.names)}: resampled from {each.fs:.9g} Hz to {fs:.9g} Hz, from {begin:.9g} s on"
+        for each, fits in zip(recordings, same, strict=True)
+        if not fits
+    ]
+    return Recording(
+        np.concatenate(parts, axis=1)[:, columns],
+        fs=fs,
+        channels=tuple(channels[column] for column in columns),
+        start_s=begin,
+        history=tuple(dict.fromkeys(history)),
+    )
+
+
+def _fits(recording: Recording, fs: float, begin: float) -> bool:
+    """Whether its samples lie on the common clock already, but for a thousandth of a sample."""
+    place = (begin - recording.start_s) * recording.fs
+    drift = abs(recording.fs / fs - 1) * recording.n_samples
+    return abs(place - round(place)) + drift < 1e-3
+
+
+def _low_passed(samples: FloatArray, ratio: float) -> FloatArray:
+    """Without what the lower rate, `ratio` of the old one, cannot hold; without delay."""
+    from scipy import signal
+
+    n_taps, beta = signal.kaiserord(STOP_DB, 2 * (STOP - PASS) * ratio)
+    taps = signal.firwin(n_taps | 1, (PASS + STOP) * ratio, window=("kaiser", beta))
+    half = min(taps.size // 2, samples.shape[0] - 1)
+    # what lies before the first and after the last sample is taken to go on as its mirror image through that sample
+    before = 2 * samples[:1] - samples[half:0:-1]
+    after = 2 * samples[-1:] - samples[-2 : -half - 2 : -1]
+    extended = np.concatenate([before, samples, after])
+    filtered = signal.oaconvolve(extended, taps[:, np.newaxis], mode="same", axes=0)
+    return filtered[half : half + samples.shape[0]]
+
+
+def _at(samples: FloatArray, place: FloatArray, limit: float) -> FloatArray:
+    """Values between samples, `place` in samples, of signals that hold nothing above `limit` of their rate."""
+    from scipy import interpolate, signal
+
+    nearest = np.round(place)
+    if np.abs(place - nearest).max() < _SAME * max(1.0, place.size / 1e3):
+        return samples[nearest.astype(np.int64)]
+    finer = int(np.ceil(limit / SPLINE_SHARE))
+    if finer > 1:
+        # a mirror image beyond the ends, so that the filter of the finer rate does not start from nothing
+        edge = min(HALF_WIDTH, samples.shape[0] - 1)
+        taps = signal.firwin(2 * HALF_WIDTH * finer + 1, 1 / finer, window=("kaiser", signal.kaiser_beta(STOP_DB)))
+        before, after = 2 * samples[:1] - samples[edge:0:-1], 2 * samples[-1:] - samples[-2 : -edge - 2 : -1]
+        samples = signal.resample_poly(np.concatenate([before, samples, after]), finer, 1, axis=0, window=taps)
+        place = (place + edge) * finer
+    return interpolate.make_interp_spline(np.arange(samples.shape[0]), samples, k=5)(place)

@@ -1,0 +1,302 @@
+"""Which stretch of a log is sound and in motion: what to identify from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.signals.health_result import Health, Levels
+from opid.signals.recording import FloatArray
+
+MOST_S = 300.0
+"""Length of a stretch beyond which an identification gains little: some hundred periods of the slowest resonance."""
+
+LEAST_S = 10.0
+"""Length of a stretch below which an identification has too few periods of the suspension's resonance, s."""
+
+STILL_PART = 0.02
+"""Part of the usual motion below which a vehicle stands: 34 dB."""
+
+IDLE_PART, IDLE_SCATTER = 0.1, 0.25
+"""Likewise where the level is steady, its logarithm scattering so little: an engine that idles. A vehicle that rolls
+slowly to its end may be as quiet, but from bump to bump its level halves or doubles."""
+
+STILL_S = 5.0
+"""Time for which it stands before the stretch is cut: a moment between two bumps is no standstill."""
+
+USUAL_S = 30.0
+"""The usual motion is the strongest that lasts for so long."""
+
+NEARLY = 0.8
+"""Of stretches that are at least this part as long as the longest the most energetic is taken."""
+
+Why = Literal["faulty", "standstill", "short", "not chosen"]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A stretch that is not used.
+
+    Args:
+        why: the reason.
+        start_s: where it begins, s.
+        stop_s: where it ends, s.
+    """
+
+    why: Why
+    start_s: float
+    stop_s: float
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of a log.
+
+    Args:
+        start_s: where it begins, s; None for the beginning of the log.
+        stop_s: where it ends, s; None for the end of the log.
+        reason: why this one, in a sentence; empty for a whole log that is sound and in motion.
+        left_out: the rest of the log.
+    """
+
+    start_s: float | None
+    stop_s: float | None
+    reason: str = ""
+    left_out: tuple[LeftOut, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """What the channels of a stretch do second by second, however many clocks they have: all arrays are (n,)."""
+
+    start_s: FloatArray
+    stop_s: FloatArray
+    level: FloatArray  # of the channel that moves most, each over its own usual motion; NaN where none is known
+    sound: np.ndarray
+    complete: np.ndarray
+
+
+def sound_segments(health: Health, channels: Sequence[str], *, least_s: float = LEAST_S) -> tuple[Segment, ...]:
+    """Return the stretches in which nothing is wrong with any of the channels, in order of time.
+
+    Single spikes do not end a stretch. One that begins (ends) with the log has no start (stop).
+
+    Args:
+        health: from `opid.signals.health.inspect`.
+        channels: names of those that must be sound.
+        least_s: shortest stretch, s.
+
+    Raises:
+        InputError: a channel that was not inspected.
+    """
+    course = _course(health, channels)
+    runs = [run for run in _runs(course.sound) if _length(course, run) >= least_s]
+    return tuple(_segment(course, run, "nothing is wrong with it") for run in runs)
+
+
+def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
+    """Return the stretch of sustained motion to identify from; the whole log if it is in motion from end to end.
+
+    What is at fault and what is standstill is left out. Of the stretches that remain the longest is chosen (of nearly
+    equal ones the most energetic), and of one longer than five minutes the part with the steadiest motion.
+
+    Args:
+        health: from `opid.signals.health.inspect`.
+        channels: names of the channels to identify from.
+
+    Raises:
+        InputError: a channel that was not inspected.
+    """
+    course = _course(health, channels)
+    moving = ~_still(course)
+    usable, cut = course.sound, "at fault"
+    runs = _long_runs(course, usable & moving)
+    if not runs:
+        # clipped or dropped out all along: what can be read at all is still worth a try, and the findings say so
+        usable, cut = course.complete, "incomplete"
+        runs = _long_runs(course, usable & moving)
+    if not runs:
+        reason = f"no stretch of {LEAST_S:g} s is sound and in motion, so the whole log is taken"
+        return Segment(None, None, reason)
+    parts = [_steadiest(course, run) for run in runs]
+    longest = max(_length(course, part) for part in parts)
+    near = [part for part in parts if _length(course, part) >= NEARLY * longest]
+    chosen = max(near, key=lambda part: _energy(course, part))
+    left_out = _left_out(course, chosen, usable, moving)
+    return _segment(course, chosen, _reason(course, chosen, left_out, cut, len(runs)), left_out)
+
+
+def _course(health: Health, channels: Sequence[str]) -> _Course:
+    """The levels of the channels on the clock that has the coarsest of them."""
+    names = [name for clock in health.clocks for name in clock.channels]
+    for name in channels:
+        if name not in names:
+            raise InputError(f"the channel {name!r} was not inspected: {nearest(name, names)}")
+    own = [
+        (
+            levels,
+            clock.start_s + clock.duration_s,
+            [clock.channels.index(name) for name in channels if name in clock.channels],
+        )
+        for clock, levels in zip(health.clocks, health.levels, strict=True)
+        if any(name in clock.channels for name in channels)
+    ]
+    main, end_s, columns = max(own, key=lambda each: each[0].length_s)
+    # a stretch lasts until the next one begins, gaps included: those are not sound
+    stop_s = np.append(main.start_s[1:], max(end_s, main.start_s[-1]))
+    level = _over_usual(main, columns)
+    sound, complete = _all_of(main.sound, columns), _all_of(_complete(main), columns)
+    for levels, _, others in own:
+        if levels is main:
+            continue
+        level = np.fmax(level, _at(levels, _over_usual(levels, others), main.start_s, stop_s))
+        sound &= _all_within(levels, _all_of(levels.sound, others), main.start_s, stop_s)
+        complete &= _all_within(levels, _all_of(_complete(levels), others), main.start_s, stop_s)
+    return _Course(main.start_s, stop_s, level, sound, complete)
+
+
+def _complete(levels: Levels) -> np.ndarray:
+    return levels.sound if levels.complete is None else levels.complete
+
+
+def _all_of(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+    return np.asarray(flags[:, columns].all(axis=1))
+
+
+def _over_usual(levels: Levels, columns: Sequence[int]) -> FloatArray:
+    """(n,) level of the channel that moves most, over the strongest motion of it that lasts."""
+    rms = levels.rms[:, columns]
+    n = max(1, min(rms.shape[0], round(USUAL_S / levels.length_s)))
+    filled = np.nan_to_num(rms)
+    usual = np.array([np.median(np.lib.stride_tricks.sliding_window_view(own, n), axis=1).max() for own in filled.T])
+    return np.fmax.reduce(rms / np.where(usual > 0, usual, np.inf), axis=1)
+
+
+def _at(levels: Levels, values: FloatArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
+    place = np.searchsorted(levels.start_s, 0.5 * (start_s + stop_s), "right") - 1
+    return values[np.clip(place, 0, values.size - 1)]
+
+
+def _all_within(levels: Levels, good: np.ndarray, start_s: FloatArray, stop_s: FloatArray) -> np.ndarray:
+    """Whether all stretches of another clock that lie within are good, and there are any."""
+    bad = np.concatenate([[0], np.cumsum(~good)])
+    first = np.searchsorted(levels.start_s, start_s + 1e-9, "right") - 1
+    last = np.searchsorted(levels.start_s, stop_s - 1e-9, "left")
+    # a clock may begin up to a stretch later, and end earlier, without anything missing
+    near = stop_s > levels.start_s[0]
+    near &= start_s < levels.start_s[-1] + levels.length_s
+    return (bad[np.maximum(last, 0)] - bad[np.clip(first, 0, good.size)] == 0) & near
+
+
+def _still(course: _Course) -> np.ndarray:
+    """Where all channels are far below their usual motion for several seconds."""
+    level = np.nan_to_num(course.level)
+    still = np.zeros(level.size, dtype=bool)
+    for part in (STILL_PART, IDLE_PART):
+        for run in _runs(level < part):
+            steady = part == STILL_PART or _scatter(level[slice(*run)]) < IDLE_SCATTER
+            still[slice(*run)] |= steady and _length(course, run) >= STILL_S
+    return still
+
+
+def _scatter(level: FloatArray) -> float:
+    """Robust standard deviation of its logarithm."""
+    logarithm = np.log(np.maximum(level, 1e-9))
+    return 1.4826 * float(np.median(np.abs(logarithm - np.median(logarithm))))
+
+
+def _runs(good: np.ndarray) -> list[tuple[int, int]]:
+    """First of each run of good stretches, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[0::2], edges[1::2], strict=True)]
+
+
+def _length(course: _Course, run: tuple[int, int]) -> float:
+    return float(course.stop_s[run[1] - 1] - course.start_s[run[0]])
+
+
+def _energy(course: _Course, run: tuple[int, int]) -> float:
+    inside = slice(*run)
+    return float(np.nan_to_num(course.level[inside]) ** 2 @ (course.stop_s[inside] - course.start_s[inside]))
+
+
+def _long_runs(course: _Course, good: np.ndarray) -> list[tuple[int, int]]:
+    """Runs that are long enough; the whole log, if nothing speaks against it, is, however short."""
+    runs = _runs(good)
+    return runs if good.all() else [run for run in runs if _length(course, run) >= LEAST_S]
+
+
+def _steadiest(course: _Course, run: tuple[int, int]) -> tuple[int, int]:
+    """The part of a run, no longer than `MOST_S`, in which the logarithm of the level scatters least."""
+    if _length(course, run) <= MOST_S + 1e-6:
+        return run
+    typical = float(np.median(course.stop_s[slice(*run)] - course.start_s[slice(*run)]))
+    n = max(1, int(MOST_S / typical + 1e-9)) if typical > 0 else run[1] - run[0]
+    n = min(n, run[1] - run[0])
+    level = np.log(np.maximum(np.nan_to_num(course.level[slice(*run)]), 1e-9))
+    sums, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (level, level**2))
+    mean = (sums[n:] - sums[:-n]) / n
+    scatter = (squares[n:] - squares[:-n]) / n - mean**2
+    # of parts as steady as each other the strongest motion tells most
+    first = run[0] + int(np.argmin(np.sqrt(np.maximum(scatter, 0.0)) - 0.1 * (mean - mean.max())))
+    return first, first + n
+
+
+def _left_out(course: _Course, chosen: tuple[int, int], usable: np.ndarray, moving: np.ndarray) -> tuple[LeftOut, ...]:
+    """The rest of the log by its reason, neighbours of one reason as one."""
+    inside = np.zeros(usable.size, dtype=bool)
+    inside[slice(*chosen)] = True
+    short = np.zeros(usable.size, dtype=bool)
+    for run in _runs(usable & moving):
+        short[slice(*run)] = _length(course, run) < LEAST_S
+    every: tuple[tuple[Why, np.ndarray], ...] = (
+        ("faulty", ~usable),
+        ("standstill", usable & ~moving),
+        ("short", short & ~inside),
+        ("not chosen", usable & moving & ~short & ~inside),
+    )
+    parts = [
+        LeftOut(why, float(course.start_s[first]), float(course.stop_s[stop - 1]))
+        for why, where in every
+        for first, stop in _runs(where)
+    ]
+    return tuple(sorted(parts, key=lambda part: part.start_s))
+
+
+def _reason(course: _Course, chosen: tuple[int, int], left_out: Sequence[LeftOut], cut: str, n_runs: int) -> str:
+    if not left_out:
+        return ""
+    of_why = {why: sum(part.stop_s - part.start_s for part in left_out if part.why == why) for why in _WORDS}
+    told = ", ".join(f"{_seconds(seconds)} {_WORDS[why].format(cut=cut)}" for why, seconds in of_why.items() if seconds)
+    if _length(course, chosen) > MOST_S - 2 and of_why["not chosen"]:
+        which = f"the {_seconds(_length(course, chosen))} with the steadiest motion"
+    else:
+        which = "the longest stretch in motion" if n_runs > 1 else "the stretch in motion"
+    begin, end = course.start_s[chosen[0]], course.stop_s[chosen[1] - 1]
+    return f"{begin:.6g} s to {end:.6g} s is {which}; left out: {told}"
+
+
+def _seconds(length_s: float) -> str:
+    return f"{length_s:.0f} s" if length_s >= 100 else f"{length_s:.3g} s"
+
+
+_WORDS: dict[Why, str] = {
+    "faulty": "{cut}",
+    "standstill": "of standstill",
+    "short": f"in pieces shorter than {LEAST_S:g} s",
+    "not chosen": "of other motion",
+}
+
+
+def _segment(course: _Course, run: tuple[int, int], reason: str, left_out: tuple[LeftOut, ...] = ()) -> Segment:
+    first, stop = run
+    return Segment(
+        start_s=None if first == 0 else float(course.start_s[first]),
+        stop_s=None if stop == course.start_s.size else float(course.stop_s[stop - 1]),
+        reason=reason,
+        left_out=left_out,
+    )

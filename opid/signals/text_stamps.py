@@ -1,0 +1,110 @@
+"""Dates and times of day as loggers write them -> nanoseconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import date
+
+import numpy as np
+from numpy.typing import NDArray
+
+DAY_NS = 86_400 * 10**9
+
+_YEAR = r"(?:19|20|21)\d\d"
+_DATE = rf"(?:(?P<y>{_YEAR})[-/](?P<m>\d\d?)[-/](?P<d>\d\d?)|(?P<d2>\d\d?)\.(?P<m2>\d\d?)\.(?P<y2>{_YEAR}))"
+_CLOCK = r"(?P<hour>\d{1,4}):(?P<minute>[0-5]\d):(?P<second>[0-5]\d|60)(?:[.,](?P<part>\d+))?"
+_ZONE = r"(?:Z|(?P<sign>[+-])(?P<zone_hour>\d\d):?(?P<zone_minute>\d\d))"
+_STAMP = re.compile(rf"(?:{_DATE}(?:T|\s+))?{_CLOCK}\s*{_ZONE}?", re.ASCII)
+_ONLY_DATE = re.compile(_DATE, re.ASCII)
+_ISO = re.compile(rf"{_YEAR}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?", re.ASCII)
+
+
+def is_stamp(cell: str) -> bool:
+    """Return whether a cell is a time of day, with or without a date before it.
+
+    Args:
+        cell: as it is written.
+
+    >>> is_stamp("2024-05-01T12:00:00.002"), is_stamp("12:00:00,5"), is_stamp("12.5")
+    (True, True, False)
+    """
+    return _STAMP.fullmatch(cell.strip()) is not None
+
+
+def is_date(cell: str) -> bool:
+    """Return whether a cell is a date without a time: year first, or day.month.year.
+
+    Args:
+        cell: as it is written.
+    """
+    return _ONLY_DATE.fullmatch(cell.strip()) is not None
+
+
+def has_date(cell: str) -> bool:
+    """Return whether a stamp has a date, so that midnight does not take it back.
+
+    Args:
+        cell: a stamp.
+    """
+    found = _STAMP.fullmatch(cell.strip())
+    return found is not None and bool(found["y"] or found["y2"])
+
+
+def nanoseconds(cells: Sequence[str]) -> NDArray[np.int64]:
+    """Return stamps as nanoseconds since 1970, or since midnight where they have no date.
+
+    Args:
+        cells: (n,) stamps as they are written, all in one form.
+
+    Raises:
+        ValueError: one that is no stamp; its argument is the number of the cell.
+
+    >>> np.diff(nanoseconds(["2024-05-01T23:59:59.998", "2024-05-02 00:00:00"])).tolist()
+    [2000000]
+    """
+    plain = [cell.strip() for cell in cells]
+    # numpy parses these at once; it must not see other texts, as it reads "today" and warns of zones
+    if all(map(_ISO.fullmatch, plain)):
+        try:
+            days = np.array([cell[:29] for cell in plain], dtype="datetime64[ns]")
+        except ValueError:
+            pass
+        else:
+            if not np.isnat(days).any():
+                return days.astype(np.int64)
+    return np.array([_nanoseconds(cell, at) for at, cell in enumerate(plain)], dtype=np.int64)
+
+
+def _nanoseconds(cell: str, at: int) -> int:
+    found = _STAMP.fullmatch(cell)
+    if found is None:
+        raise ValueError(at)
+    seconds = 3600 * int(found["hour"]) + 60 * int(found["minute"]) + int(found["second"])
+    year, month, day = (found[name] or found[name + "2"] for name in "ymd")
+    if year:
+        try:
+            seconds += 86_400 * (date(int(year), int(month), int(day)).toordinal() - date(1970, 1, 1).toordinal())
+        except ValueError:
+            raise ValueError(at) from None
+    if found["sign"]:
+        zone = 3600 * int(found["zone_hour"]) + 60 * int(found["zone_minute"])
+        seconds += -zone if found["sign"] == "+" else zone
+    return 10**9 * seconds + int((found["part"] or "0")[:9].ljust(9, "0"))
+
+
+def past_midnight(stamps: NDArray[np.int64], before: int | None) -> NDArray[np.int64]:
+    """Return times of day that go on past midnight: one that is half a day or more early is of the next day.
+
+    Args:
+        stamps: (n,) times of day, ns.
+        before: the stamp before them as this function returned it, None for the first.
+
+    >>> hour = DAY_NS // 24
+    >>> (past_midnight(np.array([23 * hour, 0, hour]), None) / hour).tolist()
+    [23.0, 24.0, 25.0]
+    """
+    first = int(stamps[0]) if before is None else before
+    steps = np.diff(stamps, prepend=np.int64(first % DAY_NS if first >= DAY_NS else first))
+    carried = first // DAY_NS * DAY_NS if before is not None and stamps[0] < DAY_NS else 0
+    return stamps + carried + DAY_NS * np.cumsum(steps <= -DAY_NS // 2)

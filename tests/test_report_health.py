@@ -1,0 +1,185 @@
+"""What a reader is told of a log's health, in words and as JSON."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_health import channel_of, faulty_health, sound_health
+
+from opid.report import health_json, health_text
+from opid.report.as_json import json_text
+from opid.signals.health_result import ClockHealth, Finding, Health, PairHealth, SpectralLine
+
+
+@pytest.fixture(scope="module")
+def faulty():
+    return faulty_health()
+
+
+@pytest.fixture(scope="module")
+def text(faulty):
+    return health_text("logs/faulty.h5", faulty)
+
+
+def flat(text):
+    """Return a text without its line breaks."""
+    return " ".join(text.split())
+
+
+def row(text, name, number=0):
+    """Return the cells of a channel in the table with this number."""
+    return [line.split()[1:] for line in text.splitlines() if line.startswith(f"{name} ")][number]
+
+
+def small(name="upper_z", **more):
+    return channel_of(name, np.random.default_rng(0).standard_normal(2000), **more)
+
+
+def health_with(*channels, **more):
+    return Health(500.0, 4.0, 2000, channels, None, (), **more)
+
+
+def test_a_clock_is_told_in_one_sentence(text):
+    assert flat(text).startswith(
+        "logs/faulty.h5: 2 clocks, 6 channels "
+        "fast: 120 s from 0 s on; 500 Hz from time stamps, jitter 8.3 % of the period (they are rounded to 1 ms); "
+        "60000 samples; 2 gaps (the longest 3.5 s, 1755 samples lost); 12 stamps repeated; 1 stamp runs backward. "
+        "slow: 120 s from 0.5 s on; 100 Hz as stated, no time stamps to check it by; 12000 samples. "
+    )
+
+
+def test_the_only_clock_stands_with_the_name_of_the_log():
+    said = flat(health_text("run.csv", sound_health()))
+    assert said.startswith("run.csv: 120 s from 0 s on; 500 Hz from time stamps, jitter 0.02 % of the period")
+    assert "no gap." in said
+
+
+def test_the_rounding_of_numbers_is_no_jitter():
+    clock = ClockHealth("", ("upper_z",), 500.0, False, 0.0, 4.0, 2000, jitter=2e-11)
+    assert "500 Hz from time stamps, no jitter; 2000 samples" in flat(
+        health_text("x", health_with(small(), clocks=(clock,)))
+    )
+
+
+def test_a_clock_without_a_name_is_told_by_its_channels():
+    clocks = tuple(ClockHealth("", names, 500.0, True, 0.0, 4.0, 2000) for names in (("a", "b"), ("c",)))
+    said = health_text("x", health_with(*map(small, "abc"), clocks=clocks))
+    assert "  a, ...: 4 s" in said
+    assert "  c: 4 s" in said
+
+
+def test_each_channel_has_its_figures(faulty, text):
+    unit, mean, rms, peak, floor, step, drift = row(text, "upper_z")
+    channel = faulty.channels[1]
+    assert unit == "m/s^2"
+    assert float(mean) == pytest.approx(channel.mean, rel=5e-3)
+    assert float(rms) == pytest.approx(channel.rms, rel=5e-3)
+    assert peak == "4000"
+    assert float(floor) == pytest.approx(channel.noise_floor, rel=5e-2)
+    assert step == "-"
+    assert float(drift) == pytest.approx(channel.drift, rel=5e-2)
+    assert row(text, "oil")[-2:] == ["0.062", "0.028"]
+    assert row(text, "dead")[-3:] == ["-", "-", "-"]
+
+
+def test_faults_have_a_table_of_their_own(text):
+    assert row(text, "lower_z", 1) == ["-", "2.10%", "-", "-"]
+    assert row(text, "upper_z", 1) == ["-", "-", "-", "4"]
+    assert row(text, "holed", 1) == ["3000", "-", "4", "s", "-"]
+    assert row(text, "dead", 1) == ["-", "-", "mute", "-"]
+    assert "missing" not in health_text("run.csv", sound_health())
+
+
+def test_lines_are_named(text):
+    assert "Lines of hum: mains, 50 Hz, 0.28 rms; harmonic 2 of the mains (50 Hz), 0.14 rms;" in flat(text)
+    assert "23.4 Hz, 0.05 rms." in flat(text)
+
+
+def test_only_the_strongest_lines_are_told():
+    lines = tuple(SpectralLine(10.0 * k, 1.0 / k) for k in range(1, 10))
+    said = flat(health_text("x", health_with(small(lines=lines))))
+    assert "60 Hz, 0.17 m/s^2 rms; and 3 weaker." in said
+    assert "70 Hz" not in said
+
+
+def test_pairs_tell_lag_and_band(text):
+    lines = [line.split() for line in text.splitlines() if line.startswith("lower_z ")]
+    assert ["lower_z", "upper_z", "1.950", "+-", "0.021", "ms", "0.5", "to", "28", "Hz"] in lines
+    assert "1 pair of accelerations is not coherent" in text
+    assert [line[1] for line in lines].count("dead") == 0
+
+
+def test_of_many_pairs_the_first_are_told():
+    pairs = tuple(PairHealth("a", f"b{i}", 1e-3, 1e-5, (1.0, 2.0)) for i in range(20))
+    said = health_text("x", health_with(small(), pairs=pairs))
+    assert "b11" in said
+    assert "b12" not in said
+    assert "and 8 pairs more (--json tells all)" in said
+
+
+def test_findings_come_worst_first_and_alike_ones_together(text):
+    lines = [line for line in text.splitlines() if line.startswith(("Fault: ", "Warning: ", "Note: "))]
+    assert [line.split(":")[0] for line in lines] == ["Fault", "Warning", "Warning", "Note"]
+    assert lines[-1] == "Note: upper_z, holed: the mean is gravity: nothing to do"
+    assert "'lower_z' looks like the unsprung channel" in text
+    assert "Nothing is wrong." not in text
+    assert "Nothing is wrong." in health_text("run.csv", sound_health())
+
+
+def test_channels_without_a_unit_are_told_together():
+    findings = tuple(Finding("warning", name, f"channel {name!r} states no unit: give it") for name in "ab")
+    said = health_text("x", replace(health_with(small()), findings=findings))
+    assert "Warning: a, b: states no unit: give it\n" in said
+
+
+@pytest.mark.parametrize(("value", "words"), [(0.9999, "1 s"), (0.0123, "12.3 ms"), (2e-6, "2 us"), (5e-9, "5 ns")])
+def test_times_are_told_in_a_unit_that_needs_no_zeros(value, words):
+    clock = ClockHealth("", ("upper_z",), 500.0, False, 0.0, 4.0, 2000, resolution_s=value)
+    assert f"rounded to {words})" in flat(health_text("x", health_with(small(), clocks=(clock,))))
+
+
+def test_no_fault_or_warning_is_left_out_of_many_findings():
+    findings = tuple(
+        Finding(severity, "a", f"{severity} {number}.")
+        for severity in ("fault", "warning", "note")
+        for number in range(30)
+    )
+    said = health_text("x", replace(health_with(small()), findings=findings))
+    for number in range(30):
+        assert f"fault {number}." in said
+        assert f"warning {number}." in said
+    assert "note 11." in said
+    assert "note 12." not in said
+    assert "and 18 notes more (--json tells all)" in said
+
+
+@pytest.mark.parametrize("length", [6, 30, 70, 300])
+def test_the_text_keeps_to_80_columns_with_names_of_any_length(length):
+    name = "x" * length
+    said = health_text("run.csv", health_with(small(name), small("upper_z")))
+    assert all(len(line) <= 80 for line in said.splitlines() if line != name)
+    assert name in said
+    assert sum(line.split()[-7:-6] == ["m/s^2"] for line in said.splitlines()) == 2
+
+
+def test_names_that_would_break_the_screen_are_spelt_out():
+    said = health_text("x", health_with(small("up\nper\x1b[2J"), small("\udcff")))
+    assert "up\\nper\\x1b[2J  m/s^2" in said
+    assert said.encode()
+
+
+def test_the_json_has_every_figure_and_no_arrays(faulty):
+    document = health_json({"faulty.h5": faulty})
+    assert json.loads(json_text(document)) == document
+    assert document["schema"] == "opid.health/1"
+    (log,) = document["logs"]
+    assert {"log", "fs", "duration_s", "n_samples", "channels", "looks_unsprung", "findings"} <= set(log)
+    assert set(log) == {"log", *Health.__dataclass_fields__} - {"levels"}
+    assert "overview" not in log["channels"][0]
+    assert log["clocks"][0]["gaps"][0] == {"kind": "gap", "start_s": 33.0, "stop_s": 36.5}
+    assert log["channels"][2]["lines"][0]["name"] == "mains, 50 Hz"
+    assert log["pairs"][1]["lag_s"] is None
+    assert log["pairs"][0]["coherent_band_hz"] == [0.5, 28.0]
+    # what it is made of is not changed
+    assert faulty.channels[0].overview is not None
