@@ -265,6 +265,86 @@ def test_inspect_reads_a_log_as_the_study_says(tmp_path):
     refused(opid("inspect", tmp_path / "raw.txt", "--study", tmp_path / "none.toml"), "there is no study file")
 
 
+TWO_RECORDERS = """\
+[channels]
+unsprung = "below"
+
+[channels.sprung]
+file = "{run}_airframe.csv"
+channel = 2
+log = { unit = "g" }
+
+[[runs]]
+name = "heavy"
+log = "heavy.csv"
+mass_change_kg = 0
+
+[[runs]]
+name = "light"
+log = "light.csv"
+mass_change_kg = -220
+
+[runs.channels.sprung]
+offset = 5.0
+"""
+
+
+@pytest.fixture
+def two_recorders(tmp_path):
+    """A study whose airframe has a recorder of its own, in g as only a `log` table says, offset in the second run."""
+    samples = np.random.default_rng(0).standard_normal((400, 2))
+    samples[:, 1] -= samples[:, 1].mean()
+    rows = "".join(f"{k / 100:.2f},{a:.9f},{b:.9f}\n" for k, (a, b) in enumerate(samples.tolist()))
+    for run in ("heavy", "light"):
+        (tmp_path / f"{run}.csv").write_text("time [s],spare [m],below [m/s^2]\n" + rows)
+        (tmp_path / f"{run}_airframe.csv").write_text("time [s],ax,az\n" + rows)
+    (tmp_path / "study.toml").write_text(TWO_RECORDERS)
+    return tmp_path
+
+
+def test_inspect_shows_what_the_study_makes_of_each_recorder_and_run(two_recorders):
+    logs = [two_recorders / f"{name}.csv" for name in ("heavy", "heavy_airframe", "light_airframe")]
+    done = opid("inspect", *logs, "--study", two_recorders / "study.toml", "--json")
+    assert (done.exit_code, done.stderr) == (0, "")
+    found = [each["channels"] for each in json.loads(done.stdout)["logs"]]
+    assert [[channel["name"] for channel in channels] for channels in found] == [["below"], ["sprung"], ["sprung"]]
+    assert [channels[0]["unit"] for channels in found] == ["m/s^2"] * 3
+    # the number is that in the file, not in the study
+    assert [channels[0]["number"] for channels in found] == [2, 2, 2]
+    assert found[1][0]["mean"] == pytest.approx(0.0, abs=1e-6)
+    assert found[2][0]["mean"] == pytest.approx(5.0 * 9.80665)
+
+
+def test_inspect_says_which_run_a_log_is_read_for(two_recorders):
+    study = two_recorders / "study.toml"
+    study.write_text(TWO_RECORDERS.replace('"light.csv"', '"heavy.csv"'))
+    done = opid("inspect", two_recorders / "heavy.csv", "--study", study)
+    assert "Note: read as run 'heavy' says; 'light' uses this log, too" in done.stdout
+    done = opid("inspect", two_recorders / "light.csv", "--study", study, "--json")
+    (log,) = json.loads(done.stdout)["logs"]
+    assert [channel["name"] for channel in log["channels"]] == ["spare", "below"]
+    assert log["findings"][-1]["message"].startswith("no run of the study takes a channel from this log")
+
+
+def test_inspect_reads_a_file_in_each_way_that_the_study_does(two_recorders):
+    study = two_recorders / "study.toml"
+    study.write_text(TWO_RECORDERS.replace('file = "{run}_airframe.csv"\nchannel = 2', 'channel = "spare"\nunit = "g"'))
+    done = opid("inspect", two_recorders / "heavy.csv", "--study", study, "--json", "--out", two_recorders / "out")
+    logs = json.loads(done.stdout)["logs"]
+    assert [each["log"] for each in logs] == [f"{two_recorders / 'heavy.csv'} ({name})" for name in ("below", "sprung")]
+    assert [each["channels"][0]["number"] for each in logs] == [2, 1]
+    assert sorted(path.name for path in (two_recorders / "out").iterdir()) == ["heavy_1.png", "heavy_2.png"]
+
+
+def test_inspect_numbers_the_channels_as_a_study_may_name_them(field_test):
+    said = opid("inspect", field_test / "heavy.csv").stdout.splitlines()
+    head = next(line.split() for line in said if line.startswith("channel "))
+    assert head[:3] == ["channel", "no.", "unit"]
+    names = read_log(field_test / "heavy.csv").names
+    rows = [line.split()[:2] for line in said if line.split()[:1] and line.split()[0] in names][: len(names)]
+    assert rows == [[name, str(number)] for number, name in enumerate(names, 1)]
+
+
 def test_inspect_tells_of_damaged_logs_and_inspects_the_others(field_test, tmp_path):
     damaged, empty = tmp_path / "damaged.csv", tmp_path / "empty.csv"
     damaged.write_text("time [s],upper_z [m/s^2]\n0,1\n0.1,x\n")

@@ -41,7 +41,7 @@ def test_values_become_si_by_unit_scale_offset_and_sign():
         "read 3000 samples from run.xyz",
         "rate 200 Hz as the file states",
         "ax: g -> m/s^2, times 9.80665",
-        "ay: times 0.5, plus -3 mm/s^2, mm/s^2 -> m/s^2, times 0.001",
+        "ay: times 0.5, plus -3 mm/s^2, mm/s^2 -> m/s^2, times 0.001, the file states g",
         "3: sign reversed, g -> m/s^2, times 9.80665",
     )
 
@@ -95,7 +95,11 @@ def test_stamps_that_crowd_give_only_the_rate():
     assert run.fs == pytest.approx(117.0, rel=2e-4)
     assert "reconstructed: the stamps lie up to 0.0" in run.history[1]
     stated = recording_of(log(track(stamps=crowded)), LogSettings(fs_hz=117.0))
-    assert (stated.fs, stated.start_s, stated.history[1]) == (117.0, 0.0, "rate 117 Hz as the user states")
+    assert (stated.fs, stated.start_s, stated.history[1]) == (
+        117.0,
+        0.0,
+        "rate 117 Hz as the user states (time stamps are not looked at)",
+    )
 
 
 def test_a_log_with_several_clocks_asks_for_names_and_puts_them_on_one():
@@ -145,7 +149,7 @@ def test_a_recording_is_a_log_too():
     ("kind", "values", "words"),
     [
         (LogSettings, {"clock": "clocks"}, "clock is 'clocks': give one of 'stamps', 'reconstructed'"),
-        (LogSettings, {"fs_hz": -1.0}, "fs_hz is -1.0: give a positive number"),
+        (LogSettings, {"fs_hz": -1.0}, "fs_hz is -1: give a rate in Hz that a recorder can have"),
         (LogSettings, {"decimal": ";"}, "decimal is ';': give"),
         (LogSettings, {"time_unit": "g"}, "time_unit is 'g': give a unit of time"),
         (LogSettings, {"unit": "furlong"}, "the unit 'furlong' is not known"),

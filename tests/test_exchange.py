@@ -210,3 +210,22 @@ def test_the_time_of_day_goes_into_the_history():
 def test_dictionaries_at_fault_are_refused(given, message):
     with pytest.raises(InputError, match=message):
         recording_from_sep005(given)
+
+
+@pytest.mark.parametrize("decimals", [None, 3])
+def test_a_rate_and_a_time_of_sep_5_must_agree(decimals):
+    time = 3 + np.arange(400) / 512
+    time = time if decimals is None else np.round(time, decimals)
+    run = recording_from_sep005([channel(fs=512, time=time)])
+    assert (run.fs, run.start_s) == (512.0, 3.0)
+    with pytest.raises(InputError, match=r"channel 'a' states fs 500 Hz, its time is that of 512 Hz"):
+        recording_from_sep005([channel(fs=500, time=time)])
+    with pytest.raises(InputError, match="sample 8: the time goes back"):
+        recording_from_sep005([channel(fs=512, time=np.r_[time[:7], time[:393]])])
+    with pytest.raises(InputError, match="'a' has 400 samples, the time 399"):
+        recording_from_sep005([channel(fs=512, time=time[:-1])])
+
+
+def test_a_short_time_on_round_stamps_tells_its_rate():
+    with pytest.raises(InputError, match="states fs 100 Hz, its time is that of 50 Hz"):
+        recording_from_sep005([channel(data=DATA[:5, 0], fs=100, time=np.arange(5) / 50)])

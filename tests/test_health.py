@@ -1,10 +1,13 @@
 """What is wrong with a recording: seeded faults are found, sound signals are left in peace."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from opid.errors import InputError
 from opid.signals.health import check_pair, inspect, looks_unsprung, without_spikes
+from opid.signals.log import Log, LoggedChannel, Track, in_blocks
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 FS = 512.0
@@ -123,6 +126,53 @@ def test_a_sound_signal_is_left_as_it_is(seed):
     mended, found = without_spikes(vibration(seed), fs=FS)
     assert found.size == 0
     np.testing.assert_array_equal(mended, vibration(seed))
+
+
+@pytest.mark.parametrize("start", [2048, 2200, 2400, 2530])
+@pytest.mark.parametrize("kind", ["held", "quiet"])
+def test_good_samples_beside_a_long_dropout_are_no_spikes(start, kind):
+    samples = np.random.default_rng(0).standard_normal(N)
+    samples[start : start + 500] = samples[start] if kind == "held" else 1e-6 * samples[start : start + 500]
+    assert without_spikes(samples, fs=FS)[1].size == 0
+    assert health_of(samples).channels[0].spikes == 0
+    samples[[start - 40, start + 540]] += 30.0
+    assert without_spikes(samples, fs=FS)[1].tolist() == [start - 40, start + 540]
+    assert health_of(samples).channels[0].spikes == 2
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 0.02, 0.1])
+@pytest.mark.parametrize("limit", [0.3, 0.7, 0.95])
+def test_a_clipped_sine_has_no_spikes_and_a_spike_does_not_hide_the_clipping(noise, limit):
+    sine = np.sin(2 * np.pi * 3 * np.arange(N) / FS + 0.2) + noise * np.random.default_rng(0).standard_normal(N)
+    clipped = np.clip(sine, -limit, limit)
+    health = health_of(clipped)
+    part = health.channels[0].clipped_fraction
+    assert health.channels[0].spikes == without_spikes(clipped, fs=FS)[1].size == 0
+    assert part > 0.05
+    clipped[[3000, 6000]] = [50.0, -40.0]
+    spiky = health_of(clipped)
+    assert spiky.channels[0].clipped_fraction == pytest.approx(part, abs=0.001)
+    # inside a value that is held for long a spike is not told from its end
+    assert spiky.channels[0].spikes == (2 if limit > 0.5 else 1)
+    assert f"clipped at -{limit:g} or {limit:g} m/s^2" in messages(spiky)[0]
+
+
+@pytest.mark.parametrize("bits", [8, 10, 16])
+def test_levels_near_the_largest_of_a_sound_signal_are_not_clipping(bits):
+    step = 12.0 / 2**bits
+    for seed in range(4):
+        slow = np.convolve(np.random.default_rng(seed).standard_normal(N + 199), np.ones(200) / 14, mode="valid")
+        samples = step * np.round(slow / step)
+        samples[[500, 700]] = [80.0 * step, -90.0 * step]
+        assert health_of(samples).channels[0].clipped_fraction == 0.0
+
+
+def test_an_unknown_unit_is_not_written_as_one():
+    track = LoggedChannel("raw", None)
+    clipped = np.clip(SOUND, -1.0, 1.0)[:, None]
+    log = Log(Path("x"), "made", (Track((track,), in_blocks(clipped), FS, n_samples=N),))
+    (message,) = [each for each in messages(inspect(log)) if "clipped" in each]
+    assert "clipped at -1 or 1, the first at" in message
 
 
 def test_a_record_of_less_than_a_block_is_left_as_it_is():

@@ -129,6 +129,20 @@ def test_stamps_that_scatter_are_told():
     assert health.clocks[0].n_gaps == 0
 
 
+@pytest.mark.parametrize("value", [0.0, 1.7e9, 1.8e13])
+def test_stamps_that_never_move_are_told(value):
+    health = health_of(np.full(N, value))
+    assert health.clocks[0].repeated == N - 1
+    assert health.clocks[0].n_lost == 0
+    assert "stand twice in a row" in messages(health, "fault")[0]
+
+
+def test_stamps_that_cannot_be_times_are_no_numbers():
+    stamps = TRUE.copy()
+    stamps[[7000, 9000]] = [1e300, -1e200]
+    assert "2 time stamp(s) are no number" in messages(health_of(stamps), "fault")[0]
+
+
 def test_absurd_rates_are_told():
     assert "follows from the time stamps: check their unit (time_unit in [log])" in messages(health_of(1000 * TRUE))[0]
     assert "is stated: check the stated rate" in messages(health_of(TRUE, LogSettings(fs_hz=5e6)))[0]

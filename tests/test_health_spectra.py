@@ -12,7 +12,8 @@ from scipy import signal
 from opid.signals import spectra
 from opid.signals.chunks import rows_of_a_bin
 from opid.signals.health import inspect
-from opid.signals.spectrum_health import OVERLAPPED_BINS, names_of_lines
+from opid.signals.spectral_lines import names_of_lines
+from opid.signals.spectrum_health import OVERLAPPED_BINS
 
 FS = 1024.0
 N = 60 * 1024
@@ -97,6 +98,78 @@ def test_a_line_that_is_no_supply_has_no_name_and_noise_has_no_lines():
 def test_a_damped_resonance_is_no_line():
     b, a = signal.iirpeak(50.0, 15.0, fs=FS)
     assert lines_of(signal.lfilter(b, a, noise(N)[:, 0])) == {}
+
+
+def resonance(frequency_hz, zeta, n, fs=FS, seed=0):
+    w = 2 * np.pi * frequency_hz
+    moved = signal.lfilter(*signal.bilinear([w**2], [1, 2 * zeta * w, w**2], fs), noise(n, seed=seed)[:, 0])
+    return moved / moved.std()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("frequency_hz", "zeta"), [(1.98, 0.11), (10.0, 0.01), (10.0, 0.02), (50.0, 0.01)])
+def test_resonances_are_no_lines_and_tones_beside_them_are(frequency_hz, zeta, seed):
+    fs = 256.0
+    n = 180 * 256
+    moved = resonance(frequency_hz, zeta, n, fs, seed) + 0.01 * noise(n, seed=seed + 9)[:, 0]
+    assert inspect(log_of(moved[:, None], fs=fs)).channels[0].lines == ()
+    (line,) = inspect(log_of((moved + 0.1 * hum(31.3, n, fs))[:, None], fs=fs)).channels[0].lines
+    assert (line.frequency_hz, line.rms) == (pytest.approx(31.3, abs=0.01), pytest.approx(0.1, rel=0.05))
+    assert line.resolved
+
+
+def test_what_a_short_record_does_not_tell_is_a_peak():
+    fs, n = 256.0, 24 * 256
+    moved = resonance(10.0, 0.01, n, fs) + 0.01 * noise(n, seed=9)[:, 0]
+    (peak,) = inspect(log_of(moved[:, None], fs=fs)).channels[0].lines
+    assert peak.frequency_hz == pytest.approx(10.0, abs=0.3)
+    assert not peak.resolved
+    assert all(
+        line.resolved for line in inspect(log_of((noise(n) + hum(100.0, n, fs)[:, None]), fs=fs)).channels[0].lines
+    )
+
+
+def test_a_weak_hum_in_a_long_log_and_a_tone_that_wanders_are_found():
+    n = 180 * 1024
+    motion = resonance(1.8, 0.1, n) + resonance(12.0, 0.15, n, seed=1) + 0.02 * noise(n, seed=2)[:, 0]
+    (line,) = inspect(log_of((motion + 0.01 * hum(50.0, n))[:, None], fs=FS), thorough=False).channels[0].lines
+    assert (line.name, line.rms) == ("mains, 50 Hz", pytest.approx(0.01, rel=0.15))
+    # the speed of a machine wanders by 1 in 1000 around 350 Hz
+    phase = np.cumsum(2 * np.pi * 350.0 * (1 + 1e-3 * np.sin(2 * np.pi * np.arange(n) / 20e3)) / FS)
+    lines = inspect(log_of((motion + 0.3 * np.sin(phase))[:, None], fs=FS), thorough=False).channels[0].lines
+    assert lines[0].frequency_hz == pytest.approx(350.0, abs=0.4)
+    assert lines[0].rms == pytest.approx(0.3 / np.sqrt(2), rel=0.1)
+
+
+def test_a_gap_between_long_blocks_makes_no_line():
+    n = 120 * 1024
+    stamps = np.arange(n) / FS + 0.0371 * (np.arange(n) > 30_000) + 0.0371 * (np.arange(n) > 70_000)
+    samples = noise(n)[:, 0] + hum(33.0, n)
+    samples[100_000:100_100] = np.nan
+    (line,) = inspect(log_of(samples[:, None], stamps=stamps)).channels[0].lines
+    assert line.frequency_hz == pytest.approx(33.0, abs=0.01)
+
+
+@pytest.mark.parametrize("fs", [100.0, 1000.0, 5000.0])
+def test_the_bands_of_the_spectrogram_grow_with_frequency(fs):
+    picture = inspect(log_of(noise(int(20 * fs)), fs=fs)).channels[0].overview
+    bands_hz = picture.spectrogram_hz
+    assert np.count_nonzero((bands_hz >= 1.0) & (bands_hz <= 3.0)) >= 4
+    assert np.diff(bands_hz)[bands_hz[1:] < 20.0].max() <= 0.51
+    assert (np.diff(bands_hz)[1:] <= np.maximum(0.51, 0.03 * bands_hz[2:])).all()
+    np.testing.assert_allclose(np.nanmean(picture.spectrogram, axis=0)[1:-1].mean(), 2 / fs, rtol=0.05)
+
+
+@pytest.mark.parametrize("seconds", [1.3, 2.5, 7.6, 90.0])
+def test_the_spectrogram_has_a_value_wherever_the_log_is_sound(seconds):
+    fs = 5000.0
+    samples = noise(int(seconds * fs), 2)
+    assert np.isfinite(inspect(log_of(samples, fs=fs, rows=7777)).channels[0].overview.spectrogram).all()
+    if seconds > 10:
+        samples[200_000:203_000, 0] = np.nan
+        picture = inspect(log_of(samples, fs=fs)).channels[0].overview
+        (empty,) = np.flatnonzero(np.isnan(picture.spectrogram).all(axis=1))
+        assert abs(picture.spectrogram_s[empty] - 40.3) < 1.1
 
 
 def test_hum_is_a_finding_with_a_remedy():

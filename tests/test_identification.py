@@ -141,6 +141,15 @@ def test_a_refused_result_carries_no_numbers(study):
     assert result.restoring_force.travel.size == 0
 
 
+def test_a_second_run_of_ten_seconds_is_enough_for_every_step(study):
+    """Of so few blocks the nonlinear force was once not told from the motion, and a step divided by nothing."""
+    short = study.runs[1].recording.section(start_s=study.runs[1].recording.time_s[-1] - 10.0)
+    runs = (study.runs[0], Run("light", short, study.runs[1].mass_change_kg))
+    result = identify_study(Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs), law="arctan_velocity")
+    low, high = result.parameters["sprung_mass_kg"].interval95
+    assert low < 1850.0 < high
+
+
 def test_a_clipped_channel_is_named_in_the_warnings(study):
     log = study.runs[0].recording
     clipped = np.clip(log.channel("lower_z"), -2.0, 2.0)

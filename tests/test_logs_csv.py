@@ -1,12 +1,16 @@
 """Logs as text: what is read, what is written, and what is said about a file that is at fault."""
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from opid.errors import InputError
-from opid.signals.logs import read_log, write_log
+from opid.signals.column_names import time_name
+from opid.signals.log_settings import LogSettings
+from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 HEADER = "time [s],lower_z [m/s^2],upper_z [g]"
@@ -212,3 +216,110 @@ def test_more_rows_than_are_written_at_once(tmp_path, monkeypatch):
     run = recording_from_arrays([np.random.default_rng(0).standard_normal(50)], ["upper_z"], fs=512.0)
     write_log(run, tmp_path / "run.csv")
     np.testing.assert_array_equal(read_log(tmp_path / "run.csv").samples, run.samples)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "zero"),
+    [
+        ("2024-05-01T12:00:00.{k}", datetime(2024, 5, 1, 12)),
+        ("1.5.2024 12:00:00.{k}", datetime(2024, 5, 1, 12)),
+        ("2024-05-01T12:00:00.{k}Z", datetime(2024, 5, 1, 12, tzinfo=UTC)),
+        ("2024-05-01 01:30:00.{k}+02:00", datetime(2024, 4, 30, 23, 30, tzinfo=UTC)),
+        ("12:00:00.{k}", None),
+        ("0.{k}", None),
+    ],
+)
+def test_the_first_dated_stamp_is_the_zero(tmp_path, stamps, zero):
+    path = tmp_path / "run.csv"
+    rows = "".join(f"{stamps.format(k=k)},{k}.5\n" for k in range(2, 9))
+    path.write_text("recorder 7,x,\n# a remark\ntime [s],upper_z [g]\n# another\n\n" + rows)
+    found = open_log(path).zero
+    assert found == (None if zero is None else zero.replace(microsecond=200_000))
+    assert open_log(path, LogSettings(fs_hz=10.0)).zero == found  # its rows count from there, too
+
+
+US_DATE = r"line 1: column '{}' holds '.*', a date or time in a form that is not read: write it as ISO 8601"
+
+
+@pytest.mark.parametrize("name", ["time", "time [s]", "Date/Time"])
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "05/01/2024 11:59:59.{k} PM",
+        "05/01/2024 11:59:59.{k}",
+        "01-May-2024 11:59:59.{k}",
+        "May 1 2024 11:59:59.{k}",
+        "11:59:59.{k} PM",
+    ],
+)
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_a_date_in_another_form_is_named_as_one(log, tmp_path, name, stamp, delimiter):
+    rows = [f"{stamp.format(k=k)}{delimiter}0.{k}" for k in range(9)]
+    with pytest.raises(InputError, match=US_DATE.format(name.removesuffix(" [s]"))):
+        log("\n".join([f"{name}{delimiter}upper_z [g]", *rows]))
+    assert read_log(tmp_path / "run.csv", LogSettings(fs_hz=10.0)).names == ("upper_z",)
+
+
+def test_a_time_that_is_none(log):
+    with pytest.raises(InputError, match=r"column 'time' holds 'a0', which is no time: give another as `time`"):
+        log("time,upper_z [g]\n" + "".join(f"a{k},0.5\n" for k in range(9)))
+    late = "time [s],upper_z [g]\n" + "".join(f"0.{k},0.5\n" for k in range(9))
+    with pytest.raises(InputError, match=r"line 11, column 'time': 'later' is not a number: every row needs its time"):
+        log(late + "later,0.5\n")
+
+
+@pytest.mark.parametrize(
+    ("table", "cell"),
+    [
+        ('time [s],upper_z [g]\n0.{k},"1,23{k}.5"', "1,232.5"),
+        ('time [ms],upper_z [g]\n"1,23{k}.5",0.5', "1,232.5"),
+        ('time [s],upper_z [g]\n0.{k},"1,23{k}"', "1,232"),
+        ("time [s];upper_z [g]\n0,{k};1.23{k},5", "1.232,5"),
+        ("time [s];upper_z [g]\n{k};1.23{k},5", "1.232,5"),
+        ("time [s];upper_z [g]\n0,{k};-1 23{k},5", "-1 232,5"),
+        ("time [s];upper_z [g]\n0.{k};1'23{k}", "1'232"),
+    ],
+)
+def test_a_mark_between_thousands_is_named(log, table, cell):
+    header, row = table.split("\n")
+    with pytest.raises(InputError, match=f"{cell}. has a mark between the thousands.*export the log") as caught:
+        log("\n".join([header, *(row.format(k=k) for k in range(2, 9))]))
+    assert cell in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [("1,000.5", "has a mark between the thousands"), ("1,000", "has a decimal comma or a mark between the thousands")],
+)
+def test_a_mark_between_thousands_in_a_late_row(log, cell, words):
+    rows = "".join(f"0.{k},{990 + k}.5\n" for k in range(9))
+    with pytest.raises(InputError, match=f"run.csv line 11, column 'upper_z': '{cell}' {words}"):
+        log(f'time [s],upper_z [g]\n{rows}0.9,"{cell}"\n')
+
+
+def test_three_decimals_are_no_thousands(log):
+    run = log("time [s];upper_z [m/s^2]\n" + "".join(f"0,00{k};1,23{k}\n" for k in range(9)))
+    np.testing.assert_allclose(run.channel("upper_z"), [1.23 + 0.001 * k for k in range(9)], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_s"),
+    [("times [ms]", 1e-3), ("Time_Stamp [s]", 1), ("Elapsed Time [s]", 1), ("elapsed_time_us", 1e-6), ("t_ms", 1e-3)],
+)
+def test_the_time_has_the_same_names_in_texts_as_elsewhere(log, name, unit_s):
+    rows = "".join(f"0.5,{2 * k}\n" for k in range(9))
+    assert time_name(["az", name]) == name
+    assert log(f"upper_z [g],{name}\n{rows}").fs == pytest.approx(0.5 / unit_s)
+
+
+def test_what_only_begins_like_the_time_is_none(log):
+    assert time_name(["t_inlet", "time_to_failure"]) is None
+    with pytest.raises(InputError, match="there is no time column"):
+        log("t_inlet,upper_z [g]\n0,1\n1,2\n2,3\n")
+
+
+def test_a_full_scale_is_for_wav_files(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match=r"run\.csv is a CSV file, and full_scale of \[log\] is for WAV files: remove"):
+        open_log(path, LogSettings(full_scale=2.0))

@@ -1,5 +1,6 @@
 """enDAQ recorders: recordings encoded with the maker's schema, and real ones against the maker's own reading."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -212,3 +213,20 @@ def test_no_text_of_the_file_is_evaluated(tmp_path, text):
     path.write_bytes(whole.replace(b"1.0/32768", text.ljust(9)))
     with pytest.raises(InputError, match=r"scale\.IDE states '.*' as a TimeCodeScale, where a number is needed"):
         open_log(path)
+
+
+@pytest.mark.parametrize(
+    ("since_1970_s", "zero"), [(1_714_557_600, datetime(2024, 5, 1, 10, tzinfo=UTC)), (1497, None), (None, None)]
+)
+def test_a_clock_that_was_set_is_the_zero(tmp_path, since_1970_s, zero):
+    _, _, blocks = blocks_on_a_clock(3, 1000.0)
+    stated = [] if since_1970_s is None else [("TimeBaseUTC", since_1970_s)]
+    path = tmp_path / "run.IDE"
+    path.write_bytes(ide_file([*stated, *blocks]))
+    assert open_log(path).zero == zero
+
+
+@needs_samples
+def test_real_recorders_know_when_they_began():
+    assert open_log(DAQ).zero == datetime(2021, 12, 22, 17, 15, 44, tzinfo=UTC)
+    assert open_log(SAMPLES / "ActTest_009.IDE").zero is None  # its clock began in 1970

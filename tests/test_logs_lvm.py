@@ -1,6 +1,7 @@
 """LabVIEW text logs: headers, segments and time columns as the specification has them, and what is said of bad ones."""
 
 import gzip
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -247,3 +248,47 @@ def test_a_footbridge_measured_by_others():
     assert [(each.name, each.unit) for each in run.channels] == [("Acceleration", "m/s^2")]
     table = np.loadtxt(SAMPLE, delimiter=",", skiprows=23)
     np.testing.assert_array_equal(run.samples[:, 0], table[:, 1] * 9.80665)
+
+
+NOON = datetime(2024, 5, 1, 12)
+
+
+def test_date_and_time_are_the_zero(lvm):
+    later = segment(ROWS, "AB", "gg", clock="12:00:03.25")
+    assert open_log(lvm(file_header() + later)).zero == NOON + timedelta(seconds=3.25)
+    undated = later.replace("Date\t2024/05/01\t2024/05/01\n", "").replace("Time\t12:00:03.25\t12:00:03.25\n", "")
+    assert open_log(lvm(file_header() + undated)).zero == NOON
+    neither = file_header().replace("Date\t2024/05/01\n", "") + undated
+    assert open_log(lvm(neither)).zero is None
+    rows = [[f"{2.5 + 0.01 * k}", *row[1:]] for k, row in enumerate(ROWS)]
+    stamped = lvm(file_header() + segment(rows, "AB", "gg"))
+    assert open_log(stamped).zero == NOON
+    assert open_log(stamped, LogSettings(fs_hz=100.0)).zero == NOON + timedelta(seconds=2.5)  # its first row is at 0
+
+
+@pytest.mark.parametrize("preference", ["Relative", "Absolute"])
+def test_large_x_values_count_from_1904(lvm, preference):
+    rows = [[f"{3.7e9 + 0.01 * k:.6f}", *row[1:]] for k, row in enumerate(ROWS)]
+    header = file_header().replace("Relative", preference)
+    log = open_log(lvm(header + segment(rows, "AB", "gg")))
+    assert log.zero == datetime(1904, 1, 1, tzinfo=UTC)
+    assert open_log(lvm(header + segment(ROWS, "AB", "gg"))).zero == NOON
+
+
+@pytest.mark.parametrize("fs_hz", [None, 100.0])
+def test_channels_that_began_at_different_times_are_on_one_axis(lvm, fs_hz):
+    rows = [[cell for pair in zip([row[0]] * 2, row[1:], strict=True) for cell in pair] for row in ROWS]
+    text = segment(rows, "AB", "gg", labels=["X_Value", "A", "X_Value", "B", "Comment"])
+    text = text.replace("Time\t12:00:00\t12:00:00", "Time\t12:00:01.5\t12:00:00")
+    log = open_log(lvm(file_header(x_columns="Multi") + text), LogSettings(fs_hz=fs_hz))
+    assert log.zero == NOON
+    first = {}
+    for track in log.tracks:
+        stamps = next(track.blocks()).stamps
+        first[track.channels[0].name] = track.start_s if stamps is None else stamps[0]
+    assert first == {"A": 1.5, "B": 0.0}
+
+
+@pytest.mark.skipif(not SAMPLE.exists(), reason="the real log is not here")
+def test_the_real_log_began_when_its_header_says():
+    assert open_log(SAMPLE).zero == datetime(2022, 2, 10, 9, 59, 53, 189_069)

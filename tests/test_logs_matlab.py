@@ -286,3 +286,28 @@ def test_a_text_longer_than_the_file_is_refused(path):
     path.write_bytes(path.read_bytes().replace(dims, struct.pack("<IIii", 5, 8, 2**30, 3)))
     with pytest.raises(InputError, match="holds a variable that is damaged"):
         open_log(path)
+
+
+def test_a_class_of_any_length_is_not_read(path):
+    """MATLAB writes texts of fixed length; those of any length may lie of it."""
+    with h5py.File(path, "w") as file:
+        file["z"], file["fs"] = DATA[:, :1].T, [[FS]]
+        file["note"] = np.array([[104], [105]], dtype=np.uint16)
+        file["note"].attrs["MATLAB_class"] = "char"
+    content = bytearray(path.read_bytes())
+    at = content.index(struct.pack("<IQ", 4, content.index(b"GCOL")))
+    content[at : at + 4] = struct.pack("<I", 1 << 31)
+    path.write_bytes(content)
+    assert described(open_log(path)) == [(FS, N, [("z", None)])]
+
+
+def test_a_text_of_no_dimensions_is_refused(path):
+    """The program ended where scipy made a text of it."""
+    savemat(path, {"z": DATA[:, 0], "s": {"names": cells("a", "b")}})
+    dims = struct.pack("<IIii", 5, 8, 1, 1)
+    content = bytearray(path.read_bytes())
+    at = content.rindex(dims)
+    content[at + 4 : at + 8] = bytes(4)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="holds a variable that is damaged"):
+        open_log(path)

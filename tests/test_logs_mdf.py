@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -156,3 +157,35 @@ def test_the_demo_of_the_standard():
         assert np.isfinite(samples).mean() > 0.99  # one conversion divides by zero
         assert np.median(np.diff(stamps)) == pytest.approx(period_s, rel=1e-4)
     assert not {"time"} & {each.name for each in tracks["Engine_1"].channels}
+
+
+def began(path, version, **header):
+    with asammdf.MDF(version=version) as file:
+        file.append([signal("a", np.arange(3.0), np.arange(3.0))])
+        for name, value in header.items():
+            setattr(file.header, name, value)
+        file.save(path, overwrite=True)
+    return open_log(path).zero
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_the_start_of_the_measurement_is_the_zero(tmp_path, version):
+    path = tmp_path / ("run.mf4" if version == "4.10" else "run.mdf")
+    noon = datetime(2024, 5, 1, 12, 0, 7, 250_000)
+    if version == "4.10":
+        zoned = noon.replace(tzinfo=timezone(timedelta(hours=2)))
+        assert began(path, version, start_time=zoned) == zoned.astimezone(UTC)
+        assert began(path, version, start_time=noon) == noon
+        assert began(path, version, abs_time=0, time_flags=0) is None
+        return
+    texts = {"date": b"01:05:2024", "time": b"12:00:07"}
+    for zone_h in (0, 2, -7):  # some write local time here, some UTC
+        since_1970_s = int(noon.replace(tzinfo=UTC).timestamp()) - 3600 * zone_h
+        assert began(path, version, **texts, abs_time=since_1970_s * 10**9 + 250_000_000, tz_offset=zone_h) == noon
+    assert began(path, version, **texts, abs_time=0) == noon.replace(microsecond=0)
+    assert began(path, version, date=b"00:00:0000", time=b"00:00:00", abs_time=0) is None
+
+
+@pytest.mark.skipif(not SAMPLE.exists(), reason="the real sample is not here")
+def test_the_real_measurement_began_when_its_header_says():
+    assert open_log(SAMPLE).zero == datetime(2018, 11, 22, 14, 26, 35, 439_737, tzinfo=UTC)

@@ -1,5 +1,6 @@
 """LabVIEW TDMS: what the library's writer wrote comes back, on the clock that its properties state."""
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -179,3 +180,25 @@ def test_raw_counts_of_a_real_sample_are_volts():
     assert {channel.unit for channel in run.channels} == {"V"}
     steps = run.samples / 0.0003051850947599719  # 10 V over 32767 counts
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+def zero_of(path, *channels):
+    return open_log(written(path / "run.tdms", list(channels))).zero
+
+
+def test_the_earliest_start_is_the_zero(tmp_path):
+    later = START + np.timedelta64(1_500_001, "us")
+    values = np.arange(10.0)
+    zero = datetime(2024, 5, 1, 10, tzinfo=UTC)
+    slow = channel("slow", "a", values, wf_increment=0.1, wf_start_time=later)
+    fast = channel("fast", "a", values, wf_increment=0.1, wf_start_time=START)
+    assert zero_of(tmp_path, slow, fast) == zero
+    assert zero_of(tmp_path, slow) == zero + timedelta(microseconds=1_500_001)
+    dates = START + np.arange(10) * np.timedelta64(1000, "us")
+    assert zero_of(tmp_path, channel("gear", "stamp", dates), channel("gear", "a", values)) == zero
+    assert zero_of(tmp_path, channel("gear", "a", values, wf_increment=0.1)) is None
+    unset = np.datetime64("1904-01-01T00:00:00", "us")
+    assert zero_of(tmp_path, channel("gear", "a", values, wf_increment=0.1, wf_start_time=unset)) is None
+    # the numbers of a channel called time count from what only their writer knows
+    dated = channel("gear", "a", values, wf_start_time=START)
+    assert zero_of(tmp_path, channel("gear", "time", values), dated) is None

@@ -1,6 +1,7 @@
 """PX4 flight logs: bytes put together by hand after the published format, and real flights."""
 
 import struct
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -157,3 +158,28 @@ def test_another_real_flight_has_instances():
     names = [track.name for track in open_log(SAMPLES / "sample_log_small.ulg").tracks]
     assert len(names) == len(set(names)) == 70
     assert {"sensor_accel", "sensor_accel_1", "sensor_accel_2", "vehicle_angular_velocity"} <= set(names)
+
+
+def gps_log(fixes, topic="vehicle_gps_position"):
+    """Stamp since the start, UTC (both in microseconds) and kind of fix of each message."""
+    content = head(f"{topic}:uint64_t timestamp;uint64_t time_utc_usec;uint8_t fix_type;") + subscription(1, topic)
+    return content + b"".join(message("D", struct.pack("<HQQB", 1, START_US + at, *fix)) for at, *fix in fixes)
+
+
+def test_a_receiver_with_a_fix_gives_the_zero(tmp_path):
+    began = datetime(2024, 5, 1, 10, 0, 0, 125_000, tzinfo=UTC)
+    since_1970_us = int(began.timestamp() * 1e6)
+    without = [(-1000, 0, 0), (0, 5_000_000, 3), (1000, since_1970_us + 7_000_000, 1)]
+    late = [(200_000 * k + 3000 * (k == 3), since_1970_us + 200_000 * k, 3) for k in range(1, 6)]
+    for topic in ("vehicle_gps_position", "sensor_gps"):
+        assert opened(tmp_path, gps_log(without + late, topic)).zero == began
+        assert opened(tmp_path, gps_log(without, topic)).zero is None
+    assert opened(tmp_path, accel_log()[0]).zero is None
+
+
+@needs_samples
+def test_a_real_flight_knows_when_it_began():
+    # its first message with a fix: 2021-04-21 06:30:58.600345 UTC
+    zero = open_log(SAMPLES / "sample_log_small.ulg").zero
+    assert abs(zero - datetime(2021, 4, 21, 6, 30, 58, 450_000, tzinfo=UTC)) < timedelta(milliseconds=20)
+    assert open_log(SAMPLES / "sample.ulg").zero is None

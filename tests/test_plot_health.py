@@ -181,3 +181,9 @@ def test_a_log_of_few_samples_is_drawn():
     channel = channel_of("lower_z", np.array([0.0, 1.0, 0.5, 0.2]))
     short = replace(channel, overview=replace(channel.overview, spectrogram_s=np.array([0.004])))
     assert plots.png(plots.figure_of(health_picture(health_with(short))), dpi=40).startswith(b"\x89PNG")
+
+
+def test_many_channels_are_drawn_without_minor_ticks_which_take_most_of_the_time():
+    few, many = (health_picture(sound_health(n)) for n in (2, 7))
+    assert few[0, 1].xaxis.get_minorticklocs().size > 0
+    assert all(ax.xaxis.get_minorticklocs().size == ax.yaxis.get_minorticklocs().size == 0 for ax in many.flat)

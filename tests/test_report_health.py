@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,11 @@ from made_health import channel_of, faulty_health, sound_health
 
 from opid.report import health_json, health_text
 from opid.report.as_json import json_text
+from opid.signals.health import inspect
 from opid.signals.health_result import ClockHealth, Finding, Health, PairHealth, SpectralLine
+from opid.signals.logs import open_log
+
+SHARED = Path(__file__).parents[2] / "shared" / "data" / "reader_samples"
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +88,15 @@ def test_each_channel_has_its_figures(faulty, text):
     assert row(text, "dead")[-3:] == ["-", "-", "-"]
 
 
+def test_channels_have_the_numbers_of_their_file(text):
+    channels = (small("upper_z", number=12), small("lower_z", number=3))
+    said = health_text("x", health_with(*channels))
+    assert [row(said, name)[:2] for name in ("upper_z", "lower_z")] == [["12", "m/s^2"], ["3", "m/s^2"]]
+    assert [each["number"] for each in health_json({"x": health_with(*channels)})["logs"][0]["channels"]] == [12, 3]
+    # where none is known there is no such column
+    assert "no." not in text
+
+
 def test_faults_have_a_table_of_their_own(text):
     assert row(text, "lower_z", 1) == ["-", "2.10%", "-", "-"]
     assert row(text, "upper_z", 1) == ["-", "-", "-", "4"]
@@ -101,6 +115,46 @@ def test_only_the_strongest_lines_are_told():
     said = flat(health_text("x", health_with(small(lines=lines))))
     assert "60 Hz, 0.17 m/s^2 rms; and 3 weaker." in said
     assert "70 Hz" not in said
+
+
+def test_peaks_that_may_be_resonances_are_not_called_lines():
+    lines = (SpectralLine(3.1, 0.5, resolved=False), SpectralLine(50.0, 0.1, "mains, 50 Hz", resolved=False))
+    said = flat(health_text("x", health_with(small(lines=lines))))
+    assert "Lines of upper_z: mains, 50 Hz, 0.1 m/s^2 rms. Peaks of upper_z: 3.1 Hz, 0.5 m/s^2 rms. A peak may" in said
+
+
+def many(n_clocks=60, n_channels=15):
+    """Return the health of a log of very many channels, most of them constant and without a unit."""
+    one = small(unit="?")
+    names = [[f"topic_{i}/field_{j}" for j in range(n_channels)] for i in range(n_clocks)]
+    channels = [replace(one, name=name, mute=True) for own in names for name in own]
+    channels[700:703] = [small(f"acc_{axis}", lines=(SpectralLine(10.0, 1.0),)) for axis in "xyz"]
+    clocks = [ClockHealth(f"topic_{i}", tuple(own), 5.0, False, 0.0, 4.0, i) for i, own in enumerate(names)]
+    findings = [Finding("fault", c.name, f"mute, all samples lie at {i}: check") for i, c in enumerate(channels)]
+    findings += [Finding("warning", "", f"the steps of {c.track!r} scatter by {c.n_samples}%: look") for c in clocks]
+    return health_with(*channels, clocks=tuple(clocks)), tuple(findings)
+
+
+def test_a_log_of_very_many_channels_fits_a_page():
+    health, findings = many()
+    said = health_text("x", replace(health, findings=findings))
+    assert len(said.splitlines()) < 150
+    assert "60 clocks, 900 channels" in said
+    assert row(said, "topic_59") == ["15", "5", "Hz", "59", "4", "s", "-"]
+    assert "and 20 clocks with fewer samples (--json tells all)" in said
+    assert row(said, "acc_x")[0] == "m/s^2"
+    assert "and 860 channels more, 897 of all are constant: --json tells all" in flat(said)
+    assert "Lines of acc_x: 10 Hz, 1 m/s^2 rms." in said
+    assert "Fault: topic_0/field_0: mute, all samples lie at 0: check (likewise topic_0/field_1," in flat(said)
+    assert "and 891 more)" in flat(said)
+    assert "the steps of 'topic_0' scatter by 0%: look (and 59 times likewise)" in flat(said)
+
+
+def test_a_few_findings_alike_are_told_one_by_one():
+    findings = tuple(Finding("warning", name, f"{i} spike(s) of one sample") for i, name in enumerate("abc"))
+    said = health_text("x", replace(health_with(small()), findings=findings))
+    assert "Warning: c: 2 spike(s) of one sample" in said
+    assert "likewise" not in said
 
 
 def test_pairs_tell_lag_and_band(text):
@@ -157,7 +211,7 @@ def test_no_fault_or_warning_is_left_out_of_many_findings():
 @pytest.mark.parametrize("length", [6, 30, 70, 300])
 def test_the_text_keeps_to_80_columns_with_names_of_any_length(length):
     name = "x" * length
-    said = health_text("run.csv", health_with(small(name), small("upper_z")))
+    said = health_text("run.csv", health_with(small(name, number=12345), small("upper_z", number=1)))
     assert all(len(line) <= 80 for line in said.splitlines() if line != name)
     assert name in said
     assert sum(line.split()[-7:-6] == ["m/s^2"] for line in said.splitlines()) == 2
@@ -183,3 +237,18 @@ def test_the_json_has_every_figure_and_no_arrays(faulty):
     assert log["pairs"][0]["coherent_band_hz"] == [0.5, 28.0]
     # what it is made of is not changed
     assert faulty.channels[0].overview is not None
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the samples of loggers lie beside the project, not in it")
+@pytest.mark.parametrize("name", ["sample.ulg", "sample_log_small.ulg", "ActTest_009.IDE", "SSX66115.IDE", "MPSTD.uff"])
+def test_a_real_file_of_any_logger_is_told_on_a_page(name):
+    for needed in ("pyulog", "idelib", "pyuff"):
+        pytest.importorskip(needed)
+    health = inspect(open_log(SHARED / name))
+    said = health_text(name, health)
+    assert len(said.splitlines()) < 250
+    assert json.loads(json_text(health_json({name: health})))["logs"][0]["log"] == name
+    if name == "ActTest_009.IDE":
+        loudest = next(channel for channel in health.channels if channel.name == "Mic").lines[0]
+        assert loudest.frequency_hz == pytest.approx(2791.7, abs=0.5)
+        assert loudest.resolved

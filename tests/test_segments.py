@@ -75,6 +75,16 @@ def test_standstill_at_either_end_and_between_is_cut():
     )
 
 
+@pytest.mark.parametrize("still", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize(("length", "start"), [(36, 11), (25, 12), (20, 9)])
+@pytest.mark.parametrize("level", [lambda u: 1 - 0.9 * u, lambda u: 0.1 + 0.9 * u, lambda u: 0.1 + np.sin(np.pi * u)])
+def test_standstill_is_cut_from_short_logs_and_the_slow_part_of_a_run_is_not(length, start, still, level):
+    motion = level(np.linspace(0, 1, length - start))
+    begin, end = chosen(np.concatenate([np.full(start, still), motion]))
+    assert start <= begin <= start + 1
+    assert end is None
+
+
 def test_a_moment_of_quiet_is_no_standstill():
     assert chosen([1.0] * 30 + [0.01] * 4 + [1.0] * 30) == (None, None)
 

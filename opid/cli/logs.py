@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +13,11 @@ from opid.cli.group import BadInput, main, progress
 from opid.errors import InputError
 
 if TYPE_CHECKING:
+    from opid.identify.study_file import LogReading
     from opid.signals.health_result import Health
-    from opid.signals.log_settings import ChannelSettings, LogSettings
 
-CHANNELS_A_PICTURE, MOST_PICTURES = 12, 4
+CHANNELS_A_PICTURE, MOST_PICTURES = 12, 2
+"""A picture takes seconds: of a log with more channels than these hold the most telling are drawn."""
 
 
 @main.command()
@@ -24,7 +26,7 @@ CHANNELS_A_PICTURE, MOST_PICTURES = 12, 4
     "--study",
     type=click.Path(path_type=Path),
     metavar="STUDY.toml",
-    help="Read the logs, and their channels that it names, as this study file says.",
+    help="Read the logs, and the channels that its runs take from them, as this study file says.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Leave pictures of each log there.")
@@ -39,27 +41,29 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
 
     if out is not None:
         require_directory(out)
-    settings, channels = _as_studied(study)
-    found: dict[Path, Health] = {}
+    readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study)]
+    found: list[_Inspected] = []
     failures = []
-    for log in dict.fromkeys(logs):
+    for log, reading in readings:
+        several = [each for each, _ in readings].count(log) > 1
+        title = f"{log} ({', '.join(reading.channels)})" if several and reading.channels else str(log)
         try:
-            found[log] = _health(log, settings, channels)
+            found.append(_Inspected(log, title, _health(log, reading, of_study=study is not None)))
         except InputError as error:
             failures.append(str(error))
             continue
         if not as_json:
-            click.echo("\n" * (len(found) > 1) + health_text(str(log), found[log]), nl=False)
+            click.echo("\n" * (len(found) > 1) + health_text(title, found[-1].health), nl=False)
     if as_json and found:
-        document = health_json({str(log): health for log, health in found.items()})
+        document = health_json({each.title: each.health for each in found})
         click.echo(_printable(json_text(document)), nl=False)
     if out is not None and found:
         pictures = _write_pictures(found, out)
         if not as_json:
             click.echo(_printable("\nPictures: " + ", ".join(str(out / name) for name in pictures)))
-            for log, health in found.items():
-                if len(drawn := _drawn(health)) < len(health.channels):
-                    words = f"{len(drawn)} of the {len(health.channels)} channels of {log} are drawn"
+            for each in found:
+                if len(drawn := _drawn(each.health)) < len(each.health.channels):
+                    words = f"{len(drawn)} of the {len(each.health.channels)} channels of {each.title} are drawn"
                     click.echo(_printable(f"{words}: name those wanted in [channels] of a study"))
     for failure in failures[:-1]:
         click.echo(f"Error: {failure}", err=True)
@@ -67,52 +71,72 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
         raise BadInput(failures[-1])
 
 
-def _as_studied(study: Path | None) -> tuple[LogSettings, Mapping[str, ChannelSettings] | None]:
-    """How the logs are to be read, and which of their channels."""
-    from opid.identify.study_file import read_log_settings
+@dataclass(frozen=True)
+class _Inspected:
+    """What was found in a log, or in those of its channels that are read alike; `title` tells these apart."""
+
+    log: Path
+    title: str
+    health: Health
+
+
+def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
+    """How the log is to be read, and which of its channels."""
+    from opid.identify.study_file import LogReading, log_readings
     from opid.signals.log_settings import AS_WRITTEN
 
-    if study is None:
-        return AS_WRITTEN, None
-    settings, channels = read_log_settings(study)
-    return settings, channels or None
+    return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)
 
 
-def _health(log: Path, settings: LogSettings, channels: Mapping[str, ChannelSettings] | None) -> Health:
+def _health(log: Path, reading: LogReading, *, of_study: bool) -> Health:
     from opid.signals.health import inspect as inspect_log
+    from opid.signals.health_result import Finding
     from opid.signals.logs import open_log
 
     with progress() as say:
         say(log.name)
-        opened = open_log(log, settings)
-        return inspect_log(
-            opened, settings, channels=channels, progress=lambda part: say(f"{log.name}, {part:.0%} read")
+        opened = open_log(log, reading.settings)
+        health = inspect_log(
+            opened,
+            reading.settings,
+            channels=reading.channels,
+            progress=lambda part: say(f"{log.name}, {part:.0%} read"),
         )
+    words = _choice(reading.runs) if of_study else ""
+    return replace(health, findings=(*health.findings, Finding("note", "", words))) if words else health
 
 
-def _write_pictures(found: Mapping[Path, Health], out: Path) -> list[str]:
+def _choice(runs: tuple[str, ...]) -> str:
+    """Which of the runs that use a log is shown; empty where there is no choice."""
+    if not runs:
+        return "no run of the study takes a channel from this log: all are shown, read as [log] says"
+    others = ", ".join(map(repr, runs[1:]))
+    return f"read as run {runs[0]!r} says; {others} use{'s' * (len(runs) == 2)} this log, too" if others else ""
+
+
+def _write_pictures(found: Sequence[_Inspected], out: Path) -> list[str]:
     """Draw each log, some channels on every picture, and return the names of the files."""
     from opid.plots import figure_of, health_picture, png
     from opid.report.directory import write_together
 
     images = {}
-    for stem, health in zip(_distinct([log.stem for log in found]), found.values(), strict=True):
-        names = _drawn(health)
+    for stem, each in zip(_distinct([each.log.stem for each in found]), found, strict=True):
+        names = _drawn(each.health)
         parts = [names[i : i + CHANNELS_A_PICTURE] for i in range(0, len(names), CHANNELS_A_PICTURE)]
         for number, part in enumerate(parts, 1):
             name = f"{stem}.png" if len(parts) == 1 else f"{stem}_part{number}.png"
             with progress() as say:
                 say(name)
-                images[name] = png(figure_of(health_picture(health, channels=part)))
+                images[name] = png(figure_of(health_picture(each.health, channels=part)))
     write_together(out, images)
     return list(images)
 
 
 def _drawn(health: Health) -> list[str]:
-    """The names of the channels to draw: all, or of hundreds the first, accelerations before others."""
+    """The names of the channels to draw: all, or of many the first that are not mute, accelerations before others."""
     most = CHANNELS_A_PICTURE * MOST_PICTURES
-    by_kind = sorted(health.channels, key=lambda channel: channel.unit != "m/s^2")
-    return [channel.name for channel in (health.channels if len(by_kind) <= most else by_kind[:most])]
+    telling = sorted(health.channels, key=lambda channel: (channel.mute, channel.unit != "m/s^2"))
+    return [channel.name for channel in (health.channels if len(telling) <= most else telling[:most])]
 
 
 def _printable(text: str) -> str:

@@ -332,7 +332,8 @@ def _run_evidence(start: Start, place: int, joint: JointFit) -> RunEvidence:
     share = 1 / (1 + joint["inverse_mass"] * run.mass_change_kg)
     law = joint.law.scaled(share)
     inside = motion.settled
-    nperseg = min(round(BLOCK_S * fs), unsprung[inside].size)
+    # with fewer than some five overlapping blocks the force cannot be told from the motion
+    nperseg = min(round(BLOCK_S * fs), unsprung[inside].size // 3)
     force = law.force(motion.displacement, motion.velocity)[inside]
     T = transmissibility(unsprung[inside], sprung[inside], fs=fs, nperseg=nperseg)
     conditioned, subtracted = (

@@ -110,6 +110,8 @@ def complex_least_squares(
         InputError: fewer than 5 lines in the band.
     """
     inside = (T.frequency_hz >= band_hz[0]) & (T.frequency_hz <= band_hz[1]) & (T.coherence > 0)
+    # of a run of one block the force leaves no motion to divide by
+    inside &= np.isfinite(T.value) & np.isfinite(T.relative_std) & (np.abs(T.value) > 1e-9)
     if inside.sum() < 5:
         raise InputError(
             f"the band {band_hz[0]:g} to {band_hz[1]:g} Hz holds {int(inside.sum())} usable lines of T: widen it or "

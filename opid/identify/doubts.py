@@ -158,10 +158,8 @@ def _model_residual(evidence: Evidence) -> Iterator[str]:
         grown = f"; the intervals are widened by {widening(evidence):.1f}" if wider else ""
         yield f"the residual is {unexplained:.1f} times the noise of the sensors; {stands_out}{grown}"
     else:
-        yield (
-            f"the residual is as small as the noise of the sensors but not white; {stands_out}; the intervals allow "
-            "for it"
-        )
+        size = "as small as" if unexplained < 1.2 else f"{unexplained:.1f} times"
+        yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
 
 
 def _reason(evidence: Evidence) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,21 @@ from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 
 Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class LogReading:
+    """How a study reads a log.
+
+    Args:
+        settings: of the log.
+        channels: those taken from it, by the names that they will have; None for all, as the log calls them.
+        runs: names of the runs that take channels from it; the first is the one that is told here.
+    """
+
+    settings: LogSettings
+    channels: Mapping[str, ChannelSettings] | None = None
+    runs: tuple[str, ...] = ()
 
 
 def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> Study:
@@ -51,13 +66,13 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         raise InputError(f"{source}: {error}") from None
     for files in all_files:
         try:
-            runs.append(run_from_files(files, progress=progress))
+            runs.append(run_from_files(files, fs_hz=document.get("fs_hz"), progress=progress))
         except InputError as error:
             faults.append(f"run {files.name!r}: {error}")
     refuse(faults, source)
     names = {side: _name(document["channels"], side) for side in SIDES}
     title = document.get("title", source.stem)
-    return Study(title, names["sprung"], names["unsprung"], at_one_rate(runs, document.get("fs_hz")), source, sensors)
+    return Study(title, names["sprung"], names["unsprung"], at_one_rate(runs), source, sensors)
 
 
 def study_from_logs(
@@ -99,29 +114,33 @@ def study_from_logs(
     return Study(title, sprung, unsprung, at_one_rate(runs))
 
 
-def read_log_settings(path: str | os.PathLike[str]) -> tuple[LogSettings, dict[str, ChannelSettings]]:
-    """Return how a study file says that logs are to be read.
+def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> tuple[LogReading, ...]:
+    """Return how a study reads one log: as the first run does that takes channels from it.
 
     Args:
-        path: the study file; its logs need not be there.
+        path: the study file; none of its logs need be there.
+        log: the file, by any path that leads to it.
 
     Returns:
-        The settings of `[log]`, and those of the channels that `[channels]` finds in the logs themselves.
+        One reading, or several where channels of the log have different `log` tables. A log from which no run takes a
+        channel is read whole, as `[log]` says.
 
     Raises:
-        InputError: the file is missing or no TOML, or an unknown or mistyped key.
+        InputError: the study is missing or no TOML, an unknown, missing or mistyped key, or a value that cannot be.
     """
     source = Path(path)
     document = load(source)
     refuse(list(document_faults(document)), source)
     try:
         settings = _log_settings(document.get("log", {}))
-        channels = {
-            _name(document["channels"], key): _channel(key, entry) for key, entry in document["channels"].items()
-        }
+        all_files = [_run_files(document, entry, source.parent) for entry in document["runs"]]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
-    return settings, {name: own for name, own in channels.items() if own.file is None}
+    users = [(files.name, taken) for files in all_files if (taken := _taken(files, _place(log)))]
+    if not users:
+        return (LogReading(settings),)
+    runs = tuple(name for name, _ in users)
+    return tuple(LogReading(how, channels, runs) for how, channels in users[0][1].items())
 
 
 def write_study(study: Study, path: str | os.PathLike[str]) -> None:
@@ -141,11 +160,15 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> None:
     for run in study.runs:
         write_log(run.recording, target.parent / f"{run.name}.csv")
     channels = {"unsprung": study.unsprung, "sprung": study.sprung}
+    # every further channel of the runs by its own name, so that it is read back
+    channels |= {name: name for run in study.runs for name in run.recording.names if name not in channels.values()}
     sensors = _sensor_tables(study.sensors)
     known = {"sensors": sensors} if sensors else {}
     text = tomli_w.dumps({"title": study.title, "channels": channels, **known})
     for run in study.runs:
         entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
+        # all of it: without a start the stretch in motion would be looked for
+        entry |= {"start_s": run.recording.start_s}
         text += "\n[[runs]]\n" + tomli_w.dumps(entry)
     with written_whole(target) as file:
         file.write(text)
@@ -160,39 +183,76 @@ def _name(channels: Mapping[str, Any], key: str) -> str:
     return entry if isinstance(entry, str) else key
 
 
-def _log_settings(table: Mapping[str, Any]) -> LogSettings:
-    return LogSettings(**{**table, "names": tuple(map(str, table.get("names", ())))})
+def _log_settings(table: Mapping[str, Any], where: str = "[log]") -> LogSettings:
+    try:
+        return LogSettings(**{**table, "names": tuple(table.get("names", ()))})
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
-def _channel(key: str, entry: str | Mapping[str, Any]) -> ChannelSettings:
-    if isinstance(entry, str):
+def _channel(key: str, entry: str | int | Mapping[str, Any]) -> ChannelSettings:
+    if not isinstance(entry, Mapping):
         return ChannelSettings(entry)
     own = {name: value for name, value in entry.items() if name not in (*SENSOR_KEYS, "log")}
-    return ChannelSettings(**{"channel": key, **own})
+    try:
+        return ChannelSettings(**{"channel": key, **own})
+    except InputError as error:
+        raise InputError(f"[channels.{key}]: {error}") from None
 
 
 def _run_files(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
     """Where each channel of a run is found, and how it is read."""
     channels = document["channels"]
-    wanted = {_name(channels, key): channels[key] for key in channels}
+    wanted: dict[str, str | int | Mapping[str, Any]] = {}
+    for key in channels:
+        name = _name(channels, key)
+        if name in wanted and channels[key] != wanted[name]:
+            raise InputError(f"[channels]: {key!r} and another entry both give a channel called {name!r}: rename one")
+        wanted[name] = channels[key]
     for leak in document.get("sensors", {}).get("leak", []):
-        wanted.setdefault(leak["channel"], leak["channel"])
+        wanted.setdefault(_leaking(channels, leak), leak["channel"])
     for key, own in entry.get("channels", {}).items():
         name = _name(channels, key) if key in channels else key
         before = wanted.get(name, {})
-        wanted[name] = own if isinstance(own, str) else {**_as_table(before), **own}
+        wanted[name] = {**_as_table(before), **own} if isinstance(own, Mapping) else own
     sources = {}
     for name, table in wanted.items():
         settings = _channel(name, table)
         if settings.file is not None:
             settings = replace(settings, file=settings.file.replace("{run}", entry["name"]))
-        how = {**document.get("log", {}), **(table.get("log", {}) if isinstance(table, Mapping) else {})}
-        sources[name] = Source(directory / (settings.file or entry["log"]), settings, _log_settings(how))
+        how, where = document.get("log", {}), "[log]"
+        if isinstance(table, Mapping) and "log" in table:
+            how, where = table["log"], f"[channels.{name}.log]"
+        if settings.file is None and "log" not in entry:
+            raise InputError(f"run {entry['name']!r} has no 'log', and [channels.{name}] no 'file': give one of them")
+        sources[name] = Source(directory / (settings.file or entry["log"]), settings, _log_settings(how, where))
     return RunFiles(entry["name"], sources, float(entry["mass_change_kg"]), entry.get("start_s"), entry.get("stop_s"))
 
 
-def _as_table(entry: str | Mapping[str, Any]) -> Mapping[str, Any]:
-    return {"channel": entry} if isinstance(entry, str) else entry
+def _taken(files: RunFiles, place: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
+    """The channels that a run takes from the file at this place, those that are read alike together."""
+    taken: dict[LogSettings, dict[str, ChannelSettings]] = {}
+    for name, source in files.sources.items():
+        if _place(source.file) == place:
+            taken.setdefault(source.settings, {})[name] = source.channel
+    return taken
+
+
+def _place(path: str | os.PathLike[str]) -> str:
+    """The one path of a file, which need not be there."""
+    try:
+        return os.path.realpath(path)
+    except ValueError:  # no file has such a name (a zero byte)
+        return os.fspath(path)
+
+
+def _leaking(channels: Mapping[str, Any], leak: Mapping[str, Any]) -> str:
+    """What the channel of a leak is called in the recordings: it may be named by its key in [channels]."""
+    return _name(channels, leak["channel"]) if leak["channel"] in channels else leak["channel"]
+
+
+def _as_table(entry: str | int | Mapping[str, Any]) -> Mapping[str, Any]:
+    return entry if isinstance(entry, Mapping) else {"channel": entry}
 
 
 def _sensors(document: Document) -> SensorPair:
@@ -209,7 +269,7 @@ def _sensors(document: Document) -> SensorPair:
             raise InputError(f"[sensors] {error}") from None
     try:
         leaks = [
-            Leak(**{**entry, "into": into})
+            Leak(**{**entry, "channel": _leaking(document["channels"], entry), "into": into})
             for entry in tables.get("leak", [])
             for into in ([entry["into"]] if "into" in entry else ["unsprung", "sprung"])
         ]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,7 @@ _LEAK = {
 }
 _RUN = {
     "name": _TEXT,
-    "log": _TEXT,
+    "log": _maybe(str, "text in quotes"),
     "mass_change_kg": _NUMBER,
     "start_s": _maybe((int, float), "a number"),
     "stop_s": _maybe((int, float), "a number"),
@@ -120,11 +121,16 @@ def document_faults(document: Document) -> Iterator[str]:
                 hint = nearest(side, document["channels"])
                 yield f"[channels] lacks {side!r}, give the name of a channel or a table ({hint})"
         yield from _channel_faults("channels", document["channels"])
+        yield from _useless_facts("channels", document["channels"], SIDES)
+    fs_hz = document.get("fs_hz", 1.0)
+    if isinstance(fs_hz, (int, float)) and not (math.isfinite(fs_hz) and fs_hz > 0):
+        yield f"'fs_hz' in the study is {fs_hz}, give a positive rate in Hz"
     if isinstance(document.get("runs"), list):
         for number, entry in enumerate(document["runs"], start=1):
             yield from _table_faults(f"[[runs]] number {number}", entry, _RUN)
             if isinstance(entry, dict) and isinstance(entry.get("channels"), dict):
                 yield from _channel_faults("runs.channels", entry["channels"])
+                yield from _useless_facts("runs.channels", entry["channels"], ())
     if isinstance(document.get("sensors"), dict):
         yield from _sensor_faults(document["sensors"])
 
@@ -135,8 +141,16 @@ def _channel_faults(where: str, entries: Mapping[str, Any]) -> Iterator[str]:
             yield from _table_faults(f"[{where}.{name}]", entry, _CHANNEL)
             if isinstance(entry.get("log"), dict):
                 yield from _table_faults(f"[{where}.{name}.log]", entry["log"], _LOG)
-        elif not isinstance(entry, str):
-            yield f"{name!r} in [{where}] is {entry!r}, give the name of a channel or a table"
+        elif not isinstance(entry, (str, int)) or isinstance(entry, bool):
+            yield f"{name!r} in [{where}] is {entry!r}, give the name of a channel, its number or a table"
+
+
+def _useless_facts(where: str, entries: Mapping[str, Any], known: Sequence[str]) -> Iterator[str]:
+    """Facts of sensors where nothing would come of them."""
+    for name, entry in entries.items():
+        for key in SENSOR_KEYS if isinstance(entry, dict) and name not in known else ():
+            if key in entry:
+                yield f"{key!r} stands in [{where}.{name}], give it in [channels.sprung] or [channels.unsprung]"
 
 
 def _sensor_faults(sensors: Mapping[str, Any]) -> Iterator[str]:

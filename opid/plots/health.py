@@ -41,6 +41,8 @@ KINDS = {
 # stretches of each kind that `Stretch` keeps: there may be more of them
 MOST_STRETCHES = 100
 MOST_LABELS = 6
+# channels that are drawn at leisure
+FEW = 6
 LONGEST_NAME = 44
 # what is quieter (a value that is held) is no vibration
 LEAST_DB, DEEPEST_DB = 40.0, 90.0
@@ -71,7 +73,7 @@ def health_picture(
         InputError: a name that is none of the channels.
     """
     drawn = _chosen(health, channels)
-    n, row_in = len(drawn), 1.75 if len(drawn) <= 6 else 1.4
+    n, row_in = len(drawn), 1.75 if len(drawn) <= FEW else 1.4
     with house_style():
         grid = panels(axes, n, 3, height_in=1.2 + row_in * n, width_in=WIDTH_IN, sharex="col", width_ratios=[10, 7, 7])
         stretches = [_stretches(health, channel) for channel in drawn]
@@ -82,6 +84,9 @@ def health_picture(
             _spectrum(psd_ax, channel, _rate(health, channel))
             mesh = _spectrogram(spectrogram_ax, channel, wrong, depth_db) or mesh
         _limits(grid, drawn)
+        if n > FEW:
+            for ax in grid.flat:
+                ax.minorticks_off()  # they take most of the time
         grid[0, 1].set_title("power spectral density")
         grid[0, 2].set_title("spectrogram")
         for ax, label in zip(grid[-1], ("time [s]", "frequency [Hz]", "time [s]"), strict=True):

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 from opid.report.as_json import plain
 from opid.report.as_text import WIDTH, aligned, wrapped
-from opid.signals.health_result import ChannelHealth, ClockHealth, Finding, Health, PairHealth
+from opid.signals.health_result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
 
 SCHEMA = "opid.health/1"
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
-"""What a screen has room for, of a channel's lines, of pairs, and of notes: `health_json` tells them all."""
+MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
+"""What a page has room for, of a channel's lines, of pairs, of notes, of clocks, of channels in a table and with lines,
+and of findings that differ but in their numbers: `health_json` tells them all."""
+
+FEW_CLOCKS = 6
+"""Clocks that are told in a sentence each; of more, a line each."""
 
 LEAST_JITTER = 1e-6
 """Of the period; what is less is the rounding of numbers, not of stamps."""
@@ -27,10 +33,8 @@ def health_text(name: str, health: Health) -> str:
         health: from `opid.signals.health.inspect`.
     """
     parts = [*_clock_lines(_shown(name), health), "", *_channel_lines(health.channels), ""]
-    of_channels = [
-        wrapped(_line_words(each), f"Lines of {_shown(each.name)}: ") for each in health.channels if each.lines
-    ]
-    parts += [*(line for lines in of_channels for line in lines), *([""] if of_channels else [])]
+    of_channels = list(_spectral_lines(_telling(health.channels)))
+    parts += [*of_channels, *([""] if of_channels else [])]
     parts += _pair_lines(health.pairs)
     if health.looks_unsprung:
         parts.append(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz).")
@@ -75,10 +79,32 @@ def _clock_lines(name: str, health: Health) -> list[str]:
     if len(health.clocks) == 1:
         return wrapped(f"{name}: {_clock_words(health.clocks[0])}.")
     lines = [f"{name}: {len(health.clocks)} clocks, {_counted(len(health.channels), 'channel')}"]
+    if len(health.clocks) > FEW_CLOCKS:
+        return [*lines, *_clock_table(health.clocks)]
     for clock in health.clocks:
         title = _shown(clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1))
         lines += wrapped(f"{title}: {_clock_words(clock)}.", "  ")
     return lines
+
+
+def _clock_table(clocks: Sequence[ClockHealth]) -> list[str]:
+    """A line for each clock, those with most samples where they are too many."""
+    most = sorted(clocks, key=lambda clock: -clock.n_samples)[:MOST_CLOCKS]
+    rows = [
+        (
+            _shown(clock.track or clock.channels[0]),
+            f"{len(clock.channels)}",
+            f"{clock.fs:.6g} Hz",
+            f"{clock.n_samples}",
+            f"{clock.duration_s:.4g} s",
+            f"{clock.n_gaps}" if clock.n_gaps else "-",
+        )
+        for clock in clocks
+        if clock in most
+    ]
+    lines = _table(("clock", "channels", "rate", "samples", "length", "gaps"), rows, n_left=1)
+    more = len(clocks) - len(rows)
+    return lines + [f"and {_counted(more, 'clock')} with fewer samples (--json tells all)"] * (more > 0)
 
 
 def _clock_words(clock: ClockHealth) -> str:
@@ -116,26 +142,41 @@ def _counted(number: int, word: str) -> str:
 
 
 def _channel_lines(channels: Sequence[ChannelHealth]) -> list[str]:
-    """A table of figures, and one of faults for the channels that have any."""
-    head = ("channel", "unit", "mean", "rms", "peak", "noise floor", "step", "drift")
+    """A table of figures, and one of faults for the channels that have any; of very many the most telling."""
+    shown = _telling(channels)
+    # a study may name a channel by its number in the log
+    digits = max((len(f"{channel.number}") for channel in shown if channel.number), default=0)
+    numbers = [(f"{channel.number or '-'}".rjust(digits),) if digits else () for channel in shown]
+    head = ("channel", *(("no.",) if digits else ()), "unit", "mean", "rms", "peak", "noise floor", "step", "drift")
     rows = [
         (
             _shown(channel.name),
+            *number,
             channel.unit,
             *(_figure(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
             _figure(channel.noise_floor or None),
             _figure(channel.quantisation_step),
             _figure(None if channel.mute else channel.drift),
         )
-        for channel in channels
+        for channel, number in zip(shown, numbers, strict=True)
     ]
-    lines = _table(head, rows, n_left=2)
-    faults = [
-        row for row in ((_shown(channel.name), *_faults(channel)) for channel in channels) if set(row[1:]) != {"-"}
-    ]
+    lines = _table(head, rows, n_left=head.index("unit") + 1)
+    if len(shown) < len(channels):
+        lines += wrapped(
+            f"and {len(channels) - len(shown)} channels more, {sum(channel.mute for channel in channels)} of all are "
+            "constant: --json tells all, and [channels] of a study (--study) names those wanted."
+        )
+    faults = [row for row in ((_shown(channel.name), *_faults(channel)) for channel in shown) if set(row[1:]) != {"-"}]
     if faults:
         lines += ["", *_table(("channel", "missing", "clipped", "longest held", "spikes"), faults, n_left=1)]
     return lines
+
+
+def _telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth]:
+    """All channels, or of very many those that a page has room for."""
+    if len(channels) <= MOST_CHANNELS:
+        return channels
+    return sorted(channels, key=lambda c: (c.mute, c.unit != "m/s^2", c.unit == "?"))[:MOST_CHANNELS]
 
 
 def _shown(name: str) -> str:
@@ -172,13 +213,28 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, n_left: int) -
     return text
 
 
-def _line_words(channel: ChannelHealth) -> str:
+def _spectral_lines(channels: Sequence[ChannelHealth]) -> Iterator[str]:
+    """The lines of each channel, and the peaks that may be lines."""
+    kinds = (
+        ("Lines", [(each, [line for line in each.lines if line.resolved or line.name]) for each in channels]),
+        ("Peaks", [(each, [line for line in each.lines if not (line.resolved or line.name)]) for each in channels]),
+    )
+    for kind, of_channels in kinds:
+        some = [(channel, lines) for channel, lines in of_channels if lines]
+        for channel, lines in some[:MOST_WITH_LINES]:
+            yield from wrapped(_line_words(channel, lines), f"{kind} of {_shown(channel.name)}: ")
+        if len(some) > MOST_WITH_LINES:
+            yield f"{kind} of {_counted(len(some) - MOST_WITH_LINES, 'channel')} more (--json tells all)."
+        if some and kind == "Peaks":
+            yield "A peak may be a line or a resonance: the record does not tell."
+
+
+def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
     unit = "" if channel.unit == "?" else f" {channel.unit}"
     told = [
-        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms"
-        for line in channel.lines[:MOST_LINES]
+        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms" for line in lines[:MOST_LINES]
     ]
-    more = len(channel.lines) - len(told)
+    more = len(lines) - len(told)
     return "; ".join(told) + (f"; and {more} weaker" if more > 0 else "") + "."
 
 
@@ -210,16 +266,38 @@ def _pair_words(pair: PairHealth) -> tuple[str, str]:
 
 
 def _finding_lines(findings: Sequence[Finding]) -> Iterator[str]:
-    """The findings, those that say the same of several channels together."""
+    """The findings, those that say the same, or the same of too many channels with other numbers, together."""
     together: dict[tuple[str, str], list[str]] = {}
     for finding in findings:
         message = finding.message.removeprefix(f"channel {finding.channel!r} ")
         together.setdefault((finding.severity, message), []).append(finding.channel)
-    notes = [key for key in together if key[0] == "note"]
+    alike: dict[tuple[str, str], list[tuple[str, list[str]]]] = {}
     for (severity, message), channels in together.items():
-        if (severity, message) in notes[MOST_NOTES:]:
-            continue
-        where = ", ".join(dict.fromkeys(_shown(channel) for channel in channels if channel))
-        yield from wrapped(f"{where}: {message}" if where else message, f"{severity.capitalize()}: ")
-    if len(notes) > MOST_NOTES:
-        yield f"and {_counted(len(notes) - MOST_NOTES, 'note')} more (--json tells all)"
+        alike.setdefault((severity, _without_numbers(message)), []).append((message, channels))
+    notes = 0
+    for (severity, _), told in alike.items():
+        concerned = list(dict.fromkeys(channel for _, channels in told for channel in channels))
+        # what is wrong with one clock or channel in several places is told place by place
+        many = len(told) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
+        for message, channels in told[:1] if many else told:
+            notes += severity == "note"
+            if severity == "note" and notes > MOST_NOTES:
+                continue
+            where = _listed(channels)
+            if many:
+                also = _listed([channel for channel in concerned if channel not in channels])
+                message += f" (likewise {also})" if also else f" (and {len(told) - 1} times likewise)"
+            yield from wrapped(f"{where}: {message}" if where else message, f"{severity.capitalize()}: ")
+    if notes > MOST_NOTES:
+        yield f"and {_counted(notes - MOST_NOTES, 'note')} more (--json tells all)"
+
+
+def _without_numbers(message: str) -> str:
+    return re.sub(r"'[^']*'|[-+]?\d[\d.e+-]*|nan", "#", message)
+
+
+def _listed(channels: Sequence[str]) -> str:
+    """Names of channels, of many the first."""
+    names = list(dict.fromkeys(_shown(channel) for channel in channels if channel))
+    more = len(names) - MOST_CHANNELS // 5
+    return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")

@@ -23,11 +23,22 @@ from opid.signals.health_result import (
     Stretch,
 )
 from opid.signals.recording import FloatArray
-from opid.signals.spectrum_health import HIGH_FREQUENCY_HZ, SpectrumCheck, floor_of, lines_of, rms_from
+from opid.signals.spectral_lines import lines_of
+from opid.signals.spectrum_health import (
+    HIGH_FREQUENCY_HZ,
+    LEAST_LONG_AVERAGES,
+    LongBlocks,
+    SpectrumCheck,
+    floor_of,
+    rms_from,
+)
 from opid.signals.spikes import SpikeSearch
 
 MOST_SPIKES = 5
 """Spikes in a second that are still single ones, which a fit mends; more spoil it."""
+
+HELD_ROWS = 2
+"""Samples beside a held value that are no spikes."""
 
 DRIFT_PARTS, DRIFT_PART_S = 16, 10.0
 """Parts whose means tell the drift, and the least length of one: slow beside any motion of a vehicle on its springs."""
@@ -71,6 +82,7 @@ class Checks:
         runs: one a channel.
         spikes: one a channel.
         spectra: of all channels.
+        long_blocks: of all channels.
         thorough: whether pairs and pictures are wanted.
     """
 
@@ -84,6 +96,7 @@ class Checks:
     runs: tuple[RunCheck, ...]
     spikes: tuple[SpikeSearch, ...]
     spectra: SpectrumCheck
+    long_blocks: LongBlocks
     thorough: bool
 
 
@@ -107,9 +120,14 @@ def track_figures(checks: Checks) -> TrackFigures:
     joined, n, mean, rms = checks.levels.bins()
     bins = _Bins(joined * checks.bin_rows, n, mean, rms)
     frequency_hz, psd, averages = checks.spectra.psd(clock.fs)
+    long_hz, long_psd, long_averages = checks.long_blocks.psd(clock.fs)
     channels, places, sound, complete = [], {}, [], []
     for i, name in enumerate(checks.names):
-        channel, place, good, whole = _channel(checks, i, clock.fs, bins, (frequency_hz, psd[i], float(averages[i])))
+        usual = (frequency_hz, psd[i], float(averages[i]))
+        long = (long_hz, long_psd[i], float(long_averages[i]))
+        for_lines = long if long[2] >= LEAST_LONG_AVERAGES else usual
+        lines = () if checks.runs[i].mute else lines_of(*for_lines, fs=clock.fs)
+        channel, place, good, whole = _channel(checks, i, clock.fs, bins, usual, lines)
         channels.append(channel)
         places[name] = place
         sound.append(good)
@@ -129,7 +147,12 @@ def track_figures(checks: Checks) -> TrackFigures:
 
 
 def _channel(
-    checks: Checks, i: int, fs: float, bins: _Bins, spectrum: tuple[FloatArray, FloatArray, float]
+    checks: Checks,
+    i: int,
+    fs: float,
+    bins: _Bins,
+    spectrum: tuple[FloatArray, FloatArray, float],
+    lines: tuple[SpectralLine, ...],
 ) -> tuple[ChannelHealth, Places, np.ndarray, np.ndarray]:
     """Figures and places of one channel, and which bins are sound, which complete."""
     run, frequency_hz, psd = checks.runs[i], spectrum[0], spectrum[1]
@@ -137,12 +160,10 @@ def _channel(
     spikes = np.empty(0, dtype=np.int64) if run.mute else checks.spikes[i].rows(step)
     held, clipped_at, clipped = run.clipped(step)
     flat = _beside_motion(run.flat.rows(), bins, i, step) if not run.mute else np.empty((0, 2), dtype=np.int64)
-    # beside a held value even usual motion departs far from the usual departure, which is none
-    spikes = spikes[~_marked(flat, bins)[spikes // bins.rows]]
+    spikes = spikes[~_beside_held(spikes, flat)]
     missing = run.missing.rows()
     mean, rms, peak = _moments(bins, i, float(checks.levels.lowest[i]), float(checks.levels.highest[i]))
     drift, part_s = _drift(bins, i, fs)
-    lines: tuple[SpectralLine, ...] = () if run.mute else lines_of(frequency_hz, psd, spectrum[2], fs=fs)
     kinds: tuple[tuple[Kind, np.ndarray], ...] = (
         ("missing", missing),
         ("clipped", clipped),
@@ -220,6 +241,14 @@ def _beside_motion(flat: np.ndarray, bins: _Bins, i: int, step: float | None) ->
     after = np.clip((flat[:, 1] + half) // bins.rows, 0, rms.size - 1)
     beside = np.maximum(rms[before], rms[after])
     return flat[beside > COARSE_STEPS * (step or 0.0)]
+
+
+def _beside_held(spikes: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """Which of the spikes are but where a held value begins, ends or is held again."""
+    if not flat.size:
+        return np.zeros(spikes.size, dtype=bool)
+    after = np.searchsorted(flat[:, 0], spikes + HELD_ROWS, "right") - 1
+    return (after >= 0) & (spikes < flat[np.maximum(after, 0), 1] + HELD_ROWS)
 
 
 def _marked(stretches: np.ndarray, bins: _Bins) -> np.ndarray:

@@ -54,6 +54,10 @@ class Places:
     without_unit: str = ""
 
 
+def _with_unit(value: str, unit: str) -> str:
+    return value if unit == "?" else f"{value} {unit}"
+
+
 def channel_findings(channel: ChannelHealth, places: Places) -> Iterator[Finding]:
     """Yield what is wrong with a channel.
 
@@ -96,14 +100,15 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
             "with start_s and stop_s, as `identify` does",
         )
     if channel.mute:
-        yield "fault", f"mute, all samples lie at {channel.mean:.4g} {channel.unit}: check the sensor and its cable"
+        mean = _with_unit(f"{channel.mean:.4g}", channel.unit)
+        yield "fault", f"mute, all samples lie at {mean}: check the sensor and its cable"
         return
     if channel.clipped_fraction > 0:
-        ends = " or ".join(f"{value:.4g}" for value in sorted(places.clipped_at))
+        ends = " or ".join(f"{value:.5g}" for value in sorted(places.clipped_at))
         yield (
             "warning",
-            f"{channel.clipped_fraction:.2%} of the samples are clipped at {ends} {channel.unit}, the first at "
-            f"{places.clipped_s:.3f} s: measure again with a larger range",
+            f"{channel.clipped_fraction:.2%} of the samples are clipped at {_with_unit(ends, channel.unit)}, the "
+            f"first at {places.clipped_s:.3f} s: measure again with a larger range",
         )
     elif places.held_s:
         yield (
@@ -121,8 +126,8 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
     if step is not None and channel.rms < COARSE_STEPS * step:
         yield (
             "warning",
-            f"the rms is only {channel.rms / step:.1f} steps of the resolution ({step:.3g} {channel.unit}): measure "
-            "with a smaller range or more bits",
+            f"the rms is only {channel.rms / step:.1f} steps of the resolution "
+            f"({_with_unit(f'{step:.3g}', channel.unit)}): measure with a smaller range or more bits",
         )
     yield from _of_supply(channel)
     if channel.unit == "m/s^2":
@@ -164,8 +169,8 @@ def _of_supply(channel: ChannelHealth) -> Iterator[tuple[Severity, str]]:
     lines = ", ".join(_line(line) for line in named[:3]) + (" and more" if len(named) > 3 else "")
     yield (
         severity,
-        f"{hum:.2g} {channel.unit} rms of the electric supply ({lines}): earth the shield at one end, keep the cable "
-        "away from power lines, and choose a band without these lines",
+        f"{_with_unit(f'{hum:.2g}', channel.unit)} rms of the electric supply ({lines}): earth the shield at one end, "
+        "keep the cable away from power lines, and choose a band without these lines",
     )
 
 

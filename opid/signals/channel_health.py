@@ -18,6 +18,11 @@ CLIP_CROWDING = 4.0
 """How much fuller than the next level the extreme level of a quantised, clipped signal is. The rounded top of
 a coarsely quantised sine is about twice as full."""
 
+LEAST_PEAKS = 3
+"""Clipped peaks from which a level is believed to be the range's end though single samples, spikes, lie beyond it."""
+
+_HELD_LEVELS = 4  # the largest values at which runs were met: of how many the runs are kept
+
 FLAT_S = 0.1
 """A value held for so long is no vibration of a machine in operation."""
 
@@ -166,11 +171,11 @@ class RunCheck:
         Args:
             step: the resolution.
         """
-        sides = [side for side in self.tops if not self.mute and side.held_for_certain(step)]
-        stretches = [side.rows.rows() for side in sides]
+        found = [held for side in self.tops if not self.mute and (held := side.clipped(step)) is not None]
+        stretches = [held.rows.rows() for held in found]
         joined = np.concatenate(stretches) if stretches else np.empty((0, 2), dtype=np.int64)
         joined = joined[np.argsort(joined[:, 0], kind="stable")]
-        return sum(side.held for side in sides), [side.value for side in sides], joined
+        return sum(held.samples for held in found), [held.value for held in found], joined
 
     def _take_missing(self, x: FloatArray, first: int) -> None:
         gone = np.concatenate([[False], np.isnan(x), [False]])
@@ -222,24 +227,26 @@ class RunCheck:
         if long.any():
             starts, stops, length, values = starts[long], stops[long], length[long], values[long]
             for side in self.tops:
-                own = values == side.value
-                side.hold(starts[own], stops[own])
+                side.hold(starts, stops, values)
             flat = length >= self._flat_rows
             self.flat.add(starts[flat], stops[flat])
 
 
-class _Extreme:
-    """The largest values (of the least, where `sign` is -1) of a channel, and the runs at the very largest."""
+class _Held:
+    """The runs at one value."""
 
-    def __init__(self, sign: float, bin_rows: int) -> None:
-        self._sign = sign
-        self.values, self.counts = np.empty(0), np.empty(0, dtype=np.int64)  # times sign, the largest first
-        self.held = 0
+    def __init__(self, value: float, bin_rows: int) -> None:
+        self.value, self.samples, self.runs = value, 0, 0
         self.rows = RowStretches(near=bin_rows)
 
-    @property
-    def value(self) -> float:
-        return float(self._sign * self.values[0]) if self.values.size else np.nan
+
+class _Extreme:
+    """The largest values (of the least, where `sign` is -1) of a channel, and the runs at the largest that have any."""
+
+    def __init__(self, sign: float, bin_rows: int) -> None:
+        self._sign, self._bin = sign, bin_rows
+        self.values, self.counts = np.empty(0), np.empty(0, dtype=np.int64)  # times sign, the largest first
+        self._held: dict[float, _Held] = {}  # by value times sign
 
     def look(self, x: FloatArray) -> None:
         """Take the values of a chunk when there is a full list to compare them with."""
@@ -250,7 +257,6 @@ class _Extreme:
 
     def take(self, values: FloatArray, counts: np.ndarray) -> None:
         """Take distinct values in rising order and how often each occurs."""
-        before = self.value
         if self._sign > 0:
             values, counts = values[::-1][:_TOP], counts[::-1][:_TOP]
         else:
@@ -258,22 +264,43 @@ class _Extreme:
         every, place = np.unique(np.concatenate([self.values, values]), return_inverse=True)
         total = np.bincount(place, np.concatenate([self.counts, counts]), minlength=every.size).astype(np.int64)
         self.values, self.counts = every[::-1][:_TOP], total[::-1][:_TOP]
-        if self.value != before:
-            self.held = 0
-            self.rows.clear()
 
-    def hold(self, starts: np.ndarray, stops: np.ndarray) -> None:
-        self.held += int((stops - starts).sum())
-        self.rows.add(starts, stops)
+    def hold(self, starts: np.ndarray, stops: np.ndarray, values: FloatArray) -> None:
+        """Take runs in order, and the values that are held."""
+        own = self._sign * values
+        if len(self._held) == _HELD_LEVELS:
+            large = own >= min(self._held)
+            if not large.any():
+                return
+            starts, stops, own = starts[large], stops[large], own[large]
+        for value in np.unique(own)[-_HELD_LEVELS:].tolist():
+            held = self._held.setdefault(value, _Held(self._sign * value, self._bin))
+            at = own == value
+            held.samples += int((stops[at] - starts[at]).sum())
+            held.runs += int(np.count_nonzero(at))
+            held.rows.add(starts[at], stops[at])
+        for value in sorted(self._held)[:-_HELD_LEVELS]:
+            del self._held[value]
 
-    def held_for_certain(self, step: float | None) -> bool:
+    def clipped(self, step: float | None) -> _Held | None:
+        """Return the runs at the end of the range: at the largest value, or at one with but single samples beyond."""
+        for value in sorted(self._held, reverse=True):
+            held = self._held[value]
+            beyond = int(self.counts[self.values > value].sum())
+            if value < self.values[-1] or (beyond and not held.runs >= max(LEAST_PEAKS, CLIP_CROWDING * beyond)):
+                continue
+            if self._for_certain(held, value, step):
+                return held
+        return None
+
+    def _for_certain(self, held: _Held, value: float, step: float | None) -> bool:
         """Whether it is held more often than rounding makes it, by the levels next to it."""
-        if step is None or not self.held:
-            return self.held > 0
-        below = self.values[0] - self.values
+        if step is None:
+            return True
+        below = value - self.values
         next_levels = self.counts[(below > 0.5 * step) & (below < 2.5 * step)].sum() / 2
         # the one keeps a single rounded peak of few samples from passing for a clipped one
-        return bool(self.held > CLIP_CROWDING * (next_levels + 1))
+        return bool(held.samples > CLIP_CROWDING * (next_levels + 1))
 
 
 def _quantisation_step(values: FloatArray) -> float | None:

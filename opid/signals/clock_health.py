@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from opid.signals.chunks import LARGEST
 from opid.signals.clock import COARSE_STAMPS, GAP, plain_number, resolution_of
 from opid.signals.health_result import ClockHealth, Finding, Stretch
 from opid.signals.recording import FloatArray
@@ -180,7 +181,7 @@ class ClockCheck:
 
     def _usual(self, stamps: FloatArray) -> tuple[float, float, float]:
         """Period, the longest step that is no gap, and the rounding of floating point, s."""
-        time_s = stamps[np.isfinite(stamps)]
+        time_s = stamps[np.abs(stamps) < LARGEST]
         steps = np.diff(time_s)
         if not (steps > 0).any():
             return 1.0, np.inf, 0.0
@@ -201,7 +202,7 @@ class ClockCheck:
 
     def _readable(self, stamps: FloatArray) -> FloatArray:
         """The stamps, those that are no number put between their neighbours."""
-        good = np.isfinite(stamps)
+        good = np.abs(stamps) < LARGEST  # their squares are summed
         if good.all():
             return stamps.copy()
         self.unreadable += int((~good).sum())

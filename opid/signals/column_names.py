@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from opid.errors import InputError
 from opid.signals.units import to_si
 
-TIME_NAMES = ("time", "t", "times", "time_s", "timestamp", "timestamps", "elapsed_time", "zeit")
-"""Names of the time, the likelier ones first; case is not looked at."""
+TIME_NAMES = ("time", "t", "times", "timestamp", "timestamps", "time stamp", "elapsed time", "elapsed", "zeit")
+"""Names of the time, the likelier ones first; case is not looked at, an underscore is a blank."""
 
 RATE_NAMES = ("fs", "fs_hz", "srate", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency", "samplefreq")
 INTERVAL_NAMES = ("dt", "ts", "delta_t", "sampling_interval", "sample_interval")
@@ -24,11 +24,15 @@ RATE_RANGE_HZ = (1e-6, 1e9)
 def split_unit(text: str) -> tuple[str, str | None]:
     """Split `upper_z [m/s^2]` or `upper_z (m/s^2)` into name and unit; None where there is none.
 
+    That of a time may stand behind it without brackets, `time_ms`, and is then a part of the name as well.
+
     Args:
         text: a name, with or without its unit.
 
     >>> split_unit("upper_z [m/(s^2)]"), split_unit("speed (km/h)"), split_unit("a[0]"), split_unit("upper_z")
     (('upper_z', 'm/(s^2)'), ('speed', 'km/h'), ('a[0]', None), ('upper_z', None))
+    >>> split_unit("time_ms")
+    ('time_ms', 'ms')
     """
     text = text.strip()
     for opening, closing in ("[]", "()"):
@@ -43,7 +47,7 @@ def split_unit(text: str) -> tuple[str, str | None]:
                     if not name or (unit.isdigit() and unit != "1") or unit == "0"
                     else (name, unit or None)
                 )
-    return text, None
+    return text, _time_and_unit(text)[1]
 
 
 def time_name(names: Sequence[str]) -> str | None:
@@ -52,11 +56,29 @@ def time_name(names: Sequence[str]) -> str | None:
     Args:
         names: as they are written, units and all.
 
-    >>> time_name(["az [g]", "Time [ms]", "t0"])
-    'Time [ms]'
+    >>> time_name(["az [g]", "Time [ms]", "t0"]), time_name(["Elapsed_Time", "time_ms"]), time_name(["t_inlet"])
+    ('Time [ms]', 'time_ms', None)
     """
-    plain = {split_unit(name)[0].casefold(): name for name in reversed(names)}
+    plain = {_time_and_unit(split_unit(name)[0])[0]: name for name in reversed(names)}
     return next((plain[known] for known in TIME_NAMES if known in plain), None)
+
+
+def _time_and_unit(name: str) -> tuple[str | None, str | None]:
+    """Which of the names of the time one is, and the unit behind it; None for none."""
+    plain = " ".join(name.replace("_", " ").split())
+    if plain.casefold() in TIME_NAMES:
+        return plain.casefold(), None
+    stem, _, unit = plain.rpartition(" ")
+    if stem.casefold() in TIME_NAMES and _is_time_unit(unit):
+        return stem.casefold(), unit
+    return None, None
+
+
+def _is_time_unit(unit: str) -> bool:
+    try:
+        return to_si(unit)[1] == "s"
+    except InputError:
+        return False
 
 
 def named(values: Mapping[str, object], names: Sequence[str]) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -66,9 +67,9 @@ def _part(
     stop_s: float | None,
 ) -> Recording:
     """The wanted channels of one track."""
-    samples, stamps, first = _stretch(log, track, list(columns.values()), settings, start_s, stop_s)
+    samples, clock, first = _stretch(log, track, list(columns.values()), settings, start_s, stop_s)
     try:
-        clock = _clock(track, settings, stamps, first)
+        clock = clock if isinstance(clock, Clock) else uniform_clock(clock)
     except ClockError as error:
         raise InputError(f"{log.path} {track.place(first + error.sample)}: {error}") from error
     converted, found, words = [], [], []
@@ -80,7 +81,7 @@ def _part(
             raise InputError(f"{log.path}: {error}") from None
         converted.append(si)
         found.append(Channel(name, unit))
-        words.append(wanted[name].words(written))
+        words.append(wanted[name].words(track.channels[column].unit, settings.unit))
     for column, values in zip(columns.values(), samples.T, strict=True):
         missing = np.flatnonzero(~np.isfinite(values))
         if missing.size:
@@ -110,18 +111,16 @@ def _stretch(
     settings: LogSettings,
     start_s: float | None,
     stop_s: float | None,
-) -> tuple[FloatArray, FloatArray | None, int]:
-    """Samples and stamps between two times, and the number of the first row."""
+) -> tuple[FloatArray, Clock | FloatArray, int]:
+    """Samples between two times, their clock or the stamps that make it, and the number of the first row."""
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
-    fs = settings.fs_hz or track.fs
-    if fs is not None and (settings.fs_hz or track.n_samples is not None):
-        origin = 0.0 if settings.fs_hz and track.fs is None else track.start_s
+    whole = _known_clock(log, track, settings)
+    if whole is not None:
         # half a sample of slack: times written with few digits must not lose a sample
-        first = 0 if start_s is None else max(0, int(np.ceil((low - origin) * fs - 0.5)))
-        stop = None if stop_s is None else max(first, int(np.ceil((high - origin) * fs - 0.5)))
-        blocks = list(track.blocks(columns, first, stop))
-        parts = [block.samples for block in blocks]
-        return _joined(log, parts, low, high), None, first
+        first = 0 if start_s is None else max(0, int(np.ceil((low - whole.start_s) * whole.fs - 0.5)))
+        stop = None if stop_s is None else max(first, int(np.ceil((high - whole.start_s) * whole.fs - 0.5)))
+        samples = _joined(log, [block.samples for block in track.blocks(columns, first, stop)], low, high)
+        return samples, replace(whole, start_s=whole.start_s + first / whole.fs), first
     parts, times, row = [], [], 0
     begun: int | None = None
     for block in track.blocks(columns):
@@ -140,6 +139,23 @@ def _stretch(
     return samples, np.concatenate(times), begun or 0
 
 
+def _known_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
+    """The clock of all rows where it is stated, or reconstructed (a part of the stamps would give another rate)."""
+    if settings.fs_hz:
+        return Clock(settings.fs_hz, track.start_s if track.fs else 0.0, settings.fs_hz, 0.0)
+    if track.fs is not None:
+        return Clock(track.fs, track.start_s, track.fs, 0.0)
+    if settings.clock != "reconstructed":
+        return None
+    stamps = [block.stamps for block in track.blocks([0]) if block.stamps is not None]
+    if sum(part.size for part in stamps) < 2:
+        raise InputError(f"{log.path} holds no time stamps to reconstruct a clock from: give fs_hz in [log]")
+    try:
+        return reconstructed_clock(np.concatenate(stamps))
+    except ClockError as error:
+        raise InputError(f"{log.path} {track.place(error.sample)}: {error}") from error
+
+
 def _joined(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatArray:
     n = sum(part.shape[0] for part in parts)
     if n < 2:
@@ -152,20 +168,10 @@ def _joined(log: Log, parts: list[FloatArray], low: float, high: float) -> Float
     return np.concatenate(parts)
 
 
-def _clock(track: Track, settings: LogSettings, stamps: FloatArray | None, first: int) -> Clock:
-    if stamps is None:
-        fs = settings.fs_hz or track.fs
-        assert fs is not None  # `_stretch` has seen to it
-        start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
-        return Clock(fs, start_s + first / fs, fs, 0.0)
-    if settings.clock == "reconstructed":
-        return reconstructed_clock(stamps)
-    return uniform_clock(stamps)
-
-
 def _rate_words(track: Track, settings: LogSettings, clock: Clock) -> str:
     if settings.fs_hz:
-        return f"rate {clock.fs:.9g} Hz as the user states"
+        instead = f"the file states {track.fs:.9g} Hz" if track.fs else "time stamps are not looked at"
+        return f"rate {clock.fs:.9g} Hz as the user states ({instead})"
     if track.fs is not None:
         return f"rate {clock.fs:.9g} Hz as the file states"
     if settings.clock == "reconstructed":

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.signals.clock import ClockError, uniform_clock
+from opid.signals.clock import ClockError, resolution_of, uniform_clock
 from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import on_common_clock
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Units = str | Mapping[str, str] | None
 
+_SAME_RATE = 1e-5  # what two runs of a study may differ by
 _SEP5_NEEDED = ("data", "name", "unit_str")
 _SEP5_PROHIBITED = ("unit", "timestamp", "signal", "sample_frequency")
 _SEP5_OPTIONAL = ("fs", "time", "start_timestamp", "start_timestamp_format", "unit_tex")
@@ -176,12 +177,13 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
     """Return the recording of a list of SEP 5 dictionaries; several rates are brought to the lowest.
 
     Args:
-        channels: one dictionary a channel, with `data` (n,), `name`, `unit_str` and `fs`, Hz, or `time` (n,), s.
+        channels: one dictionary a channel, with `data` (n,), `name`, `unit_str` and `fs`, Hz, or `time` (n,), s; where
+            both are given they must agree.
         units: of all channels, or of each by its name; before theirs.
 
     Raises:
         InputError: a key that SEP 5 asks for is missing or misspelt, channels that began at different times of day, a
-            time that is no uniform clock, or no known unit.
+            time that is no uniform clock, or not that of `fs`, or no known unit.
 
     >>> data = np.array([0.5, 1.0, 0.0])
     >>> run = recording_from_sep005([{"name": "upper_z", "unit_str": "g", "fs": 500, "data": data}])
@@ -202,15 +204,32 @@ def recording_from_sep005(channels: Sequence[Mapping[str, Any]], *, units: Units
         unit = _unit(units, (name,)) or channel["unit_str"] or None
         data = _numbers(channel["data"], name)
         if channel.get("fs") is not None:
-            stamps = None if channel.get("time") is None else _seconds(np.asarray(channel["time"]), "s")
-            start_s = float(channel.get("start_s", 0.0 if stamps is None or not stamps.size else stamps[0]))
-            attributes = {"fs": float(channel["fs"]), "start_s": start_s}
+            start_s = 0.0
+            if channel.get("time") is not None:
+                start_s = _require_same_clock(name, channel, data.size)
+            attributes = {"fs": float(channel["fs"]), "start_s": float(channel.get("start_s", start_s))}
             parts.append(_recording({name: (data, unit)}, None, attributes, "SEP 5"))
         else:
             stamps = _seconds(np.asarray(channel["time"]), "s")
             parts.append(_recording({name: (data, unit)}, stamps, {}, "SEP 5"))
     began = next(iter(starts))
     return _together(parts, () if began is None else (f"began {began}",))
+
+
+def _require_same_clock(name: str, channel: Mapping[str, Any], n: int) -> float:
+    """Refuse a time that is not that of the stated rate; return the first one, s."""
+    stated = sound_rate(float(channel["fs"]), where=f"channel {name!r}")
+    stamps = _seconds(np.asarray(channel["time"]), "s")
+    if stamps.shape != (n,):
+        raise InputError(f"channel {name!r} has {n} samples, the time {stamps.size}: give as many")
+    fs, start_s = _clock(stamps, {})
+    # rounded stamps do not tell the rate better than this
+    rounding_s = resolution_of(stamps) if np.ptp(np.diff(stamps)) * fs > 1e-6 else 0.0
+    if abs(fs / stated - 1) > _SAME_RATE + rounding_s / (stamps[-1] - stamps[0]):
+        raise InputError(
+            f"channel {name!r} states fs {stated:.9g} Hz, its time is that of {fs:.9g} Hz: give the true one"
+        )
+    return start_s
 
 
 def sep005_of(recording: Recording) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import accumulate, chain
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from opid.signals.health_result import ChannelHealth, Finding, Health, Severity
 from opid.signals.log import Block, Log, Track, log_of_recording
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.spectrum_health import SpectrumCheck
+from opid.signals.spectrum_health import LongBlocks, SpectrumCheck
 from opid.signals.spikes import SpikeSearch, without_spikes
 
 __all__ = [
@@ -79,7 +79,7 @@ def inspect(
         own = {name: wanted[name][0] for name in columns}
         results.append(_inspect_track(log, track, columns, own, settings, thorough, shown))
         done += track.n_samples or 0
-    return _together(results, order=tuple(wanted))
+    return _together(results, order=tuple(wanted), numbers=_numbers(log, wanted))
 
 
 def _wanted(
@@ -91,6 +91,13 @@ def _wanted(
         return {name: (ChannelSettings(name), place) for name, place in zip(log.names, places, strict=True)}
     own = dict(channels) if isinstance(channels, Mapping) else {name: ChannelSettings(name) for name in channels}
     return {name: (setting, log.find(setting.channel)) for name, setting in own.items()}
+
+
+def _numbers(log: Log, wanted: Mapping[str, tuple[ChannelSettings, tuple[Track, int]]]) -> dict[str, int]:
+    """Number of each channel in the log, as `Log.find` takes it."""
+    before = accumulate((len(track.channels) for track in log.tracks), initial=1)
+    first = {id(track): number for track, number in zip(log.tracks, before, strict=False)}
+    return {name: first[id(track)] + column for name, (_, (track, column)) in wanted.items()}
 
 
 def _part(progress: Callable[[float], None], done: int, every: int) -> Callable[[int], None]:
@@ -121,7 +128,7 @@ def _inspect_track(
     checks, convert = _checks(track, columns, wanted, settings, clock, bin_rows, thorough)
     rows = chunk_rows(bin_rows, len(columns))
     maker = ChunkMaker(convert, bin_rows, rows)
-    every: list[Callable[[Chunk], None]] = [checks.levels.add, checks.spectra.add]
+    every: list[Callable[[Chunk], None]] = [checks.levels.add, checks.spectra.add, checks.long_blocks.add]
     every += [run.add for run in checks.runs] + [search.add for search in checks.spikes]
     for samples, stamps in same_sized(chain(first, blocks), len(columns), rows):
         chunk = maker.chunk(samples, clock.add(stamps, samples.shape[1]))
@@ -131,6 +138,7 @@ def _inspect_track(
             progress(clock.n)
     for run in checks.runs:
         run.finish()
+    checks.spectra.finish()
     return track_figures(checks)
 
 
@@ -159,6 +167,7 @@ def _checks(
         runs=tuple(RunCheck(i, bin_rows=bin_rows, flat_rows=flat_rows) for i in range(n)),
         spikes=tuple(SpikeSearch(i, bin_rows) for i in range(n)),
         spectra=SpectrumCheck(n, bin_rows, crossed=crossed if len(crossed) > 1 else (), spectrogram=thorough),
+        long_blocks=LongBlocks(n, bin_rows),
         thorough=thorough,
     )
     return checks, convert
@@ -202,9 +211,10 @@ def _converter(own: ChannelSettings, written: str | None) -> Converter:
     return lambda samples: own.to_si(samples, written)[0]
 
 
-def _together(results: Sequence[TrackFigures], *, order: Sequence[str]) -> Health:
+def _together(results: Sequence[TrackFigures], *, order: Sequence[str], numbers: Mapping[str, int]) -> Health:
     """The health of all clocks."""
-    channels = {channel.name: channel for result in results for channel in result.channels}
+    found = [channel for result in results for channel in result.channels]
+    channels = {channel.name: replace(channel, number=numbers[channel.name]) for channel in found}
     findings: list[Finding] = []
     for result in results:
         findings += clock_findings(result.clock_check, result.clock)

@@ -82,17 +82,19 @@ class ClockHealth:
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line that stands out of the spectrum.
+    """A line that stands out of the spectrum, or a peak that may be one.
 
     Args:
         frequency_hz: where.
         rms: of the line, in the unit of the channel.
         name: "mains, 50 Hz", "harmonic 3 of the mains (50 Hz)", or empty.
+        resolved: whether it is narrower than a resonance of 1 % damping would be; a short record does not tell.
     """
 
     frequency_hz: float
     rms: float
     name: str = ""
+    resolved: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,7 @@ class Overview:
         frequency_hz: (n_lines,) of the spectra, Hz.
         psd: (n_lines,) power spectral density, unit^2/Hz.
         spectrogram_s: (m,) middles of the times of the spectrogram, s.
-        spectrogram_hz: (n_bands,) of the spectrogram, Hz, at most 512: neighbouring lines are averaged.
+        spectrogram_hz: (n_bands,) of the spectrogram, Hz: single lines up to 20 Hz or so, then bands that grow.
         spectrogram: (m, n_bands) power spectral density at these times, unit^2/Hz, NaN where there is none.
     """
 
@@ -137,6 +139,7 @@ class ChannelHealth:
         longest_flat_s: longest time for which the value does not change, s.
         spikes: single samples that depart from both neighbours by 10 robust standard deviations.
         mute: whether the channel shows nothing.
+        number: of the channel in its log, counted from 1, whatever of it was asked for; 0 where unknown.
         missing: values that are not there (NaN).
         drift: range of the slow offset (means of long stretches), in the unit.
         noise_floor: rms of white noise as quiet as the quietest part of the spectrum.
@@ -157,6 +160,7 @@ class ChannelHealth:
     longest_flat_s: float
     spikes: int
     mute: bool
+    number: int = 0
     missing: int = 0
     drift: float = 0.0
     noise_floor: float = 0.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -92,11 +93,14 @@ class Log:
         path: of the file; a name in brackets where there is none.
         format: what it is called.
         tracks: one for each clock.
+        zero: the moment at which its times are zero, where the file tells: logs of several recorders are put on one
+            time axis by it. Without a zone it is what the recorder's clock showed.
     """
 
     path: Path
     format: str
     tracks: tuple[Track, ...]
+    zero: datetime | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from opid.errors import InputError
+from opid.signals.column_names import RATE_RANGE_HZ
 from opid.signals.recording import FloatArray
 from opid.signals.units import to_si
 
@@ -51,10 +52,10 @@ class LogSettings:
         object.__setattr__(self, "names", tuple(self.names))
         if self.clock not in CLOCKS:
             raise InputError(f"clock is {self.clock!r}: give one of {', '.join(map(repr, CLOCKS))}")
-        for name in ("fs_hz", "full_scale"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}: give a positive number")
+        if self.full_scale is not None and not (math.isfinite(self.full_scale) and self.full_scale > 0):
+            raise InputError(f"full_scale is {self.full_scale}: give a positive number")
+        if self.fs_hz is not None and not RATE_RANGE_HZ[0] <= self.fs_hz <= RATE_RANGE_HZ[1]:
+            raise InputError(f"fs_hz is {self.fs_hz:g}: give a rate in Hz that a recorder can have")
         if self.decimal not in (None, ".", ","):
             raise InputError(f"decimal is {self.decimal!r}: give '.' or ','")
         if self.skip_lines is not None and self.skip_lines < 0:
@@ -129,17 +130,19 @@ class ChannelSettings:
             return samples * factor, name
         return self.sign * (self.scale * samples + self.offset) * factor, name
 
-    def words(self, written_unit: str | None) -> str | None:
+    def words(self, written_unit: str | None, unit_of_all: str | None = None) -> str | None:
         """Return what is done to the values, for the history; None for nothing.
 
         Args:
             written_unit: what the file states.
+            unit_of_all: of every channel for which the file states none.
         """
-        unit = self.unit or written_unit
+        unit = self.unit or written_unit or unit_of_all
         if unit is None:
             return None
         factor, name = to_si(unit)
         parts = [f"times {self.scale:.9g}"] * (self.scale != 1)
         parts += [f"plus {self.offset:.9g} {unit}"] * (self.offset != 0) + ["sign reversed"] * (self.sign < 0)
         parts += [f"{unit} -> {name}, times {factor:.9g}"] * (factor != 1)
+        parts += [f"the file states {written_unit}"] * (self.unit is not None and written_unit not in (None, self.unit))
         return f"{self.channel}: {', '.join(parts)}" if parts else None

@@ -28,8 +28,9 @@ slowly to its end may be as quiet, but from bump to bump its level halves or dou
 STILL_S = 5.0
 """Time for which it stands before the stretch is cut: a moment between two bumps is no standstill."""
 
-USUAL_S = 30.0
-"""The usual motion is the strongest that lasts for so long."""
+USUAL_S, USUAL_PART = 30.0, 1 / 3
+"""The usual motion is the strongest that lasts for so long, or for this part of a short log: it may stand for the rest.
+"""
 
 NEARLY = 0.8
 """Of stretches that are at least this part as long as the longest the most energetic is taken."""
@@ -170,7 +171,7 @@ def _all_of(flags: np.ndarray, columns: Sequence[int]) -> np.ndarray:
 def _over_usual(levels: Levels, columns: Sequence[int]) -> FloatArray:
     """(n,) level of the channel that moves most, over the strongest motion of it that lasts."""
     rms = levels.rms[:, columns]
-    n = max(1, min(rms.shape[0], round(USUAL_S / levels.length_s)))
+    n = max(1, min(round(USUAL_PART * rms.shape[0]), round(USUAL_S / levels.length_s)))
     filled = np.nan_to_num(rms)
     usual = np.array([np.median(np.lib.stride_tricks.sliding_window_view(own, n), axis=1).max() for own in filled.T])
     return np.fmax.reduce(rms / np.where(usual > 0, usual, np.inf), axis=1)

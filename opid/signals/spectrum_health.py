@@ -1,4 +1,4 @@
-"""Spectra of a log that is read but once: Welch averages, spectrogram, lines and what they are called, noise floor."""
+"""Spectra of a log that is read but once: Welch averages, spectrogram, long blocks for lines, noise floor."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from opid.signals.chunks import Chunk
-from opid.signals.health_result import SpectralLine
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray, white_noise_rms
+from opid.signals.spectral_lines import growing_edges
 from opid.signals.thinning import Thinning
 
 HIGH_FREQUENCY_HZ = 5.0
@@ -21,22 +21,16 @@ OVERLAPPED_BINS = 512
 MENDED_PART = 0.05
 """Part of a block that may be missing: it is put on straight lines; more, and the block is left out."""
 
-SPECTROGRAM_TIMES, SPECTROGRAM_LINES = 300, 512
+SPECTROGRAM_TIMES = 300
 
-LINE_RATIO = 8.0
-"""How far a line stands above the median of its neighbours at least."""
+BAND_PART = 0.025
+"""Width of the spectrogram's bands, as a part of their frequency: those of a suspension are single lines."""
 
-LINE_CHANCE = 1e-6
-"""Probability of such a line in noise: it takes 20 times the median in a single periodogram, less in a mean of many."""
+LONG_BINS, LEAST_LONG_BINS, LONG_VALUES = 16, 4, 1 << 22
+"""Bins (seconds) of the long blocks in which lines are looked for; fewer where more values would be held in memory."""
 
-LINE_WIDTH = 30.0
-"""How far the spectrum has fallen three lines off: the window's own width, which a damped resonance exceeds."""
-
-MOST_LINES = 10
-MAINS_HZ = (50.0, 60.0)
-AIRCRAFT_HZ = 400.0
-MAINS_TOLERANCE, AIRCRAFT_TOLERANCE = 0.004, 0.02
-MOST_HARMONIC = 13
+LEAST_LONG_AVERAGES = 3.0
+"""Long blocks that tell more of lines than the many short ones of the same record."""
 
 
 class SpectrumCheck:
@@ -55,10 +49,11 @@ class SpectrumCheck:
         self._weight = np.zeros((2, n_channels))  # sum of the blocks' weights, and of their squares
         self._cross: ComplexArray | None = None
         self.cross_weight = np.zeros(2)
-        self._nperseg = 2 * bin_rows
-        self._group = -(-(bin_rows + 1) // SPECTROGRAM_LINES)
-        most = min(SPECTROGRAM_TIMES, max(8, 2_000_000 * self._group // (n_channels * (bin_rows + 1))))
+        self._nperseg, self._window = 2 * bin_rows, hann(2 * bin_rows)
+        self._edges = growing_edges(bin_rows + 1, part=BAND_PART)
+        most = min(SPECTROGRAM_TIMES, max(8, 2_000_000 // (n_channels * self._edges.size)))
         self._gram = Thinning({"power": np.add, "weight": np.add}, most) if spectrogram else None
+        self._block_before: tuple[FloatArray, FloatArray] | None = None
 
     def add(self, chunk: Chunk) -> None:
         """Take the next chunk.
@@ -68,36 +63,46 @@ class SpectrumCheck:
         """
         used = chunk.lead + chunk.n
         if chunk.first == 0 and used < self._nperseg:
-            self._nperseg = used
+            self._nperseg, self._window = used, hann(used)
+            self._edges = growing_edges(used // 2 + 1, part=BAND_PART)
         if self._power is None:
             n_lines, n_crossed = self._nperseg // 2 + 1, len(self.crossed)
             self._power = np.zeros((self._n, n_lines))
             self._cross = np.zeros((n_crossed, n_crossed, n_lines), dtype=np.complex128)
         before = (chunk.first - chunk.lead) // self._bin
         starts = np.arange(0, max(used - self._nperseg, 0 if used >= self._nperseg else -1) + 1, self._bin)
-        weights = np.where(before + starts // self._bin < OVERLAPPED_BINS, 1.0, 2.0)
-        wanted = (weights == 1.0) | ((before + starts // self._bin) % 2 == 0)
-        starts, weights = starts[wanted], weights[wanted]
+        slots = starts // self._bin
+        weights = np.where(before + slots < OVERLAPPED_BINS, 1.0, 2.0)
+        wanted = (weights == 1.0) | ((before + slots) % 2 == 0)
+        if used % self._bin and used > self._nperseg:
+            # the end of a log that is no whole bin: in the spectrogram alone
+            starts, slots = np.append(starts, used - self._nperseg), np.append(slots, used // self._bin - 1)
+            weights, wanted = np.append(weights, 0.0), np.append(wanted, True)
         first = chunk.first - chunk.lead + starts
         inside = np.searchsorted(chunk.breaks, first + self._nperseg) > np.searchsorted(chunk.breaks, first, "right")
-        starts, weights = starts[~inside], weights[~inside]
-        if starts.size:
-            self._take(chunk, starts, weights)
-        elif self._gram is not None:
-            self._add_to_gram(chunk, starts, weights, np.empty((self._n, 0, self._n_bands)))
+        wanted &= ~inside
+        grouped, usable = self._take(chunk, starts[wanted], weights[wanted])
+        if self._gram is not None:
+            self._add_to_gram(chunk, slots[wanted], usable, grouped)
 
-    def _take(self, chunk: Chunk, starts: np.ndarray, weights: FloatArray) -> None:
+    def finish(self) -> None:
+        """Take the end of the last chunk."""
+        if self._gram is not None and self._block_before is not None:
+            power, usable = self._block_before
+            self._gram.add({"power": power[np.newaxis], "weight": usable[np.newaxis]})
+
+    def _take(self, chunk: Chunk, starts: np.ndarray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Add blocks to the spectra; return (n_channels, n, ...) their powers by bands, and whether they are usable."""
         assert self._power is not None
-        window = _hann(self._nperseg)
         spectra: dict[int, ComplexArray] = {}
-        usable = np.ones((self._n, starts.size), dtype=bool)
-        grouped = np.zeros((self._n, starts.size, self._n_bands))
-        for i, row in enumerate(chunk.values):
+        usable = np.ones((self._n, starts.size))
+        grouped = np.zeros((self._n, starts.size, self._edges.size))
+        for i, row in enumerate(chunk.values if starts.size else ()):
             blocks = np.lib.stride_tricks.sliding_window_view(row, self._nperseg)[starts]
             if chunk.missing[i]:
                 usable[i] = _mended(blocks)
             blocks -= blocks.mean(axis=1, keepdims=True)
-            blocks *= window
+            blocks *= self._window
             spectrum = np.fft.rfft(blocks, axis=1)
             own = weights * usable[i]
             power = spectrum.real**2
@@ -108,12 +113,10 @@ class SpectrumCheck:
             if i in self.crossed:
                 spectra[i] = spectrum
             if self._gram is not None:
-                edges = np.arange(0, power.shape[1], self._group)
-                grouped[i] = np.add.reduceat(power, edges, axis=1) * own[:, np.newaxis]
-        if self.crossed:
+                grouped[i] = np.add.reduceat(power, self._edges, axis=1) * usable[i][:, np.newaxis]
+        if self.crossed and starts.size:
             self._take_cross(spectra, weights * usable[list(self.crossed)].all(axis=0))
-        if self._gram is not None:
-            self._add_to_gram(chunk, starts, weights * usable, grouped)
+        return grouped, usable
 
     def _take_cross(self, spectra: dict[int, ComplexArray], weights: FloatArray) -> None:
         assert self._cross is not None
@@ -124,17 +127,26 @@ class SpectrumCheck:
             for j in range(i, len(self.crossed)):
                 self._cross[i, j] += np.einsum("kl,kl->l", conjugate, spectra[self.crossed[j]])
 
-    def _add_to_gram(self, chunk: Chunk, starts: np.ndarray, weights: FloatArray, grouped: FloatArray) -> None:
-        """One item a bin: the block that begins in it, if any."""
+    def _add_to_gram(self, chunk: Chunk, slots: np.ndarray, usable: FloatArray, grouped: FloatArray) -> None:
+        """One item a bin: the block that ends with it or, where that is of no use, the one that begins with it.
+
+        The item of the last bin waits for the next chunk.
+        """
         assert self._gram is not None
-        bins = max(1, -(-chunk.n // self._bin))
-        power, weight = np.zeros((bins, self._n, grouped.shape[2])), np.zeros((bins, self._n))
-        if starts.size:
-            # a block that begins in the bin before is the first one's: its middle lies where this one begins
-            at = np.minimum(starts // self._bin, bins - 1)
-            np.add.at(power, at, np.moveaxis(grouped, 0, 1))
-            np.add.at(weight, at, np.broadcast_to(weights, (self._n, starts.size)).T)
-        self._gram.add({"power": power, "weight": weight})
+        bins = -(-(chunk.lead + chunk.n) // self._bin)
+        # the first is the block that ends with the first bin
+        power, usable_at = np.zeros((bins, self._n, self._edges.size)), np.zeros((bins, self._n))
+        if self._block_before is not None:
+            power[0], usable_at[0] = self._block_before
+        at = np.minimum(slots + 1, bins - 1)
+        power[at], usable_at[at] = np.moveaxis(grouped, 0, 1), usable.T
+        self._block_before = power[-1].copy(), usable_at[-1].copy()
+        ending = usable_at[:-1] > 0
+        items = {
+            "power": np.where(ending[:, :, np.newaxis], power[:-1], power[1:]),
+            "weight": np.where(ending, usable_at[:-1], usable_at[1:]),
+        }
+        self._gram.add(items)
 
     def psd(self, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return frequencies, Hz, densities (n_channels, n_lines), unit^2/Hz, and the averages of each channel.
@@ -171,27 +183,92 @@ class SpectrumCheck:
         """
         assert self._gram is not None
         items = self._gram.items()
-        edges = np.arange(0, self._nperseg // 2 + 1, self._group)
-        sizes = np.diff(np.append(edges, self._nperseg // 2 + 1))
-        middles = (edges + 0.5 * (sizes - 1)) * fs / self._nperseg
+        sizes = np.diff(np.append(self._edges, self._nperseg // 2 + 1))
+        middles = (self._edges + 0.5 * (sizes - 1)) * fs / self._nperseg
         weight = items["weight"][:, :, np.newaxis]
-        scale = 2 / (fs * np.sum(_hann(self._nperseg) ** 2))
+        scale = 2 / (fs * np.sum(self._window**2))
         density = items["power"] / np.where(weight > 0, weight, np.nan) / sizes * scale
         return 2**self._gram.level, middles, np.moveaxis(density, 1, 0)
-
-    @property
-    def _n_bands(self) -> int:
-        return -(-(self._nperseg // 2 + 1) // self._group)
 
     def _frequencies(self, fs: float) -> FloatArray:
         return np.arange(self._nperseg // 2 + 1, dtype=np.float64) * float(fs / self._nperseg)
 
     def _scale(self, fs: float) -> FloatArray:
-        scale = np.full(self._nperseg // 2 + 1, 2 / (fs * np.sum(_hann(self._nperseg) ** 2)))
+        scale = np.full(self._nperseg // 2 + 1, 2 / (fs * np.sum(self._window**2)))
         scale[0] /= 2
         if self._nperseg % 2 == 0:
             scale[-1] /= 2
         return scale
+
+
+class LongBlocks:
+    """Spectra of long blocks, which tell lines from resonances.
+
+    Args:
+        n_channels: of the chunks.
+        bin_rows: rows of a bin.
+    """
+
+    def __init__(self, n_channels: int, bin_rows: int) -> None:
+        bins = min(LONG_BINS, LONG_VALUES // (n_channels * bin_rows))
+        # a power of two, so that a chunk fills it exactly or in halves
+        self._nperseg = 2 ** (bins.bit_length() - 1) * bin_rows if bins >= LEAST_LONG_BINS else 0
+        self._bin, self._window = bin_rows, hann(self._nperseg)
+        self._kept = np.empty((n_channels, self._nperseg))
+        self._missing: np.ndarray = np.zeros(n_channels, dtype=bool)
+        self._first, self._filled, self._last_break = 0, 0, 0
+        self._power = np.zeros((n_channels, self._nperseg // 2 + 1))
+        self._weight = np.zeros((2, n_channels))
+
+    def add(self, chunk: Chunk) -> None:
+        """Take the next chunk.
+
+        Args:
+            chunk: the next one.
+        """
+        done = 0
+        while self._nperseg and done < chunk.n:
+            step = min(self._nperseg - self._filled, chunk.n - done)
+            self._kept[:, self._filled : self._filled + step] = chunk.new[:, done : done + step]
+            self._missing |= chunk.missing
+            done, self._filled = done + step, self._filled + step
+            if self._filled == self._nperseg:
+                before = np.searchsorted(chunk.breaks, self._first + self._nperseg)
+                self._last_break = int(chunk.breaks[before - 1]) if before else self._last_break
+                self._take()
+        if chunk.breaks.size:
+            self._last_break = int(chunk.breaks[-1])
+
+    def psd(self, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return frequencies, Hz, densities (n_channels, n_lines), unit^2/Hz, and the averages of each channel.
+
+        Args:
+            fs: rate, Hz.
+        """
+        frequency_hz = np.arange(self._nperseg // 2 + 1) * (fs / max(self._nperseg, 1))
+        averages = self._weight[0] ** 2 / np.maximum(self._weight[1], 1e-300)
+        if not averages.any():
+            return frequency_hz, self._power, averages
+        scale = 2 / (fs * np.sum(self._window**2)) / np.maximum(self._weight[0], 1e-300)
+        return frequency_hz, self._power * scale[:, np.newaxis], averages
+
+    def _take(self) -> None:
+        overlapped = self._first // self._bin < OVERLAPPED_BINS
+        if self._last_break <= self._first:
+            for i, row in enumerate(self._kept):
+                block = row[np.newaxis].copy()
+                if self._missing[i] and not _mended(block)[0]:
+                    continue
+                block -= block.mean()
+                block *= self._window
+                spectrum = np.fft.rfft(block[0])
+                weight = 1.0 if overlapped else 2.0
+                self._power[i] += weight * (spectrum.real**2 + spectrum.imag**2)
+                self._weight[:, i] += (weight, weight**2)
+        self._filled = self._nperseg // 2 if overlapped else 0
+        self._first += self._nperseg - self._filled
+        self._kept[:, : self._filled] = self._kept[:, self._nperseg - self._filled :]
+        self._missing = np.asarray(np.isnan(self._kept[:, : self._filled]).any(axis=1))
 
 
 def rms_from(frequency_hz: FloatArray, psd: FloatArray, least_hz: float) -> float:
@@ -222,81 +299,12 @@ def floor_of(frequency_hz: FloatArray, psd: FloatArray, averages: float, *, fs: 
     return white_noise_rms(frequency_hz, psd, averages, fs=fs)
 
 
-def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: float, *, fs: float) -> tuple[SpectralLine, ...]:
-    """Return the lines that stand out of a spectrum, the strongest first, supplies and their harmonics by name.
+def hann(n: int) -> FloatArray:
+    """Return scipy's periodic Hann window.
 
     Args:
-        frequency_hz: (n_lines,) evenly spaced from 0, Hz.
-        psd: (n_lines,) under a Hann window, unit^2/Hz.
-        averages: periodograms it is the mean of.
-        fs: rate, Hz.
+        n: its length.
     """
-    if psd.size < 40 or averages <= 0 or not np.isfinite(psd).all() or psd.max() <= 0:
-        return ()
-    from scipy import special
-    from scipy.ndimage import median_filter
-
-    usual = median_filter(psd, size=33, mode="reflect")
-    chance = float(special.gammainccinv(averages, LINE_CHANCE) / special.gammaincinv(averages, 0.5))
-    inner = psd[3:-3]
-    peak = (inner >= psd[2:-4]) & (inner > psd[4:-2]) & (inner > max(LINE_RATIO, chance) * usual[3:-3])
-    narrow = np.maximum(psd[:-6], psd[6:]) < inner / LINE_WIDTH + 2 * usual[3:-3]
-    places = np.flatnonzero(peak & narrow) + 3
-    places = places[places >= 4]
-    df = frequency_hz[1]
-    found = []
-    for k in places:
-        around = np.maximum(psd[k - 2 : k + 3] - usual[k], 0.0)
-        # centre of the main lobe of the window, which is symmetric about a pure tone
-        at = float(frequency_hz[k] + df * (around @ np.arange(-2, 3)) / around.sum())
-        found.append((at, float(np.sqrt(around.sum() * df))))
-    found.sort(key=lambda each: -each[1])
-    names = names_of_lines([at for at, _ in found], fs=fs, resolution_hz=df)
-    every = [SpectralLine(at, rms, name) for (at, rms), name in zip(found, names, strict=True)]
-    named = [line for line in every if line.name]
-    return tuple(sorted({*every[:MOST_LINES], *named[:MOST_LINES]}, key=lambda line: -line.rms))
-
-
-def names_of_lines(lines_hz: Sequence[float], *, fs: float, resolution_hz: float) -> list[str]:
-    """Return what lines are called: mains at 50 or 60 Hz, the supply of an aircraft at 400 Hz, harmonics, aliases.
-
-    A harmonic (or what the rate folds it to, `|k f - n fs|`) is called so only where its fundamental is there too.
-
-    Args:
-        lines_hz: their frequencies, Hz.
-        fs: rate, Hz.
-        resolution_hz: spacing of the spectrum's lines.
-
-    >>> names_of_lines([50.0, 150.02, 33.0], fs=512.0, resolution_hz=0.5)
-    ['mains, 50 Hz', 'harmonic 3 of the mains (50 Hz)', '']
-    >>> names_of_lines([60.0, 20.0], fs=200.0, resolution_hz=0.5)
-    ['mains, 60 Hz', 'harmonic 3 of the mains (60 Hz), aliased']
-    """
-    names = [""] * len(lines_hz)
-    supplies = [(hz, f"mains, {hz:g} Hz", f"the mains ({hz:g} Hz)", MAINS_TOLERANCE) for hz in MAINS_HZ]
-    supplies.append((AIRCRAFT_HZ, "aircraft supply, 400 Hz", "the aircraft supply (400 Hz)", AIRCRAFT_TOLERANCE))
-    for supply_hz, name, of, tolerance in supplies:
-        if supply_hz >= fs / 2:
-            continue
-        slack = tolerance * supply_hz + 0.2 * resolution_hz
-        near = [i for i, hz in enumerate(lines_hz) if abs(hz - supply_hz) <= slack and not names[i]]
-        if not near:
-            continue
-        base = min(near, key=lambda i: abs(lines_hz[i] - supply_hz))
-        names[base] = name
-        own_hz = lines_hz[base]
-        for k in range(2, MOST_HARMONIC + 1):
-            folded = abs(k * own_hz - fs * round(k * own_hz / fs))
-            alias = ", aliased" if k * own_hz > fs / 2 else ""
-            slack = (0.1 * k + 0.2) * resolution_hz
-            for i, hz in enumerate(lines_hz):
-                if not names[i] and abs(hz - folded) <= slack:
-                    names[i] = f"harmonic {k} of {of}{alias}"
-    return names
-
-
-def _hann(n: int) -> FloatArray:
-    """Scipy's periodic Hann window."""
     return np.hanning(n + 1)[:-1] if n > 2 else np.ones(n)
 
 

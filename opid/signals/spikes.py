@@ -18,6 +18,9 @@ QUIET_PART = 0.1
 """A stretch that is quieter than this part of the whole run is taken to be as loud as that: a standstill has hardly
 any departure."""
 
+LEAST_MOVING = 16
+"""Departures other than none that tell what is usual in a stretch; where it is held or clipped there are fewer."""
+
 _ROBUST = 1.4826  # median of |x| -> standard deviation, Gaussian
 _PICKED = 512  # departures of a bin that its median is taken of: known to 4 %, with tenfold to spare
 _MOST_CANDIDATES = 50000
@@ -58,11 +61,31 @@ def _spikes(samples: FloatArray, fs: float) -> np.ndarray:
         return np.empty(0, dtype=np.intp)
     size = np.abs(departure)
     n_blocks = departure.size // block
-    usual = np.median(size[: n_blocks * block].reshape(n_blocks, block), axis=1)
-    usual = np.maximum(usual, QUIET_PART * float(np.median(size)))
+    usual = _beside(_usual(size[: n_blocks * block].reshape(n_blocks, block)))
+    if not np.isfinite(usual).any():
+        return np.empty(0, dtype=np.intp)
+    usual = np.maximum(usual, QUIET_PART * float(np.nanmedian(usual)))
     limit = SPIKE_SIGMA * _ROBUST * usual[np.minimum(np.arange(departure.size) // block, n_blocks - 1)]
     far = np.flatnonzero(size[1:-1] > limit[1:-1]) + 1
     return far[_alone(departure, far)] + 1
+
+
+def _usual(size: FloatArray) -> FloatArray:
+    """Median of each row of what is not 0 or NaN, NaN where that is little: held values have no departure at all."""
+    moving = size > 0
+    if moving.all():
+        return np.asarray(np.median(size, axis=1))
+    n = moving.sum(axis=1)
+    ordered = np.sort(np.where(moving, size, np.inf), axis=1)
+    middle = np.maximum(n - 1, 0)[:, np.newaxis] // 2
+    usual = np.take_along_axis(ordered, middle, axis=1)[:, 0]
+    return np.where(n >= min(LEAST_MOVING, size.shape[1]), usual, np.nan)
+
+
+def _beside(usual: FloatArray) -> FloatArray:
+    """Of what is usual in each stretch and its neighbours the largest: motion may begin or end in a quiet one."""
+    around = np.concatenate([[np.nan], usual, [np.nan]])
+    return np.asarray(np.fmax(np.fmax(around[:-2], around[2:]), usual))
 
 
 def _alone(departure: FloatArray, places: np.ndarray) -> np.ndarray:
@@ -85,6 +108,7 @@ class SpikeSearch:
         # irregular places: a tone must not be met at one phase only
         self._picked = starts + np.floor(step * ((0.6180339887498949 * np.arange(starts.size)) % 1)).astype(np.intp)
         self._usual: list[FloatArray] = []
+        self._some = False
         self._before = np.inf
         self._found: list[np.ndarray] = []
         self._n_found = 0
@@ -105,15 +129,15 @@ class SpikeSearch:
         departure += x[1:-1]
         size = np.abs(departure)
         offset = begin - lead + 1  # departure k is that of row `offset + k` of the chunk
-        usual = self._usual_of_bins(size, offset, n, missing=bool(chunk.missing[self._column]))
-        floor = 0.5 * QUIET_PART * float(np.median(np.concatenate(self._usual))) if self._usual else np.inf
+        usual = self._usual_of_bins(size, offset, n)
+        floor = 0.5 * QUIET_PART * self._median() if self._some else np.inf
         # centres from two rows before the chunk to two before its end: each needs two neighbours on either side
         first, stop = (-2 if lead else 2), n - 2
         limit = np.repeat(SPIKE_SIGMA * _ROBUST * np.maximum(usual, floor), self._bin)
         centres = size[first - offset : stop - offset]
         far = np.flatnonzero(centres > limit[self._bin + first : self._bin + stop]) + first
         far = far[_alone(departure, far - offset)]
-        self._keep(far + chunk.first, size[far - offset], usual[far // self._bin + 1])
+        self._keep(far + chunk.first, size[far - offset])
 
     def rows(self, step: float | None) -> np.ndarray:
         """Return the rows of the spikes.
@@ -121,37 +145,34 @@ class SpikeSearch:
         Args:
             step: of the channel's resolution; None where none is visible.
         """
-        if not self._found or not self._usual:
+        if not self._found or not self._some:
             return np.empty(0, dtype=np.int64)
-        rows, size, usual = np.concatenate(self._found, axis=1)
-        floor = max(QUIET_PART * float(np.median(np.concatenate(self._usual))), 0.5 * (step or 0.0))
-        return rows[size > SPIKE_SIGMA * _ROBUST * np.maximum(usual, floor)].astype(np.int64)
+        rows, size = np.concatenate(self._found, axis=1)
+        every = np.concatenate(self._usual)
+        own = _beside(every)[np.minimum(rows.astype(np.int64) // self._bin, every.size - 1)]
+        floor = max(QUIET_PART * self._median(), 0.5 * (step or 0.0))
+        return rows[size > SPIKE_SIGMA * _ROBUST * np.fmax(own, floor)].astype(np.int64)
 
-    def _usual_of_bins(self, size: FloatArray, offset: int, n: int, *, missing: bool) -> FloatArray:
-        """Median departure of the bin before and of each bin of the chunk; that before it where a bin is not full."""
+    def _median(self) -> float:
+        return float(np.nanmedian(np.concatenate(self._usual)))
+
+    def _usual_of_bins(self, size: FloatArray, offset: int, n: int) -> FloatArray:
+        """What is usual in the bin before and in each bin of the chunk; that before it where a bin is not full."""
         full = n // self._bin
-        places = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
-        picked = np.take(size, places, mode="clip")
-        if missing:
-            picked.sort(axis=1)
-            there = np.count_nonzero(np.isfinite(picked), axis=1)
-            own = picked[np.arange(full), there // 2]
-            own[there < 16] = np.nan
-        else:
-            own = np.median(picked, axis=1) if full else np.empty(0)
-        if np.isfinite(own).any():
-            self._usual.append(own[np.isfinite(own)])
-        every = np.full(full + 2, np.inf)
-        every[0] = self._before
-        every[1 : full + 1] = own
+        own = np.empty(0)
+        if full:
+            places = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
+            own = _usual(np.take(size, places, mode="clip"))
+            self._usual.append(own)
+            self._some = self._some or bool(np.isfinite(own).any())
+        every = np.concatenate([[self._before], own, [np.nan]])
         for k in np.flatnonzero(np.isnan(every)):
             every[k] = every[k - 1]
-        every[full + 1] = every[full]
         self._before = float(every[full])
         return every
 
-    def _keep(self, rows: np.ndarray, size: FloatArray, usual: FloatArray) -> None:
+    def _keep(self, rows: np.ndarray, size: FloatArray) -> None:
         room = _MOST_CANDIDATES - self._n_found
         if rows.size and room > 0:
-            self._found.append(np.stack([rows.astype(np.float64), size, usual])[:, :room])
+            self._found.append(np.stack([rows.astype(np.float64), size])[:, :room])
             self._n_found += min(room, rows.size)

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from opid.errors import InputError
-from opid.signals.column_names import split_unit
+from opid.signals.column_names import split_unit, time_name
 from opid.signals.log_settings import LogSettings
-from opid.signals.text_stamps import is_date, is_stamp
-from opid.signals.text_table import BLANKS, COMMENTS, MOST_COLUMNS, cells_of, is_row, number_of
+from opid.signals.text_stamps import is_stamp, looks_dated
+from opid.signals.text_table import BLANKS, COMMENTS, MOST_COLUMNS, cells_of, has_thousands_mark, is_row, number_of
 from opid.signals.units import to_si
 
 EXAMPLE = "`time [s],lower_z [m/s^2],upper_z [m/s^2]`"
-TIME_NAMES = ("time", "t", "timestamp", "time stamp", "time_stamp", "elapsed", "elapsed time", "zeit")
 
-NUMBER, STAMP, DATE, TEXT, EMPTY = "number", "stamp", "date", "text", ""
+NUMBER, STAMP, UNREAD, DATE, TEXT, EMPTY = "number", "stamp", "stamp in another form", "date", "text", ""
 
 # on equal terms the first is taken
 _LAYOUTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
@@ -36,7 +35,7 @@ class Column:
     Args:
         name: as its header calls it.
         unit: as it is written; None where none is.
-        kind: what its first cells hold: `NUMBER`, `STAMP`, `DATE`, `TEXT` or `EMPTY`.
+        kind: what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT` or `EMPTY`.
     """
 
     name: str
@@ -142,7 +141,7 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
     (('left / right', None), ('upper_m', None))
     """
     name, unit = split_unit(cell)
-    if name != cell.strip():
+    if unit or name != cell.strip():
         return name, unit
     if re.fullmatch(r"\[.*\]|\(.*\)", cell):
         return "", cell[1:-1].strip() or None
@@ -151,21 +150,9 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
         if found and _is_unit(unit.strip()):
             return name.strip(), unit.strip()
     stem, found, unit = cell.rpartition("_")
-    if found and stem and _is_unit(unit):
-        timed = stem.casefold() in TIME_NAMES and to_si(unit)[1] == "s"
-        if timed or unit in _UNDERSCORE_UNITS or re.search(r"[/^²°]", unit):
-            return cell, unit
+    if found and stem and _is_unit(unit) and (unit in _UNDERSCORE_UNITS or re.search(r"[/^²°]", unit)):
+        return cell, unit
     return cell, None
-
-
-def is_time_name(name: str) -> bool:
-    """Return whether a column of this name holds the time.
-
-    Args:
-        name: of the column, `time_ms` included.
-    """
-    folded = name.casefold()
-    return folded in TIME_NAMES or folded.rpartition("_")[0] in TIME_NAMES
 
 
 def cells_or_text(line: str, delimiter: str) -> list[str]:
@@ -216,11 +203,12 @@ def _of_header(lines: Sequence[str]) -> str:
 def _kind(cell: str, decimal: str) -> str:
     if not cell:
         return EMPTY
-    if number_of(cell, decimal) is not None:
+    # one with a thousands mark is refused where it is read, by its name
+    if number_of(cell, decimal) is not None or has_thousands_mark(cell, decimal):
         return NUMBER
-    if not cell[0].isdigit():
+    if not looks_dated(cell):
         return TEXT
-    return STAMP if is_stamp(cell) else DATE if is_date(cell) else TEXT
+    return STAMP if is_stamp(cell) else UNREAD if ":" in cell else DATE
 
 
 def _kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...] | None, int]:
@@ -234,7 +222,7 @@ def _kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...]
         if plain:
             candidates.append(tuple(_usual(column) for column in zip(*plain, strict=True)))
         for kinds in candidates:
-            speaking = sum(kind in (NUMBER, STAMP) for kind in kinds)
+            speaking = sum(kind in (NUMBER, STAMP, UNREAD) for kind in kinds)
             # a title is easily taken for a row of texts and a number, hardly for one of numbers alone
             weight = (1 if TEXT in kinds else 3) * sum(_matches(each, kinds) for each in of_count) * speaking
             if weight >= most and weight > 0:
@@ -294,7 +282,7 @@ def _names(
         at, text = remarks[-1]
         bare = text.lstrip().lstrip("#%/ ")
         cells = _cells_of_header(bare, kinds, delimiter)
-        if cells and ("[" in bare or "(" in bare or is_time_name(name_and_unit(cells[0])[0])):
+        if cells and ("[" in bare or "(" in bare or time_name([name_and_unit(cells[0])[0]])):
             return at, cells, plain
     return 0, [f"column {number}" for number in range(1, n + 1)], plain
 

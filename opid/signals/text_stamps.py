@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from datetime import date
+from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,13 @@ DAY_NS = 86_400 * 10**9
 _YEAR = r"(?:19|20|21)\d\d"
 _DATE = rf"(?:(?P<y>{_YEAR})[-/](?P<m>\d\d?)[-/](?P<d>\d\d?)|(?P<d2>\d\d?)\.(?P<m2>\d\d?)\.(?P<y2>{_YEAR}))"
 _CLOCK = r"(?P<hour>\d{1,4}):(?P<minute>[0-5]\d):(?P<second>[0-5]\d|60)(?:[.,](?P<part>\d+))?"
-_ZONE = r"(?:Z|(?P<sign>[+-])(?P<zone_hour>\d\d):?(?P<zone_minute>\d\d))"
+_ZONE = r"(?P<zone>Z|(?P<sign>[+-])(?P<zone_hour>\d\d):?(?P<zone_minute>\d\d))"
 _STAMP = re.compile(rf"(?:{_DATE}(?:T|\s+))?{_CLOCK}\s*{_ZONE}?", re.ASCII)
-_ONLY_DATE = re.compile(_DATE, re.ASCII)
+_OTHER_DATE = (
+    r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}[-/. ]?[A-Za-z]{3,9}[-/. ,]\s*\d{2,4}|[A-Za-z]{3,9}\.? \d{1,2},? \d{4})"
+)
+_OTHER_CLOCK = r"\d{1,2}:\d\d(?::\d\d(?:[.,:]\d+)?)?(?:\s*[AaPp]\.?[Mm]\.?)?(?:\s*(?:[A-Za-z]{1,5}|[+-]\d\d:?\d\d))?"
+_OTHER = re.compile(rf"{_OTHER_DATE}(?:(?:T|,?\s+){_OTHER_CLOCK})?|{_OTHER_CLOCK}", re.ASCII)
 _ISO = re.compile(rf"{_YEAR}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?", re.ASCII)
 
 
@@ -32,15 +36,6 @@ def is_stamp(cell: str) -> bool:
     return _STAMP.fullmatch(cell.strip()) is not None
 
 
-def is_date(cell: str) -> bool:
-    """Return whether a cell is a date without a time: year first, or day.month.year.
-
-    Args:
-        cell: as it is written.
-    """
-    return _ONLY_DATE.fullmatch(cell.strip()) is not None
-
-
 def has_date(cell: str) -> bool:
     """Return whether a stamp has a date, so that midnight does not take it back.
 
@@ -49,6 +44,37 @@ def has_date(cell: str) -> bool:
     """
     found = _STAMP.fullmatch(cell.strip())
     return found is not None and bool(found["y"] or found["y2"])
+
+
+def looks_dated(cell: str) -> bool:
+    """Return whether a cell is a date or a time of day in any form, one that is not read here as well.
+
+    Args:
+        cell: as it is written.
+
+    >>> looks_dated("05/01/2024 11:59:59.0 PM"), looks_dated("01-May-2024 12:00:00"), looks_dated("1.5")
+    (True, True, False)
+    """
+    return is_stamp(cell) or _OTHER.fullmatch(cell.strip()) is not None
+
+
+def moment(cell: str) -> datetime | None:
+    """Return the moment that a stamp states: in UTC where it has a zone; None where it has no date.
+
+    Args:
+        cell: as it is written.
+
+    >>> str(moment("2024-05-01T12:00:00.5+02:00")), str(moment("1.5.2024 12:00:00")), moment("12:00:00")
+    ('2024-05-01 10:00:00.500000+00:00', '2024-05-01 12:00:00', None)
+    """
+    found = _STAMP.fullmatch(cell.strip())
+    if found is None or not has_date(cell):
+        return None
+    try:
+        since = timedelta(microseconds=_nanoseconds(cell.strip(), 0) // 1000)
+    except ValueError:
+        return None
+    return datetime(1970, 1, 1, tzinfo=UTC if found["zone"] else None) + since
 
 
 def nanoseconds(cells: Sequence[str]) -> NDArray[np.int64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice, repeat
@@ -27,6 +28,16 @@ MISSING = frozenset(("", "nan", "+nan", "-nan", "na", "n/a", "null", "1.#qnan", 
 """What stands where a logger had no value, without regard to case; the last four are those of Windows."""
 
 _NUMBERS_BEGIN = frozenset("0123456789+-.")
+# 1,234.5 or 1,234,567 but not 1,234, which may be a decimal comma; a blank may be a delimiter, unless decimals follow
+_THOUSANDS = {
+    decimal: re.compile(
+        rf"[+-]?[1-9]\d{{0,2}}(?:(?:[{mark} ]\d{{3}})+[{decimal}]\d+|(?:[{mark}]\d{{3}}){{2,}}"
+        rf"|(?:['\u2019\u00a0\u202f]\d{{3}})+(?:[{decimal}]\d+)?)",
+        re.ASCII,
+    )
+    for decimal, mark in ((".", ","), (",", "."))
+}
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:[,.]\d{3})+", re.ASCII)
 _INFINITE = frozenset(("inf", "+inf", "-inf", "infinity", "+infinity", "-infinity", "1.#inf", "-1.#inf"))
 
 
@@ -42,6 +53,7 @@ class TextTable:
         first_line: of the numbers, counted from 1.
         names: of all columns, for messages.
         more: whether cells may follow those of the columns, like the comments of a LabVIEW file.
+        time: number of the column with the time, from 0, for messages.
     """
 
     path: Path
@@ -51,6 +63,7 @@ class TextTable:
     first_line: int
     names: tuple[str, ...]
     more: bool = False
+    time: int | None = None
 
 
 def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
@@ -213,6 +226,20 @@ def number_of(cell: str, decimal: str) -> float | None:
         return None
 
 
+def has_thousands_mark(cell: str, decimal: str, *, perhaps: bool = False) -> bool:
+    """Return whether a cell holds a number whose thousands are set apart.
+
+    Args:
+        cell: its text.
+        decimal: "." or ",".
+        perhaps: also one whose mark may be meant as a decimal.
+
+    >>> has_thousands_mark("1,234.5", "."), has_thousands_mark("1.234,5", ","), has_thousands_mark("1,234", ".")
+    (True, True, False)
+    """
+    return bool(_THOUSANDS[decimal].fullmatch(cell) or (perhaps and _GROUPED.fullmatch(cell)))
+
+
 # ---- all cells at once ---------------------------------------------------------------------------
 
 
@@ -290,17 +317,29 @@ def _cell_by_cell(table: TextTable, number: int, lines: Sequence[str], columns: 
         own = [number_of(cells[column], table.decimal) for column in columns]
         if None in own:
             column = columns[own.index(None)]
-            fault = _fault(cells[column], table.decimal)
+            fault = _fault(cells[column], table.decimal, is_time=column == table.time)
             raise InputError(f"{table.path} line {at}, column {table.names[column]!r}: {fault}")
         values.append(own)
     return np.array(values, dtype=np.float64)
 
 
-def _fault(cell: str, decimal: str) -> str:
+def _fault(cell: str, decimal: str, *, is_time: bool) -> str:
     other = "," if decimal == "." else "."
+    if has_thousands_mark(cell, decimal) or has_thousands_mark(cell, other):
+        return f"{cell[:40]!r} has a mark between the thousands: export the log again without it"
     if number_of(cell, other) is not None:
         word = "comma" if other == "," else "point"
+        if _GROUPED.fullmatch(cell):
+            return (
+                f"{cell!r} has a decimal {word} or a mark between the thousands, unlike the lines before it: "
+                "give `decimal` in [log], or export the log again without thousands marks"
+            )
         return f"{cell!r} has a decimal {word}, unlike the lines before it: give `decimal` in [log], or mend the line"
+    if is_time:
+        return (
+            f"{cell[:40]!r} is not a number: every row needs its time; "
+            "mend the line, cut the log there, or give `fs_hz` in [log]"
+        )
     return (
         f"{cell[:40]!r} is not a number: give numbers only below the header, leave the cell empty where there is none, "
         "or name the channels that are wanted without this one"

@@ -28,6 +28,7 @@ GZIP = ".gz"
 VALUES_PER_BYTE = 1000
 """No compression packs more values into a byte: a header that says so lies, and would be read for hours."""
 
+_SCALED = "WAV"  # the format whose samples are parts of a full scale
 _FOREIGN = {
     b"PK\x03\x04": "a ZIP archive (a spreadsheet?)",
     b"\x1f\x8b": "gzip data",
@@ -111,7 +112,8 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
         settings: what the file does not say.
 
     Raises:
-        InputError: there is no such file, it is empty, of an unknown format, damaged, or its reader is not installed.
+        InputError: there is no such file, it is empty, of an unknown format, damaged, or its reader is not installed; a
+            full scale is given of what is no WAV file.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -131,6 +133,11 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
         if file.stat().st_size == 0:
             raise InputError(f"{path} is empty: export the log again")
         form = _format_of(file)
+        if settings.full_scale is not None and form.name != _SCALED:
+            raise InputError(
+                f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
+                "or give `scale` in the channel's table of [channels]"
+            )
         return _guarded(file, form, _opened(file, form, settings))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}: check the file and its rights") from error

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.signals.column_names import time_name
 from opid.signals.files import written_whole
 from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
 from opid.signals.log_settings import AS_WRITTEN, LogSettings
@@ -21,22 +22,26 @@ from opid.signals.text_header import (
     EXAMPLE,
     NUMBER,
     STAMP,
+    TEXT,
+    UNREAD,
     Column,
     TextHeader,
+    cells_or_text,
     columns_of,
     header_of,
-    is_time_name,
 )
 from opid.signals.text_lines import LONGEST_LINE, lines_of
-from opid.signals.text_stamps import has_date, nanoseconds, past_midnight
+from opid.signals.text_stamps import has_date, looks_dated, moment, nanoseconds, past_midnight
 from opid.signals.text_table import (
     MOST_COLUMNS,
     TextTable,
     cells_of,
     column_of,
+    has_thousands_mark,
     is_row,
     line_of_row,
     numbers_of,
+    rows_of,
     table_lines,
 )
 from opid.signals.units import to_si
@@ -49,6 +54,8 @@ _ROWS_AT_ONCE = 1 << 16
 def open_csv(path: Path, settings: LogSettings) -> Log:
     """Open a log that is a table in a text; columns of texts, and dates beside the time, are no channels.
 
+    Times that are dates count from the first one, which is the zero of the log.
+
     Args:
         path: the file.
         settings: what the file does not say.
@@ -56,8 +63,10 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
     Raises:
         InputError: the first fault found, with file, line, column and remedy.
     """
-    header = header_of(path, _head(path, settings), settings)
+    head = _head(path, settings)
+    header = header_of(path, head, settings)
     columns = header.columns
+    first = _first_cells(head, header)
     time = _time_column(path, header, settings)
     if time is None and settings.fs_hz is None:
         if not header.line and not settings.names:
@@ -71,14 +80,17 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
         )
     own = [i for i, each in enumerate(columns) if i != time and _is_channel(each)]
     if not own:
+        grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, perhaps=True)]
+        if grouped:
+            raise InputError(f"{path}: {_thousands(grouped[0])}")
         raise InputError(
             f"{_where(path, header)} has one column, not time and one or more channels: write {EXAMPLE}"
             if len(columns) == 1
             else f"{path} has no column of numbers beside the time: export the log again"
         )
     names = tuple(column.name for column in columns)
-    table = TextTable(path, settings.encoding, header.delimiter, header.decimal, header.first_line, names)
-    factor = None if time is None or settings.fs_hz else _seconds_per_unit(path, header, time, settings)
+    table = TextTable(path, settings.encoding, header.delimiter, header.decimal, header.first_line, names, time=time)
+    factor = None if time is None or settings.fs_hz else _seconds_per_unit(path, header, time, first, settings)
 
     def blocks(chosen: Sequence[int]) -> Iterator[Block]:
         wanted = [own[each] for each in chosen]
@@ -94,7 +106,7 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
         fs=settings.fs_hz,
         place=lambda row: f"line {line_of_row(table, row)}",
     )
-    return Log(path, "CSV", (track,))
+    return Log(path, "CSV", (track,), None if time is None or time >= len(first) else moment(first[time]))
 
 
 @writer(".csv")
@@ -132,6 +144,13 @@ def _head(path: Path, settings: LogSettings) -> list[str]:
     return head
 
 
+def _first_cells(head: Sequence[str], header: TextHeader) -> list[str]:
+    """The cells of the first row, one for each column; none where there is no such row."""
+    rows = rows_of(head[header.first_line - 1 :], header.delimiter)
+    cells = cells_or_text(rows[0], header.delimiter) if rows else []
+    return cells[: len(header.columns)]
+
+
 def _is_channel(column: Column) -> bool:
     """Whether a column holds numbers; one that is empty so far may, if its header names it."""
     return column.kind == NUMBER or (column.kind == EMPTY and not column.name.startswith("column "))
@@ -149,16 +168,17 @@ def _time_column(path: Path, header: TextHeader, settings: LogSettings) -> int |
             raise InputError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
         return names.index(settings.time)
     sure = [i for i, each in enumerate(columns) if each.kind == STAMP or _si_unit(each.unit) == "s"]
-    for wanted in ("time", "t"):
-        found = [i for i in sure if names[i].casefold() == wanted]
+    likely = time_name([names[i] for i in sure])
+    if likely is not None:
+        found = [i for i in sure if names[i].casefold() == likely.casefold()]
         if len(found) > 1:
-            raise InputError(f"{_where(path, header)} names {len(found)} columns {wanted!r}: rename all but one")
-        if found:
-            return found[0]
-    named = [i for i in sure if is_time_name(names[i])]
+            raise InputError(f"{_where(path, header)} names {len(found)} columns {likely!r}: rename all but one")
+        return found[0]
     stamps = [i for i in sure if columns[i].kind == STAMP]
-    unsure = [i for i, each in enumerate(columns) if is_time_name(each.name) and _si_unit(each.unit) is None]
-    return next(iter([*named, *(i for i in sure if i == 0), *stamps, *unsure]), None)
+    unsure = time_name([each.name for each in columns if _si_unit(each.unit) is None])
+    last = [] if unsure is None else [names.index(unsure)]
+    last += [i for i, each in enumerate(columns) if each.kind == UNREAD]
+    return next(iter([*(i for i in sure if i == 0), *stamps, *last]), None)
 
 
 def _si_unit(unit: str | None) -> str | None:
@@ -169,7 +189,9 @@ def _si_unit(unit: str | None) -> str | None:
         return None
 
 
-def _seconds_per_unit(path: Path, header: TextHeader, time: int, settings: LogSettings) -> float | None:
+def _seconds_per_unit(
+    path: Path, header: TextHeader, time: int, first: Sequence[str], settings: LogSettings
+) -> float | None:
     """The unit of the time stamps; None where they are dates or times of day."""
     column = header.columns[time]
     if column.kind == STAMP:
@@ -177,6 +199,8 @@ def _seconds_per_unit(path: Path, header: TextHeader, time: int, settings: LogSe
     where = f"{_where(path, header)}: column {column.name!r}"
     if column.kind == DATE:
         raise InputError(f"{where} holds dates without a time of day: give another as `time`, or `fs_hz`, in [log]")
+    if column.kind in (TEXT, UNREAD):
+        raise _no_time(where, first[time] if time < len(first) else "")
     unit = settings.time_unit or column.unit
     if unit is None:
         raise InputError(
@@ -189,6 +213,22 @@ def _seconds_per_unit(path: Path, header: TextHeader, time: int, settings: LogSe
     if si_unit != "s":
         raise InputError(f"{where} is in {unit}, not in a unit of time: give `time_unit` in [log]")
     return factor
+
+
+def _no_time(where: str, cell: str) -> InputError:
+    """The error of a time column that holds texts, by its first cell."""
+    if looks_dated(cell):
+        return InputError(
+            f"{where} holds {cell[:40]!r}, a date or time in a form that is not read: "
+            "write it as ISO 8601 does (2024-05-01T23:59:59.5), or give `fs_hz` in [log]"
+        )
+    if has_thousands_mark(cell, ".", perhaps=True) or has_thousands_mark(cell, ",", perhaps=True):
+        return InputError(f"{where}: {_thousands(cell)}")
+    return InputError(f"{where} holds {cell[:40]!r}, which is no time: give another as `time`, or `fs_hz`, in [log]")
+
+
+def _thousands(cell: str) -> str:
+    return f"{cell[:40]!r} has a mark between the thousands, or a decimal unlike the others: export the log without it"
 
 
 def _where(path: Path, header: TextHeader) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
 from opid.signals.files import written_whole
-from opid.signals.hdf5_heaps import SIGNATURE, opened_with_care
+from opid.signals.hdf5_heaps import SIGNATURE, is_readable_text, opened_with_care
 from opid.signals.log import Log
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader, writer
@@ -190,8 +190,8 @@ def _groups(
             elif len(member.shape) <= 2 and min(member.shape) > 0:
                 attributes = _attributes(member)
                 arrays.append(NamedArray(name, member.shape, _reading(member.name), *attributes))
-        elif h5py.check_string_dtype(member.dtype) and member.shape is not None and member.size <= _MOST_TEXTS:
-            texts |= texts_of({name: member[()]} if name.casefold() in (*NAME_KEYS, *UNIT_KEYS) else {})
+        elif name.casefold() in (*NAME_KEYS, *UNIT_KEYS) and _is_readable_text(path, member):
+            texts |= texts_of({name: member[()]})
     stated = {**above, **own}
     yield NamedGroup(group.name.strip("/"), tuple(arrays), stated, texts)
     for each in within:
@@ -206,10 +206,18 @@ def _attributes(member: h5py.Group | h5py.Dataset) -> tuple[dict[str, float], di
     for name in member.attrs:
         header = member.attrs.get_id(name)
         kind, wanted = header.dtype.kind, name.casefold() in (*NAME_KEYS, *UNIT_KEYS)
-        text = wanted and h5py.check_string_dtype(header.dtype) is not None
+        text = wanted and h5py.check_string_dtype(header.dtype) is not None and not header.get_type().committed()
         if (kind in "fiu" or text) and math.prod(header.shape) * header.dtype.itemsize <= _HEADER_BYTES:
             readable[name] = member.attrs[name]
     return numbers_of(readable), texts_of(readable)
+
+
+def _is_readable_text(path: Path, member: h5py.Group | h5py.Dataset) -> bool:
+    import h5py
+
+    if not isinstance(member, h5py.Dataset) or member.shape is None or member.size > _MOST_TEXTS:
+        return False
+    return is_readable_text(path, member)
 
 
 def _reading(name: str) -> Any:
@@ -224,7 +232,8 @@ def _recording(
     if layout != _LAYOUT:
         raise InputError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")
     found = dict(members(group, []))
-    texts = texts_of({key: found[key][()] for key in ("names", "units") if key in found}) | texts
+    readable = [key for key in ("names", "units") if key in found and _is_readable_text(path, found[key])]
+    texts = texts_of({key: found[key][()] for key in readable}) | texts
     samples: Any = found.get("samples")
     shape = getattr(samples, "shape", None)
     count = {len(texts.get(key, ())) for key in ("names", "units")}

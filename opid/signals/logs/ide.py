@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ _BLOCK = "ChannelDataBlock"
 _EXPRESSIONS = ("SampleRate", "TimeCodeScale")  # texts that the library would evaluate
 _PLAIN = re.compile(r"\s*[\d.eE+-]{1,24}\s*(/\s*[\d.eE+-]{1,24}\s*)?")
 _TICK_S = 1 / 32768
+_SET = datetime(2000, 1, 1, tzinfo=UTC)  # before there were such recorders: a clock that was never set
 _TICKS_OF_ROUNDING = 1.25  # the last stamp of a block and the first of the next are cut to whole ticks
 
 
@@ -55,10 +57,11 @@ class _Sensor:
 def open_ide(path: Path, settings: LogSettings) -> Log:
     """Open a recording of an enDAQ or Slam Stick recorder: each of its channels is a track, its subchannels in units.
 
-    Times count from the moment at which the recorder's clock began. It stamps the first and the last sample of each
-    block, in ticks of 1/32768 s. Where no step from one block to the next is a gap and all blocks have the same rate,
-    the rows are equally spaced on the sensor's own clock, whose rate is the slope of the line through the stamps of the
-    blocks, drawn between the medians of their first and last thirds: the first block's are often some milliseconds off.
+    Times count from the moment at which the recorder's clock began, which the file states in whole seconds of UTC. It
+    stamps the first and the last sample of each block, in ticks of 1/32768 s. Where no step from one block to the next
+    is a gap and all blocks have the same rate, the rows are equally spaced on the sensor's own clock, whose rate is the
+    slope of the line through the stamps of the blocks, drawn between the medians of their first and last thirds: the
+    first block's are often some milliseconds off.
     Elsewhere each row has a stamp, interpolated in its block, and what is irregular shows.
 
     Args:
@@ -81,7 +84,8 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
             _track(name, _sensor(path, dataset, channel, blocks[number]), channel)
             for name, (number, channel) in zip(names, held.items(), strict=True)
         )
-    return Log(path, "IDE", tracks)
+        zero = _zero(dataset)
+    return Log(path, "IDE", tracks, zero)
 
 
 # ---- what the file holds ---------------------------------------------------------------------------
@@ -100,6 +104,15 @@ def _require_plain_numbers(path: Path, stream: Any) -> None:
                     f"{path} states {_text(part.value)[:40]!r} as a {part.name}, where a number is needed: "
                     "it is damaged; copy it from the recorder again"
                 )
+
+
+def _zero(dataset: Any) -> datetime | None:
+    """When the recorder's clock began, None where it was not set."""
+    since_1970_s = dataset.sessions[0].utcStartTime if dataset.sessions else None
+    if not isinstance(since_1970_s, int | float) or not 0 < since_1970_s < 1 << 33:
+        return None
+    zero = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=since_1970_s)
+    return zero if zero >= _SET else None
 
 
 def _inside(element: Any) -> Iterator[Any]:

@@ -7,7 +7,8 @@ After "Specification for the LabVIEW Measurement File (.lvm)", National Instrume
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from itertools import chain
 from pathlib import Path
 
@@ -19,13 +20,15 @@ from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
 from opid.signals.text_lines import BYTES_AT_ONCE, lines_of
-from opid.signals.text_stamps import nanoseconds
+from opid.signals.text_stamps import moment, nanoseconds
 from opid.signals.text_table import MOST_COLUMNS, TextTable, number_of, numbers_of
 
 _END = "***End_of_Header***"
 _MOST_HEADER_LINES = 1000
 _HEAD_BYTES = 1 << 16
 _LINES_AT_ONCE = 1 << 15
+_LABVIEW_ZERO = datetime(1904, 1, 1, tzinfo=UTC)
+_ABSOLUTE_S = 1e9, 1e11  # X values between these count from there, smaller ones from Date and Time
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class _File:
     separator: str
     decimal: str
     x_columns: str  # "one", "multi" or "no"
+    began: str  # date and time of day
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +65,16 @@ class _Clock:
     x: int | None
     columns: tuple[int, ...]  # of their values
     channels: tuple[int, ...]  # their numbers among the channels of the file, from 0
+    later_s: float = 0.0  # than the clock that began first
 
 
 @reader(".lvm", name="LabVIEW LVM", magic=(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"), text=True)
 def open_lvm(path: Path, settings: LogSettings) -> Log:
     """Open a LabVIEW measurement file; its segments follow one another as their times of day say.
 
-    Stamps are the X values, as `Delta_X` is often rounded; where there are none, X0 and its multiples.
+    Stamps are the X values, as `Delta_X` is often rounded; where there are none, X0 and its multiples. They count from
+    Date and Time of the first segment (the earliest of its channels'), or of the file, or from LabVIEW's zero in 1904
+    where they are so large: `Time_Pref` is no guide, "Absolute" stands above X values of either kind.
 
     Args:
         path: the file.
@@ -81,8 +88,10 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
     segment = _segment_header(file, numbered)
     if segment is None:
         raise InputError(f"{path} has no segment of data below its header: it is cut off; export the log again")
-    clocks = _clocks(file, segment)
-    return Log(path, "LabVIEW LVM", tuple(_track(file, segment, clock, settings, len(clocks)) for clock in clocks))
+    first = next(numbered, (0, ""))[1].split(file.separator)
+    clocks, zero = _on_one_axis(file, segment, _clocks(file, segment), first, settings)
+    tracks = tuple(_track(file, segment, clock, settings, len(clocks)) for clock in clocks)
+    return Log(path, "LabVIEW LVM", tracks, zero)
 
 
 # ---- headers -------------------------------------------------------------------------------------
@@ -117,7 +126,8 @@ def _file_header(path: Path, numbered: Iterator[tuple[int, str]], settings: LogS
             f"{path}: its header says Separator {separator!r}, Decimal_Separator {decimal!r}, X_Columns {x_columns!r}: "
             "tab, comma or semicolon, point or comma, and One, Multi or No are known; export the log again"
         )
-    return _File(path, settings.encoding, settings.delimiter or separator, decimal, x_columns)
+    began = " ".join(found.get(key, "").strip(separator + " ") for key in ("Date", "Time"))
+    return _File(path, settings.encoding, settings.delimiter or separator, decimal, x_columns, began)
 
 
 def _segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segment | None:
@@ -159,6 +169,34 @@ def _clocks(file: _File, segment: _Segment) -> list[_Clock]:
     return [_Clock(2 * own[0], tuple(2 * each + 1 for each in own), tuple(own)) for own in alike.values()]
 
 
+def _on_one_axis(
+    file: _File, segment: _Segment, clocks: Sequence[_Clock], first: Sequence[str], settings: LogSettings
+) -> tuple[list[_Clock], datetime | None]:
+    """The clocks with their times from the earliest zero of them all, and that; None where one does not tell."""
+    zeros = [_zero(file, segment, clock, first, settings) for clock in clocks]
+    told = [zero for zero in zeros if zero is not None]
+    if len(told) < len(clocks) or len({zero.tzinfo for zero in told}) > 1:
+        return list(clocks), None
+    earliest = min(told)
+    later = ((zero - earliest).total_seconds() for zero in told)
+    return [replace(clock, later_s=later_s) for clock, later_s in zip(clocks, later, strict=True)], earliest
+
+
+def _zero(
+    file: _File, segment: _Segment, clock: _Clock, first: Sequence[str], settings: LogSettings
+) -> datetime | None:
+    """When X is zero, by the cells of the first row and the headers; at a rate that is given, when that row was."""
+    channel = clock.channels[0]
+    cell = segment.entry("X0", channel) if clock.x is None else "".join(first[clock.x : clock.x + 1])
+    x = number_of(cell, file.decimal)
+    x = 0.0 if x is None or np.isnan(x) else x
+    if abs(x) >= _ABSOLUTE_S[1]:
+        return None
+    own = moment(f"{segment.entry('Date', channel)} {segment.entry('Time', channel)}")
+    zero = _LABVIEW_ZERO if x > _ABSOLUTE_S[0] else own or moment(file.began)
+    return zero + timedelta(seconds=x) if zero is not None and settings.fs_hz else zero
+
+
 # ---- samples -------------------------------------------------------------------------------------
 
 
@@ -175,6 +213,7 @@ def _track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings,
         tuple(LoggedChannel(name, unit) for name, unit in zip(names, units, strict=True)),
         from_first_row(blocks),
         fs=settings.fs_hz,
+        start_s=clock.later_s if settings.fs_hz else 0.0,
         name=f"clock {clock.channels[0] + 1}" if n_clocks > 1 else "",
         place=lambda row: f"line {_line_of_row(file, row)}",
     )
@@ -209,9 +248,9 @@ def _pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
 def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool) -> Iterator[Block]:
     begun: int | None = None  # when the first segment began, ns
     segment: _Segment | None = None
-    offset, last, row = 0.0, -np.inf, 0
+    offset, last, row = clock.later_s, -np.inf, 0
     for piece, number, lines in _pieces(file):
-        table = TextTable(file.path, file.encoding, file.separator, file.decimal, number, piece.names, more=True)
+        table = TextTable(file.path, file.encoding, file.separator, file.decimal, number, piece.names, True, clock.x)
         values = numbers_of(table, number, lines, [*wanted, *([] if clock.x is None else [clock.x])])
         if not stamped:
             yield Block(values[:, : len(wanted)])
@@ -231,7 +270,7 @@ def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool)
         if new and begun is None:
             begun = _begin(piece, clock)
         elif new:
-            offset = 0.0 if x[0] > last else _later(file, piece, clock, begun)
+            offset = clock.later_s + (0.0 if x[0] + clock.later_s > last else _later(file, piece, clock, begun))
         last = float(x[-1] + offset)
         yield Block(values[:, : len(wanted)], x + offset)
 

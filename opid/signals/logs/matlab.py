@@ -162,7 +162,7 @@ def _elements(matrix: bytes, at: int, end: int, order: str) -> int:
     if kind in _NO_SIZE:
         return _ANY
     tag, size = struct.unpack_from(order + "II", matrix, at + 16)
-    if tag not in _WHOLE or size > end - at - 24:
+    if tag not in _WHOLE or not 8 <= size <= end - at - 24:  # two dimensions at the least
         return _UNSOUND
     # a value takes a byte at the least, but for those of a sparse matrix
     if kind != _SPARSE and math.prod(struct.unpack_from(f"{order}{size // 4}i", matrix, at + 24)) > end - at:
@@ -227,7 +227,7 @@ def _groups_of_hdf5(
             within[key] = member
         elif member.shape is None or "MATLAB_empty" in member.attrs:
             continue
-        elif member.attrs.get("MATLAB_class") == b"char":
+        elif _class_of(member) == b"char":
             texts[key] = (_text(member),)
         elif h5py.check_ref_dtype(member.dtype) is h5py.Reference:
             if key.casefold() in (*NAME_KEYS, *UNIT_KEYS) and member.size <= 10_000:
@@ -252,6 +252,13 @@ def _reading(name: str, shape: tuple[int, ...]) -> Any:
         return file[name][key[::-1]].T
 
     return read
+
+
+def _class_of(member: h5py.Dataset) -> object:
+    """Its class in MATLAB: a text of fixed length, any other is not read."""
+    name = "MATLAB_class"
+    fixed = name in member.attrs and member.attrs.get_id(name).dtype.kind == "S" and not member.attrs.get_id(name).shape
+    return member.attrs[name] if fixed else None
 
 
 def _text(member: h5py.Dataset) -> str:

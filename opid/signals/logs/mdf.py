@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -22,6 +23,7 @@ _NO_MASTER, _TIME = 0, 1  # kinds of master channels
 _VARIABLE_LENGTH, _VIRTUAL = 1, (3, 6)  # kinds of channels
 _FLOAT = 5  # the last of the kinds of data that are numbers
 _MAY_BE_INVALID = 2  # a flag of a channel
+_LOCAL_TIME = 1  # a flag of the header
 
 # What stands beside and below a block, and of which kind it must be (empty: of several): by numbers of links in version
 # 4, by bytes in version 3. The library follows some of these links without a look at the kind.
@@ -61,7 +63,31 @@ def open_mdf(path: Path, settings: LogSettings) -> Log:
             numbers = _numbers(path, file, index)
             if numbers:
                 tracks.append(_track(path, file, index, numbers, name))
-    return Log(path, "MDF", tuple(tracks))
+        zero = _zero(file.header)
+    return Log(path, "MDF", tuple(tracks), zero)
+
+
+def _zero(header: Any) -> datetime | None:
+    """When the measurement began, None where that is not set.
+
+    Version 3 writes the recorder's time of day; what it writes in nanoseconds is read as local time or as UTC, so only
+    their fraction of a second is of use. The library would invent the present moment where it cannot read these.
+    """
+    since_1970_ns = int(getattr(header, "abs_time", 0) or 0)
+    if hasattr(header, "time_flags"):
+        zone = None if header.time_flags & _LOCAL_TIME else UTC
+        return (
+            datetime(1970, 1, 1, tzinfo=zone) + timedelta(microseconds=round(since_1970_ns / 1000))
+            if since_1970_ns
+            else None
+        )
+    text = f"{header.date.decode('latin-1')} {header.time.decode('latin-1')}".replace("\0", "").strip()
+    try:
+        began = datetime.strptime(text, "%d:%m:%Y %H:%M:%S")
+    except ValueError:
+        return None
+    whole, fraction = divmod(since_1970_ns, 10**9)
+    return began + timedelta(microseconds=round(fraction / 1000)) if whole % 60 == began.second else began
 
 
 def _require_finished(path: Path, head: bytes) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ def open_tdms(path: Path, settings: LogSettings) -> Log:
         for name, (clock, own) in zip(names, members.items(), strict=False):
             logged = tuple(LoggedChannel(each, _unit(groups[clock.group][each])) for each in own)
             tracks.append(_track(path, name, clock, logged, origin, settings))
-        return Log(path, "TDMS", tuple(tracks))
+        return Log(path, "TDMS", tuple(tracks), _zero(groups, members, origin))
 
 
 @contextmanager
@@ -97,6 +98,20 @@ def _origin(groups: Mapping[str, Mapping[str, Any]]) -> np.datetime64 | None:
     starts = [start for channel in every if (start := _start_time(channel)) is not None]
     dates = [channel[0] for channel in every if not starts and _kind(channel) == "M"]
     return min([*starts, *dates], default=None)
+
+
+def _zero(
+    groups: Mapping[str, Mapping[str, Any]], members: Mapping[_Clock, Sequence[str]], origin: np.datetime64 | None
+) -> datetime | None:
+    """The origin as a moment (TDMS stamps are in UTC) if the times of any channel count from it."""
+    counting = any(
+        _kind(groups[clock.group][clock.time]) == "M"
+        if clock.time is not None
+        else any(_start_time(groups[clock.group][name]) is not None for name in names)
+        for clock, names in members.items()
+    )
+    plain = None if origin is None else origin.astype("datetime64[us]").item()
+    return plain.replace(tzinfo=UTC) if counting and isinstance(plain, datetime) else None
 
 
 def _start_time(channel: Any) -> np.datetime64 | None:

@@ -51,6 +51,8 @@ _REMARK = re.compile(r"opid: fs_hz=(\S+) start_s=(\S+)")
 def open_uff(path: Path, settings: LogSettings) -> Log:
     """Open a universal file; a data set is read whole when one of its samples is wanted.
 
+    The date in ID line 3 is that of the function's making, not of its first sample: the zero of the times is not told.
+
     Args:
         path: the file.
         settings: what the file does not say; `names` are those of its time histories.

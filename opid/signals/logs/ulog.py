@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +18,9 @@ from opid.signals.logs import reader
 from opid.signals.quiet import quiet
 
 _TIME = "timestamp"
+_UTC, _FIX = "time_utc_usec", "fix_type"
+_GPS_TOPICS = ("vehicle_gps_position", "sensor_gps")
+_SET_US = 946_684_800_000_000  # 2000, before there were such recorders: a receiver without a fix
 _HEADER_BYTES = 16
 _LARGEST_MESSAGE = 0xFFFF  # its length is written with two bytes
 _KINDS = b"BFIMPQAROSLCD"
@@ -37,6 +41,7 @@ def open_ulog(path: Path, settings: LogSettings) -> Log:
     """Open a flight log of PX4: a track `topic` or `topic_1` for each topic and instance, `x[0]` for the parts of `x`.
 
     Times count from the moment that the header states as the start of the log; what was stamped before is negative.
+    The header has the recorder's own clock; what UTC that was is known from a GPS receiver with a fix.
     The log stops where the power did: a last message that is not whole is left out, as the format demands
     (docs.px4.io/main/en/dev_log/ulog_file_format). Dropouts show as gaps between the stamps. The messages are held in
     memory, as many bytes as they have in the file.
@@ -59,9 +64,21 @@ def open_ulog(path: Path, settings: LogSettings) -> Log:
         raise InputError(f"{path} has broken messages: copy it from the recorder again")
     topics = [topic for topic in log.data_list if set(topic.data) > {_TIME}]
     names = distinct(f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name for topic in topics)
-    return Log(
-        path, "ULog", tuple(_track(name, topic, log.start_timestamp) for name, topic in zip(names, topics, strict=True))
-    )
+    tracks = tuple(_track(name, topic, log.start_timestamp) for name, topic in zip(names, topics, strict=True))
+    return Log(path, "ULog", tracks, _zero(topics, log.start_timestamp))
+
+
+def _zero(topics: Sequence[Any], start_us: int) -> datetime | None:
+    """When the log began by its GPS receivers, the first with a fix: the median, as some messages come late."""
+    for topic in (each for wanted in _GPS_TOPICS for each in topics if each.name == wanted):
+        if _UTC not in topic.data or _TIME not in topic.data:
+            continue
+        utc_us = topic.data[_UTC].astype(np.int64)
+        held = (utc_us > _SET_US) & (topic.data[_FIX] >= 2 if _FIX in topic.data else True)
+        if held.any():
+            began_us = np.median((utc_us - (topic.data[_TIME].astype(np.int64) - np.int64(start_us)))[held])
+            return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(began_us))
+    return None
 
 
 def _track(name: str, topic: Any, start_us: int) -> Track:
