@@ -281,3 +281,25 @@ def test_a_nearly_mute_side_is_told():
 def test_one_signal_twice_is_refused():
     with pytest.raises(InputError, match="the same signal"):
         check_pair(SOUND, SOUND, fs=FS, names=NAMES)
+
+
+def test_a_thermometer_at_rest_is_not_mute_but_an_accelerometer_is():
+    rng = np.random.default_rng(0)
+    two = 27.2 + 0.1 * (rng.random(2000) < 0.5)
+    for unit, values, severities in (
+        ("degC", two, []),
+        ("degC", np.full(2000, 27.2), ["note"]),
+        ("m/s^2", two, ["fault"]),
+        ("m/s^2", np.zeros(2000), ["fault"]),
+    ):
+        run = recording_from_arrays([values], ["a"], fs=FS, unit=unit)
+        assert [finding.severity for finding in inspect(run).findings] == severities, (unit, values[:3])
+
+
+def test_stamps_that_never_move_are_no_clock():
+    channels = (LoggedChannel("a", "m/s^2"),)
+    track = Track(channels, in_blocks(np.random.default_rng(0).standard_normal((500, 1)), np.zeros(500)))
+    (finding,) = [
+        f for f in inspect(Log(Path("a.x"), "X", (track,))).findings if not f.channel and f.severity == "fault"
+    ]
+    assert finding.message == "all 500 time stamps are 0 s, which is no clock: state the rate (fs_hz in [log])"

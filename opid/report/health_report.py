@@ -114,7 +114,10 @@ def _clock_words(clock: ClockHealth) -> str:
     else:
         jitter = f"jitter {_figure(100 * clock.jitter)} % of the period" if clock.jitter > LEAST_JITTER else "no jitter"
         rate = f"{clock.fs:.9g} Hz from time stamps, {jitter}"
-        rate += f" (they are rounded to {_seconds(clock.resolution_s)})" if clock.resolution_s > 0 else ""
+        # what is finer than a nanosecond is the arithmetic's, and stamps exact in a binary number are not rounded
+        exact = abs(clock.resolution_s * clock.fs - 1) < 1e-6 and clock.jitter <= LEAST_JITTER
+        rounded = clock.resolution_s > 1e-9 and not exact
+        rate += f" (they are rounded to {_seconds(clock.resolution_s)})" if rounded else ""
     words = [f"{clock.duration_s:.6g} s from {clock.start_s:.6g} s on", rate, f"{clock.n_samples} samples"]
     if clock.n_gaps:
         longest = max((gap.stop_s - gap.start_s for gap in clock.gaps), default=0.0)

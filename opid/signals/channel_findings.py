@@ -89,6 +89,18 @@ def unit_findings(without_unit: Mapping[str, str]) -> Iterator[Finding]:
             yield Finding("warning", name, f"{reason}; it is inspected as written")
 
 
+def _mute(channel: ChannelHealth) -> Iterator[tuple[Severity, str]]:
+    mean = _with_unit(f"{channel.mean:.4g}", channel.unit)
+    # a thermometer may well rest, a switch has two states; an accelerometer in operation has neither
+    if channel.unit not in ("m/s^2", "?"):
+        if channel.rms == 0:
+            yield "note", f"all samples lie at {mean}"
+    elif channel.rms == 0:
+        yield "fault", f"mute, all samples lie at {mean}: check the sensor and its cable"
+    else:
+        yield "fault", f"mute, it has but two or three values about {mean}: check the sensor, its cable and its range"
+
+
 def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severity, str]]:
     if channel.missing and np.isnan(channel.mean):
         yield "fault", "holds no value at all: leave the channel out, or export the log again"
@@ -97,11 +109,10 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
         yield (
             "warning",
             f"{channel.missing} value(s) are missing, the first at {places.missing_s:.4f} s: choose a stretch without "
-            "with start_s and stop_s, as `identify` does",
+            "them (start_s, stop_s); `identify` leaves them out by itself",
         )
     if channel.mute:
-        mean = _with_unit(f"{channel.mean:.4g}", channel.unit)
-        yield "fault", f"mute, all samples lie at {mean}: check the sensor and its cable"
+        yield from _mute(channel)
         return
     if channel.clipped_fraction > 0:
         ends = " or ".join(f"{value:.5g}" for value in sorted(places.clipped_at))

@@ -282,6 +282,13 @@ def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
             f"the rows{of_track} are taken to be equally spaced at {health.fs:.6g} Hz, the stamps lie up to "
             f"{check.stray_s:.2g} s off: nothing to do unless samples were lost",
         )
+    elif health.repeated == health.n_samples - 1 and health.n_samples > 1:
+        yield Finding(
+            "fault",
+            "",
+            f"all {health.n_samples} time stamps{of_track} are {health.start_s:.9g} s, which is no clock: state the "
+            "rate (fs_hz in [log])",
+        )
     elif check.crowded:
         rows = health.n_samples / (health.n_samples - health.repeated)
         yield Finding(
@@ -305,7 +312,7 @@ def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
             "",
             f"the time{of_track} jumps from {gap.start_s:.9g} s to {gap.stop_s:.9g} s where steps of "
             f"{1 / health.fs:.6g} s are usual ({health.n_gaps} gap(s), about {health.n_lost} sample(s) lost): choose a "
-            "stretch without with start_s and stop_s, as `identify` does",
+            "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
         )
     usual = max(0.02, 0.5 * health.resolution_s * health.fs)
     if not (check.crowded or check.reconstruct or health.n_gaps or check.backward) and health.jitter > usual:
