@@ -550,6 +550,8 @@ def test_dated_logs_share_their_time(tmp_path):
         (MIXED.replace("[[runs]]", "[channels.third]\nchannel = 1\ncorner_hz = 1\n[[runs]]"), "'corner_hz' stands"),
         (MIXED.replace("[[runs]]", "[channels.lower_z]\nchannel = 1\n[[runs]]"), "both give a channel"),
         (MIXED.replace("sign = -1", "sign = 3"), r"\[channels.sprung\]: sign is 3"),
+        ("[log]\nnames = [1, 2]\n" + MIXED, r"\[log\]: names holds 1: give the name of each column as text"),
+        (MIXED + "start_s = nan\n", "start_s is nan: give a time in s"),
         (
             MIXED.replace('"lower_z"', "{channel = 1}").replace('"az"', '"lower_z"')
             .replace('file = "{run}_airframe.csv"\n', "").replace("shift_s = 0.25\n", ""),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -83,6 +84,9 @@ def run_from_files(
     Raises:
         InputError: a log or a channel is at fault, or nothing of it is sound.
     """
+    for word, value in (("start_s", files.start_s), ("stop_s", files.stop_s)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{word} is {value}: give a time in s, or leave it out")
     if files.start_s is not None and files.stop_s is not None and files.start_s >= files.stop_s:
         raise InputError(f"start_s is {files.start_s:g} and stop_s {files.stop_s:g}: give a stop after the start")
     recorders, findings = _recorders(files, progress or (lambda step: None))

@@ -60,7 +60,7 @@ _CHANNEL = {
     "unit": _maybe(str, "text in quotes"),
     "scale": _maybe((int, float), "a number"),
     "offset": _maybe((int, float), "a number"),
-    "sign": _maybe(int, "1 or -1"),
+    "sign": _maybe((int, float), "1 or -1"),
     "shift_s": _maybe((int, float), "a number"),
     "log": _maybe(dict, "a table like [log]"),
     **_SENSOR,

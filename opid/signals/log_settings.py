@@ -50,6 +50,9 @@ class LogSettings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
+        for name in self.names:
+            if not isinstance(name, str) or not name:
+                raise InputError(f"names holds {name!r}: give the name of each column as text")
         if self.clock not in CLOCKS:
             raise InputError(f"clock is {self.clock!r}: give one of {', '.join(map(repr, CLOCKS))}")
         if self.full_scale is not None and not (math.isfinite(self.full_scale) and self.full_scale > 0):
