@@ -81,7 +81,7 @@ def test_faults_planted_in_a_long_log_are_found_where_they_are(whole):
     assert other.clipped_fraction == pytest.approx(500 / (N - 20))
     text = " / ".join(messages(whole))
     assert "1 spike(s) of one sample, the first at 600.0000 s: check the cable" in text
-    assert "20 value(s) are missing, the first at 200.0000 s: choose a stretch without with start_s" in text
+    assert "20 value(s) are missing, the first at 200.0000 s: choose a stretch without them (start_s" in text
     assert "clipped at 4 m/s^2, the first at 1800.000 s: measure again with a larger range" in text
     assert "one value is held for 0.798 s from 1400.000 s" in text
 
