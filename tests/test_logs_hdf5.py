@@ -2,6 +2,7 @@
 
 import struct
 from contextlib import suppress
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -57,6 +58,14 @@ def test_the_layout_is_as_documented(path):
         assert (group.attrs["fs"], group.attrs["start_s"], group.attrs["opid_layout"]) == (RUN.fs, RUN.start_s, 1)
         assert [text.decode() for text in group.attrs["history"]] == list(RUN.history)
         assert [text.decode() for text in group.attrs["names"]] == list(RUN.names)
+
+
+def test_the_history_is_read_back_before_what_is_done_now(path):
+    write_log(RUN, path)
+    assert read_log(path).history[: len(RUN.history)] == RUN.history
+    many = replace(RUN, history=tuple(f"step {k} " + 200 * "x" for k in range(400)))
+    write_log(many, path)
+    assert read_log(path).history[:400] == many.history
 
 
 def test_more_channels_than_rows_and_long_names_read_back(path):

@@ -89,7 +89,11 @@ def _part(
                 f"{log.path} {track.place(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
                 f"number there, nor in {missing.size - 1} more row(s): choose start_s and stop_s in a sound part"
             )
-    history = [f"read {samples.shape[0]} samples from {log.path.name}", _rate_words(track, settings, clock)]
+    history = [
+        *log.history,
+        f"read {samples.shape[0]} samples from {log.path.name}",
+        _rate_words(track, settings, clock),
+    ]
     if start_s is not None or stop_s is not None:
         history.append(f"section {_time(start_s, 'start')} to {_time(stop_s, 'end')}")
     try:

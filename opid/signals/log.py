@@ -95,12 +95,14 @@ class Log:
         tracks: one for each clock.
         zero: the moment at which its times are zero, where the file tells: logs of several recorders are put on one
             time axis by it. Without a zone it is what the recorder's clock showed.
+        history: what the file says was done to its samples before it was written.
     """
 
     path: Path
     format: str
     tracks: tuple[Track, ...]
     zero: datetime | None = None
+    history: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -220,7 +222,7 @@ def log_of_recording(recording: Recording, *, path: str = "[recording]") -> Log:
     channels = tuple(LoggedChannel(channel.name, channel.unit) for channel in recording.channels)
     n = recording.n_samples
     track = Track(channels, in_blocks(recording.samples), recording.fs, recording.start_s, n)
-    return Log(Path(path), "recording", (track,))
+    return Log(Path(path), "recording", (track,), history=recording.history)
 
 
 def _full(track: Track, channel: LoggedChannel) -> str:

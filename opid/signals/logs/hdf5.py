@@ -61,7 +61,8 @@ def open_hdf5(path: Path, settings: LogSettings) -> Log:
         raise InputError(
             f"{path} holds no datasets of numbers{links if elsewhere else ''}: export the log again, in one file"
         )
-    return Log(path, "HDF5", tracks_of(path, groups, settings, lambda: opened(path)))
+    history = tuple(line for group in groups for line in group.texts.get("history", ()))
+    return Log(path, "HDF5", tracks_of(path, groups, settings, lambda: opened(path)), history=history)
 
 
 @writer(".h5", ".hdf5", ".hdf")
@@ -246,4 +247,17 @@ def _recording(
         raise InputError(f"{path} {group.name} states no fs or no start_s: export the log again")
     own = {key: texts[key] for key in ("names", "units")}
     array = NamedArray("samples", shape, _reading(samples.name), texts=own, time_axis=0)
-    return NamedGroup(group.name.strip("/"), (array,), numbers, alone=True)
+    return NamedGroup(group.name.strip("/"), (array,), numbers, {"history": _history(group, found)}, alone=True)
+
+
+def _history(group: h5py.Group, members: Mapping[str, Any]) -> tuple[str, ...]:
+    """What was done to the samples before: as `write_hdf5` leaves it, of fixed length, or nothing."""
+    import h5py
+
+    stored = members.get("history")
+    kind = group.attrs.get_id("history").dtype if "history" in group.attrs else getattr(stored, "dtype", None)
+    text = None if kind is None else h5py.check_string_dtype(kind)
+    if text is None or text.length is None:
+        return ()
+    values = group.attrs["history"] if "history" in group.attrs else stored[()]  # type: ignore[index]
+    return tuple(each.decode("utf-8", "replace") for each in np.asarray(values).reshape(-1).tolist())
