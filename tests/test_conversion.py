@@ -48,7 +48,7 @@ def test_values_become_si_by_unit_scale_offset_and_sign():
 
 def test_a_unit_that_nobody_states_is_asked_for():
     silent = log(track(unit=None, fs=200.0))
-    with pytest.raises(InputError, match=r"run.xyz: channel 'ax' states no unit: give `unit`"):
+    with pytest.raises(InputError, match=r"run.xyz: channel 'ax' states no unit: write it in the log's header"):
         recording_of(silent)
     assert recording_of(silent, LogSettings(unit="g")).unit("ax") == "m/s^2"
     with pytest.raises(InputError, match="the unit 'furlong' is not known"):

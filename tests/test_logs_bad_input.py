@@ -6,6 +6,7 @@ The tables grow with the formats: `small_logs.py` makes a small sound log of eac
 import os
 import pickle
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -126,6 +127,23 @@ NO_CHANNELS = {
     ".ulg": b"ULog\x01\x12\x35\x01" + bytes(8),
     ".uff": b"    -1\n   151\nmodel\n    -1\n",
 }
+
+
+@pytest.mark.parametrize(
+    "ending", sorted(ending for ending, form in formats().items() if form.needs and ending != ".mat")
+)
+def test_a_library_that_is_missing(tmp_path, monkeypatch, ending):
+    file = tmp_path / f"log{ending}"
+    file.write_bytes(small_log(ending))
+    form = formats()[ending]
+    module = {"npTDMS": "nptdms"}.get(form.needs, form.needs)
+    for name in [each for each in sys.modules if each.split(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match="not installed: run `pip install") as caught:
+        open_log(file)
+    assert f"'opid[{form.extra}]'" in str(caught.value)
+    assert form.needs in str(caught.value)
 
 
 @pytest.mark.parametrize("ending", NO_CHANNELS)

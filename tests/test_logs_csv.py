@@ -112,7 +112,7 @@ def replaced(row, text):
         (HEADER + "\n0,1,2\n", "holds one sample below its header"),
         ("\n".join(ROWS), r"line 1 is numbers, there is no header: begin with `time.*give `names` and `time`"),
         ("time [s]\n1\n2\n", "line 1 has one column"),
-        ("time [s],b\n1,2\n2,3\n", "channel 'b' states no unit: give `unit`"),
+        ("time [s],b\n1,2\n2,3\n", "channel 'b' states no unit: write it in the log's header"),
         ("time,b [g]\n1,2\n", r"column 'time' has no unit: write it in brackets, like `time \[s\]`"),
         (
             "# note\ntime [s],b [gg]\n1,2\n2,3\n",
