@@ -1,5 +1,6 @@
 # The public names, one line a room.
 from .errors import InputError, NotDeterminedError
+from .estimate import Estimate
 from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
 from .identify.bench import Bench, bench_from_recording
 from .identify.bench_law import BenchLaw, law_of_bench
@@ -16,7 +17,7 @@ from .identify.model_fit import ModelFit, fit_model
 from .identify.nonlinearity import fit_slice, fit_surface
 from .identify.pursuit import pursue_law
 from .identify.restoring_force import binned_surface, restoring_force, slice_curve
-from .identify.result import Estimate, Identification
+from .identify.result import Identification
 from .identify.sensor_facts import Leak, SensorFacts, SensorPair
 from .identify.sparse_road import sparse_road, which_law
 from .identify.spectral_equation import equation_lines, fit_equation

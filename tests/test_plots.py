@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from opid import plots
+from opid.estimate import Estimate
 from opid.identify.identification import identify_study
-from opid.identify.result import Estimate
 from opid.identify.study import Study
 from opid.identify.study_file import read_study
 from opid.mechanics.laws import Law

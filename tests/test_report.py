@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.identify.identification import identify_study
-from opid.identify.result import PARAMETERS, Estimate
+from opid.identify.result import PARAMETERS
 from opid.identify.study import Study
 from opid.identify.study_file import read_study
 from opid.mechanics.laws import law_from_parameters

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
 from opid.identify.bench import Bench
 from opid.identify.bench_ladder import (
     BIC_MARGIN,
@@ -28,7 +29,6 @@ from opid.identify.bench_ladder import (
 )
 from opid.identify.covariance import clustered_covariance
 from opid.identify.memory import Memory, memory_of
-from opid.identify.result import Estimate
 from opid.identify.separable import SeparableFit, independent_samples, separable_fit
 from opid.mechanics.laws import LAWS, Law, default_law
 from opid.signals.recording import FloatArray

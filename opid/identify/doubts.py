@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from opid.estimate import Estimate
 from opid.identify.classical import LEAST_NOISE, Evidence
 from opid.identify.model_evidence import ModelEvidence
 from opid.identify.model_fit import ModelFit
-from opid.identify.result import Estimate
 from opid.mechanics.laws import LAWS
 
 # the model explains the runs down to the sensors' noise up to here; above, what it lacks rules the answer

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import Estimate
 from opid.identify import driven_run
 from opid.identify.added_mass import AddedMass, absolute_parameters
 from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_start, evidence_of
@@ -17,7 +18,7 @@ from opid.identify.direct_parameters import NAMES
 from opid.identify.doubts import doubts, gain_like_share, refused, straight_terms, unexplained_noise, widening
 from opid.identify.limits import limits
 from opid.identify.model_chain import model_chain
-from opid.identify.result import PARAMETERS, RATIOS, Estimate, Identification, VisitedForce, visited_force
+from opid.identify.result import PARAMETERS, RATIOS, Identification, VisitedForce, visited_force
 from opid.identify.study import Study
 from opid.mechanics.laws import LAWS, Law
 from opid.signals.recording import FloatArray

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import nearest
 from opid.identify.sensor_facts import IDEAL_PAIR, SensorPair
 from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray, Recording
+from opid.signals.tables import refuse
 
 MINIMUM_SAMPLES = 256
 """The shortest run taken: a spectrum of fewer samples does not separate a peak from its neighbours."""
@@ -134,22 +135,3 @@ def _run_faults(study: Study, run: Run) -> Iterator[str]:
             yield f"there is no channel {name!r} in its log ({nearest(name, run.recording.names)})"
         elif run.recording.unit(name) != "m/s^2":
             yield f"channel {name!r} is in {run.recording.unit(name)} where an acceleration is needed"
-
-
-def refuse(faults: list[str], source: Path | None) -> None:
-    """Say everything that is wrong at once.
-
-    Args:
-        faults: one clause each; none of them, no error.
-        source: the study file, if there is one.
-
-    Raises:
-        InputError: there is a fault.
-    """
-    if not faults:
-        return
-    place = f"{source}: " if source else ""
-    if len(faults) == 1:
-        raise InputError(place + faults[0])
-    listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(faults, start=1))
-    raise InputError(f"{place}{len(faults)} faults: {listed}")

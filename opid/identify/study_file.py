@@ -13,11 +13,12 @@ import tomli_w
 from opid.errors import InputError
 from opid.identify.run_files import RunFiles, Source, at_one_rate, run_from_files
 from opid.identify.sensor_facts import IDEAL_PAIR, SIDES, Leak, SensorFacts, SensorPair
-from opid.identify.study import Study, refuse
-from opid.identify.study_tables import SENSOR_KEYS, Document, document_faults, load
+from opid.identify.study import Study
+from opid.identify.study_tables import SENSOR_KEYS, document_faults
 from opid.signals.files import written_whole
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
+from opid.signals.tables import Document, channel_settings, load, log_settings, refuse
 
 Say = Callable[[str], None]
 
@@ -132,7 +133,7 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     document = load(source)
     refuse(list(document_faults(document)), source)
     try:
-        settings = _log_settings(document.get("log", {}))
+        settings = log_settings(document.get("log", {}))
         all_files = [_run_files(document, entry, source.parent) for entry in document["runs"]]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
@@ -183,23 +184,6 @@ def _name(channels: Mapping[str, Any], key: str) -> str:
     return entry if isinstance(entry, str) else key
 
 
-def _log_settings(table: Mapping[str, Any], where: str = "[log]") -> LogSettings:
-    try:
-        return LogSettings(**{**table, "names": tuple(table.get("names", ()))})
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-
-
-def _channel(key: str, entry: str | int | Mapping[str, Any]) -> ChannelSettings:
-    if not isinstance(entry, Mapping):
-        return ChannelSettings(entry)
-    own = {name: value for name, value in entry.items() if name not in (*SENSOR_KEYS, "log")}
-    try:
-        return ChannelSettings(**{"channel": key, **own})
-    except InputError as error:
-        raise InputError(f"[channels.{key}]: {error}") from None
-
-
 def _run_files(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
     """Where each channel of a run is found, and how it is read."""
     channels = document["channels"]
@@ -217,7 +201,7 @@ def _run_files(document: Document, entry: Mapping[str, Any], directory: Path) ->
         wanted[name] = {**_as_table(before), **own} if isinstance(own, Mapping) else own
     sources = {}
     for name, table in wanted.items():
-        settings = _channel(name, table)
+        settings = channel_settings(name, table, without=(*SENSOR_KEYS, "log"))
         if settings.file is not None:
             settings = replace(settings, file=settings.file.replace("{run}", entry["name"]))
         how, where = document.get("log", {}), "[log]"
@@ -225,7 +209,7 @@ def _run_files(document: Document, entry: Mapping[str, Any], directory: Path) ->
             how, where = table["log"], f"[channels.{name}.log]"
         if settings.file is None and "log" not in entry:
             raise InputError(f"run {entry['name']!r} has no 'log', and [channels.{name}] no 'file': give one of them")
-        sources[name] = Source(directory / (settings.file or entry["log"]), settings, _log_settings(how, where))
+        sources[name] = Source(directory / (settings.file or entry["log"]), settings, log_settings(how, where))
     return RunFiles(entry["name"], sources, float(entry["mass_change_kg"]), entry.get("start_s"), entry.get("stop_s"))
 
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from opid.estimate import Estimate
 from opid.identify.classical import Evidence, PeakPair
 from opid.identify.direct_parameters import NAMES
-from opid.identify.result import Estimate, Identification
+from opid.identify.result import Identification
 from opid.plots.laws import model_ladder
 from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
 

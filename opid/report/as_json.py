@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from opid.identify.result import SCHEMA, Estimate, Identification, VisitedForce
+from opid.estimate import Estimate
+from opid.identify.result import SCHEMA, Identification, VisitedForce
 
 
 def result_json(result: Identification) -> dict[str, Any]:

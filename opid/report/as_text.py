@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from opid.identify.result import Estimate, Identification
+from opid.estimate import Estimate
+from opid.identify.result import Identification
 
 WIDTH = 80
 PARAMETER_LABELS = {
