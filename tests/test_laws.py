@@ -57,7 +57,7 @@ def test_the_compiled_force_is_the_numpy_force(name):
     np.testing.assert_allclose(compiled, subject.force(Z, V).ravel(), rtol=1e-12, atol=1e-12)
 
 
-ONE_SIDED = ["asymmetric_damping", "asymmetric_stiffness", "gas_spring"]
+ONE_SIDED = ["asymmetric_damping", "asymmetric_stiffness", "even_quadratic_stiffness", "gas_spring"]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -94,7 +94,7 @@ def law_of_bench(
     Args:
         bench: the record, from `bench_from_recording`.
         title: name of the record.
-        candidates: kinds that may be added; None for every kind in `LAWS`.
+        candidates: kinds that may be added; None for every kind in `LAWS` that is searched.
         most_terms: terms of f at the most.
         progress: called with the name of each step as it begins.
 
@@ -111,7 +111,7 @@ def law_of_bench(
     >>> found.law.name, found.law_estimates["quadratic_damping"]["damping_n_s2_per_m2"].holds(800)
     ('quadratic_damping', True)
     """
-    kinds = tuple(LAWS) if candidates is None else tuple(candidates)
+    kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
         default_law(name)  # an unknown one is named here
     if most_terms < 0:

@@ -44,7 +44,7 @@ def library() -> tuple[str, ...]:
     return tuple(
         name
         for name, kind in LAWS.items()
-        if name not in built_in or all(p.role in ("amplitude", "scale") for p in kind.parameters)
+        if kind.searched and (name not in built_in or all(p.role in ("amplitude", "scale") for p in kind.parameters))
     )
 
 

@@ -51,12 +51,15 @@ class Kind:
             written with numpy, works on arrays and, compiled by numba, on numbers; a parameter that the kind does not
             have is passed all the same, and its derivative is 0.0. Squares and products are twenty times faster than
             z**3.
+        searched: whether a search for the law of a suspension tries it; the others are terms of a series, for which
+            their neighbours would be taken, and only laws that are asked for have them.
     """
 
     name: str
     latex: str
     parameters: tuple[Parameter, ...]
     function: Callable[..., ForceAndDerivatives] = field(repr=False)
+    searched: bool = True
 
 
 def _arctan_velocity(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
@@ -92,6 +95,17 @@ def _cubic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
     return v * square, 0.0, 3.0 * square, 0.0, 0.0
 
 
+def _quartic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    third = np.abs(v) * v**2
+    return v * third, 0.0, 4.0 * third, 0.0, 0.0
+
+
+def _quintic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    square = v**2
+    fourth = square**2
+    return v * fourth, 0.0, 5.0 * fourth, 0.0, 0.0
+
+
 def _signed_power_damping(z: Any, v: Any, n: Any, _: Any) -> ForceAndDerivatives:
     speed = np.maximum(np.abs(v), TINY)
     power = speed ** (n - 1.0)
@@ -116,6 +130,15 @@ def _quadratic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivative
 def _cubic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
     square = z**2
     return z * square, 3.0 * square, 0.0, 0.0, 0.0
+
+
+def _quartic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    third = np.abs(z) * z**2
+    return z * third, 4.0 * third, 0.0, 0.0, 0.0
+
+
+def _even_quadratic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    return z**2, 2.0 * z, 0.0, 0.0, 0.0
 
 
 def _quintic_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
@@ -197,6 +220,21 @@ BUILT_IN = (
         (Parameter("damping_n_s3_per_m3", "N s^3/m^3", "amplitude", 5e5),),
         _cubic_damping,
     ),
+    # powers that a mode of a bolted structure may be described by
+    Kind(
+        "quartic_damping",
+        r"c\, \dot z |\dot z|^3",
+        (Parameter("damping_n_s4_per_m4", "N s^4/m^4", "amplitude", 2e7),),
+        _quartic_damping,
+        searched=False,
+    ),
+    Kind(
+        "quintic_damping",
+        r"c\, \dot z^5",
+        (Parameter("damping_n_s5_per_m5", "N s^5/m^5", "amplitude", 1e9),),
+        _quintic_damping,
+        searched=False,
+    ),
     # a damper between friction (n = 0) and orifice (n = 2)
     Kind(
         "signed_power_damping",
@@ -228,12 +266,28 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
         _quadratic_stiffness,
     ),
+    # a joint that is stiffer in one direction: the force that feeds a mode at twice the frequency
+    Kind(
+        "even_quadratic_stiffness",
+        r"k\, z^2",
+        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
+        _even_quadratic_stiffness,
+        searched=False,
+    ),
     # the next odd term of any smooth spring
     Kind(
         "cubic_stiffness",
         r"k\, z^3",
         (Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9),),
         _cubic_stiffness,
+    ),
+    # a power that a mode of a bolted structure may be described by
+    Kind(
+        "quartic_stiffness",
+        r"k\, z |z|^3",
+        (Parameter("stiffness_n_per_m4", "N/m^4", "amplitude", 4e11),),
+        _quartic_stiffness,
+        searched=False,
     ),
     # and the one after that: a spring that hardens late
     Kind(

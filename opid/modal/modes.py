@@ -1,0 +1,212 @@
+"""Linear modes as they come from a modal test, the modal filter and the force projection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError, nearest
+from opid.mechanics.structure import Structure, natural_frequencies
+from opid.signals.recording import FloatArray
+
+LARGEST_CONDITION = 30.0
+"""Of the shapes: above it a modal coordinate holds more of its neighbours' noise than of its own motion (the paper
+takes 9 for acceptable)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModes:
+    """Natural frequencies, damping ratios and mass-normalised shapes, rigid-body modes (0 Hz) included.
+
+    Args:
+        frequency_hz: (n_modes,) natural frequencies, Hz; 0 for a rigid-body mode.
+        damping_ratio: (n_modes,) share of critical damping; of a rigid-body mode it says nothing.
+        shapes: (n_sensors, n_modes), one mass-normalised shape a column, kg^-1/2, so that x = shapes q.
+        sensors: names of the sensors, one a row of `shapes`.
+
+    Raises:
+        InputError: counts that do not match, values that are not finite, a negative frequency, a damping ratio outside
+            0 .. 1, a mode that no sensor sees, or a repeated sensor.
+
+    >>> modes = LinearModes([0.0, 25.0], [0.0, 0.004], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
+    >>> modes.n_modes, modes.row("left").tolist()
+    (2, [0.5, 0.3])
+    """
+
+    frequency_hz: FloatArray
+    damping_ratio: FloatArray
+    shapes: FloatArray
+    sensors: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name, n_axes in (("frequency_hz", 1), ("damping_ratio", 1), ("shapes", 2)):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.ndim != n_axes or array.size == 0:
+                needed = "one number a mode" if n_axes == 1 else "one row a sensor and one column a mode"
+                raise InputError(f"{name} has shape {array.shape}: give {needed}")
+            if not np.isfinite(array).all():
+                raise InputError(f"{name} has values that are not finite: leave out the modes that were not identified")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        _require_counts(self)
+        if self.frequency_hz.min() < 0:
+            raise InputError(f"frequency_hz holds {self.frequency_hz.min():g} Hz: give 0 for rigid-body modes")
+        if not ((self.damping_ratio >= 0) & (self.damping_ratio < 1)).all():
+            bad = int(np.argmax(~((self.damping_ratio >= 0) & (self.damping_ratio < 1))))
+            raise InputError(
+                f"the damping ratio of mode {bad + 1} is {self.damping_ratio[bad]:g}: give the share of critical "
+                "damping, from 0 to 1 (0.004, not 0.4 %)"
+            )
+        silent = np.flatnonzero(~self.shapes.any(axis=0))
+        if silent.size:
+            raise InputError(f"the shape of mode {silent[0] + 1} is zero at every sensor: leave the mode out")
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes."""
+        return self.frequency_hz.size
+
+    @property
+    def elastic(self) -> FloatArray:
+        """(n_modes,) whether a mode has a frequency above zero."""
+        return self.frequency_hz > 0
+
+    def row(self, sensor: str) -> FloatArray:
+        """(n_modes,) what the sensor called `sensor` sees of each mode; InputError names the nearest one."""
+        if sensor not in self.sensors:
+            raise InputError(f"there is no sensor {sensor!r} among the shapes: {nearest(sensor, self.sensors)}")
+        return self.shapes[self.sensors.index(sensor)]
+
+    def stiffness(self) -> FloatArray:
+        """(n_modes,) k0 = omega^2, 1/s^2 (Pacini eq. 5)."""
+        return (2 * np.pi * self.frequency_hz) ** 2
+
+    def damping(self) -> FloatArray:
+        """(n_modes,) c0 = 2 zeta omega, 1/s (Pacini eq. 6)."""
+        return 2 * self.damping_ratio * (2 * np.pi * self.frequency_hz)
+
+    def place(self, mode: int) -> int:
+        """Column of a mode, which users count from 1; InputError outside the modes."""
+        if not 1 <= mode <= self.n_modes:
+            raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
+        return mode - 1
+
+
+def modal_filter(modes: LinearModes) -> FloatArray:
+    """Return pinv(Phi), (n_modes, n_sensors): accelerations at the sensors -> modal accelerations (Pacini eq. 2).
+
+    Args:
+        modes: with at least as many sensors as modes.
+
+    Raises:
+        InputError: fewer sensors than modes, or shapes that depend on each other.
+
+    >>> modes = LinearModes([0.0, 25.0], [0.0, 0.004], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
+    >>> (modal_filter(modes) @ modes.shapes).round(12).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
+    """
+    n_sensors, n_modes = modes.shapes.shape
+    if n_sensors < n_modes:
+        raise InputError(
+            f"{n_sensors} sensor(s) cannot tell {n_modes} modes apart: add sensors, or leave out modes that do not move"
+        )
+    if np.linalg.matrix_rank(modes.shapes) < n_modes:
+        raise InputError(
+            f"the {n_modes} shapes depend on each other at these {n_sensors} sensors: leave out modes, or add "
+            "sensors where their shapes differ"
+        )
+    return np.linalg.pinv(modes.shapes)
+
+
+def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:
+    """Return Phi^T e, (n_modes,) kg^-1/2: one force at a sensor's place -> modal forces (Pacini eq. 3).
+
+    Args:
+        modes: the modes.
+        drive_point: name of the sensor at whose place and in whose direction the force acts.
+
+    Raises:
+        InputError: no such sensor.
+    """
+    return modes.row(drive_point).copy()
+
+
+def condition_number(modes: LinearModes) -> float:
+    """Return the condition number of the shapes: how much noise and wrong shapes grow in the modal filter.
+
+    Args:
+        modes: the modes.
+
+    >>> round(condition_number(LinearModes([1, 2], [0, 0], [[1, 0], [0, 0.5]], ("a", "b"))), 6)
+    2.0
+    """
+    return float(np.linalg.cond(modes.shapes))
+
+
+def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> FloatArray:
+    """Return the modal assurance criterion |a^H b|^2 / (a^H a b^H b), (n, m), of columns against columns.
+
+    Args:
+        shapes: (n_sensors, n), real or complex.
+        others: (n_sensors, m); the same as `shapes` where left out (the auto-MAC).
+
+    Raises:
+        InputError: another number of sensors.
+
+    >>> modal_assurance([[1.0, 1.0], [1.0, -1.0]]).round(12).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
+    """
+    first = np.atleast_2d(np.asarray(shapes))
+    second = first if others is None else np.atleast_2d(np.asarray(others))
+    if first.shape[0] != second.shape[0]:
+        raise InputError(
+            f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
+        )
+    norms = np.outer(np.sum(np.abs(first) ** 2, axis=0), np.sum(np.abs(second) ** 2, axis=0))
+    return np.abs(first.conj().T @ second) ** 2 / norms
+
+
+def modes_of_structure(structure: Structure, sensors: ArrayLike, names: Sequence[str]) -> LinearModes:
+    """Return the linear modes of a structure as sensors on it see them.
+
+    Args:
+        structure: its nonlinear laws are left out.
+        sensors: (n_sensors, n_dof), each row the reading of a sensor for unit motion of each degree of freedom.
+        names: of the sensors.
+
+    Raises:
+        InputError: as `LinearModes` or `natural_frequencies`.
+    """
+    found = natural_frequencies(structure)
+    return LinearModes(found.frequency_hz, np.nan_to_num(found.zeta), np.asarray(sensors) @ found.shapes, tuple(names))
+
+
+def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
+    """Return the modes at some of their sensors, in the given order.
+
+    Args:
+        modes: the modes.
+        sensors: names of those wanted.
+
+    Raises:
+        InputError: no such sensor.
+    """
+    return replace(modes, shapes=np.stack([modes.row(name) for name in sensors]), sensors=tuple(sensors))
+
+
+def _require_counts(modes: LinearModes) -> None:
+    n_sensors, n_modes = modes.shapes.shape
+    counts = {"frequency_hz": modes.frequency_hz.size, "damping_ratio": modes.damping_ratio.size}
+    if set(counts.values()) != {n_modes}:
+        listed = ", ".join(f"{size} in {name}" for name, size in counts.items())
+        turned = " (shapes are sensors x modes: transpose them)" if {*counts.values()} == {n_sensors} else ""
+        raise InputError(f"{n_modes} columns in shapes, {listed}: give one value for each mode{turned}")
+    if len(modes.sensors) != n_sensors:
+        raise InputError(f"{n_sensors} rows in shapes and {len(modes.sensors)} names of sensors: give one for each row")
+    for name in modes.sensors:
+        if modes.sensors.count(name) > 1:
+            raise InputError(f"the sensor {name!r} stands {modes.sensors.count(name)} times: rename one")

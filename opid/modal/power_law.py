@@ -1,0 +1,39 @@
+"""The polynomials of a nonlinear mode as a `Law`: k_n q |q|^(n-1) and c_n q' |q'|^(n-1), n from 2 up.
+
+Eqs. (9) and (10) of Pacini as printed are even and constant at n = 1, which is no restoring force; eq. (11) has the
+columns meant. n = 1 is the linear part: it corrects k0 and c0 and belongs to the mode, not to its law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from opid.errors import InputError
+from opid.mechanics.laws import Law, Term
+
+STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
+DAMPING_KINDS = {2: "quadratic_damping", 3: "cubic_damping", 4: "quartic_damping", 5: "quintic_damping"}
+HIGHEST_ORDER = 5
+"""That of the paper's second case; nothing higher was ever told apart from noise."""
+
+
+def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> Law:
+    """Return sum k_n q |q|^(n-1) + sum c_n q' |q'|^(n-1) as a law.
+
+    Args:
+        stiffness: k_n by n, each (N/kg^1/2) / (m kg^1/2)^n.
+        damping: c_n by n, each (N/kg^1/2) / (m/s kg^1/2)^n.
+
+    Raises:
+        InputError: a power outside 2 .. 5.
+
+    >>> power_law({3: 2.0}, {2: 0.5}).name
+    'quadratic_damping+cubic_stiffness'
+    """
+    terms = []
+    for kinds, values, letter in ((STIFFNESS_KINDS, stiffness, "k"), (DAMPING_KINDS, damping, "c")):
+        for power, value in values.items():
+            if power not in kinds:
+                raise InputError(f"{letter}{power} is no term of a nonlinear mode: give powers 2 to {HIGHEST_ORDER}")
+            terms.append(Term(kinds[power], (value,)))
+    return Law(tuple(terms))
