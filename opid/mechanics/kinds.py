@@ -270,7 +270,7 @@ BUILT_IN = (
     Kind(
         "even_quadratic_stiffness",
         r"k\, z^2",
-        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
+        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 1e6),),
         _even_quadratic_stiffness,
         searched=False,
     ),
