@@ -29,6 +29,11 @@ N_VALUES = 3
 # what is compiled into the kernels, each after what it calls
 _PARTS = (
     "_force",
+    "_slider_force",
+    "_dot",
+    "_dot_of_two",
+    "_move_sliders",
+    "_drive",
     "_accelerate",
     "_joint_force",
     "_places",
@@ -47,6 +52,8 @@ _PARTS = (
     "_balanced",
     "_upper",
 )
+# sums that may be taken in any order, several numbers at once
+_SUMS = ("_slider_force", "_dot", "_dot_of_two")
 # called once a run
 _ONCE = ("_places", "_upper")
 _KERNELS = ("_force_many", "_structure_steps", "_predictions", "_predictions_of_one")
@@ -88,19 +95,17 @@ def force_kernel(codes: NDArray[np.int64], values: FloatArray, z: FloatArray, v:
     return _kernel("_force_many", codes)(codes, values, z, v)
 
 
-def runge_kutta_4(
-    system: tuple[Any, ...], drive: FloatArray, step_s: float, x0: FloatArray, v0: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacement, velocity and acceleration at each step, (n, n_dof) each.
+def runge_kutta_4(codes: NDArray[np.int64]) -> Any:
+    """Return the compiled time step of a structure, `opid.mechanics.steps._structure_steps`.
+
+    It takes (matrices, joints, forces, step_s, steps_per_sample, x, v, positions), as `opid.mechanics.response` makes
+    them, and returns displacement, velocity and acceleration at each sample, (n, n_dof) each, and the sliders'
+    positions after the last. To look it up takes longer than a few steps: keep it.
 
     Args:
-        system: stiffness, damping, directions and loads of the joints, all over the mass, and their laws.
-        drive: (2 n - 1, n_dof) force over mass at half steps, m/s^2.
-        step_s: s.
-        x0: (n_dof,) displacement at the start, m.
-        v0: (n_dof,) velocity at the start, m/s.
+        codes: of the terms of all joints' laws, as `law_arrays` gives them.
     """
-    return _kernel("_structure_steps", system[5])(system, drive, step_s, x0, v0)
+    return _kernel("_structure_steps", codes)
 
 
 def predictions(
@@ -215,7 +220,8 @@ def _compiled(kinds: tuple[Kind, ...]) -> dict[str, Any]:
 
     # inlined: as calls, with their many arrays, they take longer than what they compute
     for name in _PARTS:
-        names[name] = njit(with_names(name), error_model="numpy", forceinline=name not in _ONCE)
+        any_order = {"reassoc", "contract"} if name in _SUMS else False
+        names[name] = njit(with_names(name), error_model="numpy", fastmath=any_order, forceinline=name not in _ONCE)
     for name in _KERNELS:
         names[name] = njit(with_names(name), error_model="numpy", cache=kinds == BUILT_IN)
     return {name: names[name] for name in (*_PARTS, *_KERNELS)}

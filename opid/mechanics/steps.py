@@ -20,22 +20,73 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
     return total
 
 
-def _accelerate(system, drive, half_step, x, v, out):  # type: ignore[no-untyped-def]
-    """out = drive - stiffness x - damping v - sum_j loads_j f_j(directions_j x, directions_j v)."""
-    stiffness, damping, directions, loads, firsts, codes, values = system
-    for i in range(x.size):
-        out[i] = drive[half_step, i]
-        for k in range(x.size):
-            out[i] -= stiffness[i, k] * x[k] + damping[i, k] * v[k]
+def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
+    """Force of Jenkins elements; their sliders stand where they stood when the step began."""
+    total = 0.0
+    for k in range(max(0, first), last):
+        force = sliders[0, k] * (z - positions[k])
+        # written so that nan stays nan
+        force = sliders[1, k] if force > sliders[1, k] else force
+        force = -sliders[1, k] if force < -sliders[1, k] else force
+        total += force
+    return total
+
+
+def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
+    """Drag along the sliders whose springs carry more than they can."""
+    directions, spans, _, _, _, sliders = joints
     for joint in range(directions.shape[0]):
-        extension = 0.0
-        rate = 0.0
-        for k in range(x.size):
-            extension += directions[joint, k] * x[k]
-            rate += directions[joint, k] * v[k]
-        force = _force(codes, values, firsts[joint], firsts[joint + 1], extension, rate)
-        for i in range(x.size):
-            out[i] -= loads[joint, i] * force
+        first, last = spans[joint, 4], spans[joint, 5]
+        if first == last:
+            continue
+        z = _dot(directions, joint, spans[joint, 0], spans[joint, 1], x)
+        for k in range(max(0, first), last):
+            reach = sliders[1, k] / sliders[0, k]
+            positions[k] = min(max(positions[k], z - reach), z + reach)
+
+
+def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
+    total = 0.0
+    # max: the compiler then knows that no place counts from the end, and takes several at once
+    for k in range(max(0, first), last):
+        total += matrix[row, k] * x[k]
+    return total
+
+
+def _dot_of_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for k in range(max(0, first), last):
+        total += one[row, k] * x[k] + other[row, k] * v[k]
+    return total
+
+
+def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-def]
+    """out = inputs forces, at one half step."""
+    for i in range(out.size):
+        total = 0.0
+        for k in range(spans[i, 2], spans[i, 3]):
+            total += inputs[i, k] * forces[half_step, k]
+        out[i] = total
+
+
+def _accelerate(matrices, joints, drive, positions, x, v, out):  # type: ignore[no-untyped-def]
+    """out = drive - stiffness x - damping v - sum_j loads_j (K_j z + C_j w + f_j(z, w) + sliders_j), z = d_j x.
+
+    Of each row of a matrix only what lies between its first and its last nonzero (`spans`) is taken.
+    """
+    stiffness, damping, spans, _ = matrices
+    for i in range(x.size):
+        out[i] = drive[i] - _dot_of_two(stiffness, damping, i, spans[i, 0], spans[i, 1], x, v)
+    directions, joint_spans, linear, loads, law_table, sliders = joints
+    codes, values = law_table
+    for j in range(directions.shape[0]):
+        z = _dot(directions, j, joint_spans[j, 0], joint_spans[j, 1], x)
+        w = _dot(directions, j, joint_spans[j, 0], joint_spans[j, 1], v)
+        force = linear[j, 0] * z + linear[j, 1] * w
+        force += _force(codes, values, joint_spans[j, 6], joint_spans[j, 7], z, w)
+        force += _slider_force(sliders, joint_spans[j, 4], joint_spans[j, 5], positions, z)
+        for i in range(max(0, joint_spans[j, 2]), joint_spans[j, 3]):
+            out[i] -= loads[j, i] * force
 
 
 def _force_many(codes, values, z, v):  # type: ignore[no-untyped-def]
@@ -51,31 +102,42 @@ _STAGE_WEIGHT = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
 
 
-def _structure_steps(system, drive, step_s, x0, v0):  # type: ignore[no-untyped-def]
-    n_steps = drive.shape[0] // 2
-    displacement = np.empty((n_steps + 1, x0.size))
-    velocity = np.empty((n_steps + 1, x0.size))
-    acceleration = np.empty((n_steps + 1, x0.size))
-    x, v, a = x0.copy(), v0.copy(), np.empty(x0.size)
-    x_next, v_next = np.empty(x0.size), np.empty(x0.size)
+def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0):  # type: ignore[no-untyped-def]
+    n_steps = forces.shape[0] // 2
+    n_samples = n_steps // steps_per_sample + 1
+    displacement = np.empty((n_samples, x0.size))
+    velocity = np.empty((n_samples, x0.size))
+    acceleration = np.empty((n_samples, x0.size))
+    positions = positions0.copy()
+    x, v, a, drive = x0.copy(), v0.copy(), np.empty(x0.size), np.empty(x0.size)
+    x_begin, v_begin, x_next, v_next = x0.copy(), v0.copy(), np.empty(x0.size), np.empty(x0.size)
+    _, _, spans, inputs = matrices
+    _drive(inputs, spans, forces, 0, drive)
+    _move_sliders(joints, x, positions)
     for step in range(n_steps + 1):
         for i in range(x0.size):
-            displacement[step, i] = x_next[i] = x[i]
-            velocity[step, i] = v_next[i] = v[i]
+            x_begin[i] = x_next[i] = x[i]
+            v_begin[i] = v_next[i] = v[i]
+        sample = step // steps_per_sample
         # the last sample takes no step, it only needs its acceleration
         for stage in range(4 if step < n_steps else 1):
-            _accelerate(system, drive, 2 * step + _STAGE_PLACE[stage], x, v, a)
+            if stage == 1 or stage == 3:
+                _drive(inputs, spans, forces, 2 * step + _STAGE_PLACE[stage], drive)
+            _accelerate(matrices, joints, drive, positions, x, v, a)
+            if stage == 0 and sample * steps_per_sample == step:
+                for i in range(x0.size):
+                    displacement[sample, i], velocity[sample, i], acceleration[sample, i] = x[i], v[i], a[i]
             for i in range(x0.size):
-                if stage == 0:
-                    acceleration[step, i] = a[i]
                 x_next[i] += _STAGE_WEIGHT[stage] * step_s * v[i]
                 v_next[i] += _STAGE_WEIGHT[stage] * step_s * a[i]
-                x[i] = displacement[step, i] + _STAGE_STEP[stage] * step_s * v[i]
-                v[i] = velocity[step, i] + _STAGE_STEP[stage] * step_s * a[i]
-        for i in range(x0.size):
-            x[i] = x_next[i]
-            v[i] = v_next[i]
-    return displacement, velocity, acceleration
+                x[i] = x_begin[i] + _STAGE_STEP[stage] * step_s * v[i]
+                v[i] = v_begin[i] + _STAGE_STEP[stage] * step_s * a[i]
+        if step < n_steps:
+            for i in range(x0.size):
+                x[i] = x_next[i]
+                v[i] = v_next[i]
+            _move_sliders(joints, x, positions)
+    return displacement, velocity, acceleration, positions
 
 
 def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from opid.errors import InputError, nearest
+from opid.mechanics.hysteresis import Sliders
 from opid.mechanics.laws import LINEAR, FloatArray, Law
 
 ComplexArray = NDArray[np.complex128]
@@ -19,7 +20,8 @@ ComplexArray = NDArray[np.complex128]
 class Joint:
     """A spring-damper between degrees of freedom with a restoring-force law beside its linear part.
 
-    The joint force K z + C z' + f(z, z'), z = direction . x, pulls the structure by -direction times it.
+    The joint force K z + C z' + f(z, z') + that of its sliders, z = direction . x, pulls the structure by -direction
+    times it.
 
     Args:
         name: what the joint is called.
@@ -27,6 +29,7 @@ class Joint:
         stiffness_n_per_m: linear stiffness K, N/m.
         damping_n_s_per_m: linear damping C, N s/m.
         law: nonlinear force f(z, z'), N.
+        sliders: elements that slip, beside the rest; None for none.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Joint:
     stiffness_n_per_m: float = 0.0
     damping_n_s_per_m: float = 0.0
     law: Law = LINEAR
+    sliders: Sliders | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "direction", _read_only(self.direction))
@@ -41,7 +45,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """M x'' + C x' + K x + sum over joints of d (K_j z + C_j z' + f_j(z, z')) = force(t), z = d . x.
+    """M x'' + C x' + K x + sum over joints of d (K_j z + C_j z' + f_j(z, z') + sliders_j) = force(t), z = d . x.
 
     Args:
         mass: (n_dof, n_dof) M, kg; symmetric and positive definite.
@@ -116,6 +120,8 @@ class Modes:
 def linear_matrices(structure: Structure) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return M, C, K with the linear part of the joints, the nonlinear laws left out, each (n_dof, n_dof).
 
+    Sliders count as springs: they are stuck at low level.
+
     Args:
         structure: the structure.
     """
@@ -123,7 +129,8 @@ def linear_matrices(structure: Structure) -> tuple[FloatArray, FloatArray, Float
     for joint in structure.joints:
         along = np.outer(joint.direction, joint.direction)
         damping += joint.damping_n_s_per_m * along
-        stiffness += joint.stiffness_n_per_m * along
+        stuck = joint.sliders.tangent_n_per_m if joint.sliders else 0.0
+        stiffness += (joint.stiffness_n_per_m + stuck) * along
     return structure.mass.copy(), damping, stiffness
 
 

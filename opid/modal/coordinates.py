@@ -18,7 +18,7 @@ class ModalTest:
         recording: the sensors and, where there is one, the force.
         acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
         force: (n,) force at the drive point, N; None for a free decay.
-        modes: linear modes that belong to this test, at its sensors.
+        modes: linear modes that belong to this test.
         drive_point: the sensor at whose place the force acts; None for a free decay.
     """
 
@@ -69,45 +69,39 @@ def modal_test(
     sensors = [sensor for sensor in modes.sensors if sensor in recording.names]
     if not sensors:
         raise InputError(
-            f"test {name!r} has none of the sensors {_listed(modes.sensors)}: its channels are {_listed(recording.names)}; "
-            "call the channels as the shapes call their sensors"
+            f"test {name!r} has none of the sensors {_listed(modes.sensors)}: its channels are "
+            f"{_listed(recording.names)}; call the channels as the shapes call their sensors"
         )
     for sensor in sensors:
         if recording.unit(sensor) != "m/s^2":
             raise InputError(
-                f"channel {sensor!r} of test {name!r} is in {recording.unit(sensor) or 'no unit'} where an acceleration is "
-                "needed: give its unit in [channels]"
+                f"channel {sensor!r} of test {name!r} is in {recording.unit(sensor) or 'no unit'} where an "
+                "acceleration is needed: give its unit in [channels]"
             )
     if force is not None:
-        _require_force(recording, name, force, drive_point)
-    seen = with_sensors(modes, sensors)
+        _require_force(recording, modes, name, force, drive_point)
     accelerations = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
-    if drive_point is not None and drive_point not in seen.sensors:
-        seen_at = modes.row(drive_point)  # names the nearest one
-        raise InputError(
-            f"test {name!r} has no channel for its drive point {drive_point!r}, where the shapes are {seen_at[:3]} ...: "
-            "record it, the force is projected with it"
-        )
     return ModalTest(
         name=name,
         recording=recording,
-        acceleration=accelerations @ modal_filter(seen).T,
+        acceleration=accelerations @ modal_filter(with_sensors(modes, sensors)).T,
         force=None if force is None else recording.channel(force),
-        modes=seen,
+        modes=modes,
         drive_point=drive_point if force is not None else None,
     )
 
 
-def _require_force(recording: Recording, name: str, force: str, drive_point: str | None) -> None:
+def _require_force(recording: Recording, modes: LinearModes, name: str, force: str, drive_point: str | None) -> None:
     if drive_point is None:
         raise InputError(f"test {name!r} has a force and no drive point: say at which sensor the force acts")
+    modes.row(drive_point)
     if recording.unit(force) != "N":
         raise InputError(
-            f"the force channel {force!r} of test {name!r} is in {recording.unit(force) or 'no unit'} where N, kN or lbf is "
-            "needed: give its unit and scale in [channels]"
+            f"the force channel {force!r} of test {name!r} is in {recording.unit(force) or 'no unit'} where N, "
+            "kN or lbf is needed: give its unit and scale in [channels]"
         )
     if not recording.channel(force).any():
-        raise InputError(f"the force channel {force!r} of test {name!r} is zero throughout: name the channel of the force cell")
+        raise InputError(f"the force {force!r} of test {name!r} is zero throughout: name the channel of the force cell")
 
 
 def _listed(names: tuple[str, ...], most: int = 6) -> str:

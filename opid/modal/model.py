@@ -14,7 +14,7 @@ from opid.mechanics.laws import Law
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.modes import LinearModes, force_projection
-from opid.signals.recording import Channel, FloatArray, Recording, recording_from_arrays
+from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
 LARGEST_ANGLE = 0.15
@@ -23,7 +23,7 @@ LARGEST_ANGLE = 0.15
 
 @dataclass(frozen=True, eq=False)
 class NonlinearModalModel:
-    """Modes, some of which carry a restoring-force law: q_j'' + c0 q_j' + k0 q_j + f_j(q_j, q_j') = f_qj (Pacini eq. 13).
+    """Modes, some with a restoring-force law: q_j'' + c0 q_j' + k0 q_j + f_j(q_j, q_j') = f_qj (Pacini eq. 13).
 
     Args:
         modes: the linear part of every mode.

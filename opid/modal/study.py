@@ -1,0 +1,105 @@
+"""A modal study: linear modes, which of them are nonlinear, and the tests to fit and to judge by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from opid.modal.coordinates import ModalTest
+from opid.modal.modes import LinearModes
+from opid.modal.power_law import HIGHEST_ORDER
+from opid.signals.tables import refuse
+
+Use = Literal["fit", "truth", "level", "decay"]
+USES: tuple[Use, ...] = get_args(Use)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyTest:
+    """A test and what it is for.
+
+    Args:
+        test: in modal coordinates.
+        use: "fit" and "truth" as they say, "level" for one of several levels that are compared mode by mode, "decay" for
+            a free decay (no force).
+        mode: the nonlinear mode that the test is for, from 1; found from its response where None.
+    """
+
+    test: ModalTest
+    use: Use = "fit"
+    mode: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ModalStudy:
+    """What a nonlinear modal model is identified from.
+
+    Args:
+        title: of the study.
+        modes: linear modes of the structure, those that the model is built on.
+        nonlinear: numbers of the nonlinear modes, from 1; where empty, those that the level tests show.
+        tests: the tests, each with the linear modes that belong to it.
+        drive_point: the sensor at whose place the force acts; None where no test has a force.
+        stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
+        damping_order: N_d likewise.
+        free_linear: whether k0 and c0 are corrected in the fit; decided by the data where None.
+        source: the study file, if there is one.
+
+    Raises:
+        InputError: everything that is wrong with it, at once.
+    """
+
+    title: str
+    modes: LinearModes
+    nonlinear: tuple[int, ...]
+    tests: tuple[StudyTest, ...]
+    drive_point: str | None = None
+    stiffness_order: int | None = None
+    damping_order: int | None = None
+    free_linear: bool | None = None
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tests", tuple(self.tests))
+        object.__setattr__(self, "nonlinear", tuple(self.nonlinear))
+        refuse(list(_faults(self)), self.source)
+
+    def of_use(self, *uses: Use) -> tuple[StudyTest, ...]:
+        """The tests of some uses."""
+        return tuple(each for each in self.tests if each.use in uses)
+
+
+def _faults(study: ModalStudy) -> Iterator[str]:
+    for mode in study.nonlinear:
+        if not 1 <= mode <= study.modes.n_modes:
+            yield f"nonlinear names mode {mode}, modes are counted from 1 to {study.modes.n_modes}"
+        elif not study.modes.elastic[mode - 1]:
+            yield f"nonlinear names mode {mode}, a rigid-body mode (0 Hz): only elastic modes can be nonlinear"
+    if len(set(study.nonlinear)) < len(study.nonlinear):
+        yield f"nonlinear is {list(study.nonlinear)}, name each mode once"
+    for word, order in (("stiffness_order", study.stiffness_order), ("damping_order", study.damping_order)):
+        if order is not None and not 1 <= order <= HIGHEST_ORDER:
+            yield f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}"
+    names = [each.test.name for each in study.tests]
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            yield f"{names.count(name)} tests are called {name!r}, rename them"
+    for each in study.tests:
+        name = each.test.name
+        if each.use not in USES:
+            yield f"test {name!r} has the use {each.use!r}, give one of {', '.join(USES)}"
+        if each.use in ("truth", "level") and each.test.force is None:
+            yield f"test {name!r} is for {each.use!r} and has no force, name its channel"
+        if each.use == "fit" and each.test.force is None:
+            yield f'test {name!r} has no force, name its channel or give use = "decay" for a free decay'
+        if each.mode is not None and each.mode not in study.nonlinear and study.nonlinear:
+            yield f"test {name!r} is for mode {each.mode}, which is none of nonlinear = {list(study.nonlinear)}"
+        if each.test.modes.n_modes != study.modes.n_modes:
+            yield (
+                f"test {name!r} has {each.test.modes.n_modes} modes of its own and the study {study.modes.n_modes}: "
+                "give every test the same modes in the same order"
+            )
+    if not study.of_use("fit", "decay", "level"):
+        yield 'there is no test to identify from, give one the use = "fit" (or "decay", "level")'
