@@ -18,7 +18,7 @@ from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
 LARGEST_ANGLE = 0.15
-"""Of a time step at the highest natural frequency, rad: the Runge-Kutta method is then right to 5e-6 of the frequency."""
+"""Of a time step at the highest natural frequency, rad: Runge-Kutta is then right to 5e-6 of the frequency."""
 
 
 @dataclass(frozen=True, eq=False)

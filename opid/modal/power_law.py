@@ -6,6 +6,7 @@ columns meant. n = 1 is the linear part: it corrects k0 and c0 and belongs to th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from opid.errors import InputError
@@ -37,3 +38,18 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
                 raise InputError(f"{letter}{power} is no term of a nonlinear mode: give powers 2 to {HIGHEST_ORDER}")
             terms.append(Term(kinds[power], (value,)))
     return Law(tuple(terms))
+
+
+def harmonic_share(power: int) -> float:
+    """Return a_n: the fundamental of A^n cos|cos|^(n-1) is a_n A^n cos (harmonic linearisation).
+
+    a_n = (2/sqrt(pi)) Gamma(n/2 + 1) / Gamma(n/2 + 3/2), so that omega^2(A) = sum k_n a_n A^(n-1).
+
+    Args:
+        power: n, from 1.
+
+    >>> harmonic_share(1), harmonic_share(3), round(harmonic_share(2) * 3 * math.pi, 12)
+    (1.0, 0.75, 8.0)
+    """
+    share = 2 / math.sqrt(math.pi) * math.gamma(power / 2 + 1) / math.gamma(power / 2 + 1.5)
+    return round(share, 15)

@@ -1,0 +1,145 @@
+"""The equation of one mode on the lines of its band: integrated in the frequency domain, with the noise of each line.
+
+Eq. (11) of Pacini, line by line. The printed least squares weighs every line alike; away from resonance the
+acceleration's noise is multiplied by |1 + c0/jw + k0/(jw)^2|, twenty times that at resonance within 20 % of it, so each
+line is divided by what noise does to it. The band then hardly matters, and damping comes out four times sharper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.signal.windows import tukey
+
+from opid.errors import InputError
+from opid.modal.coordinates import ModalTest
+from opid.modal.power_law import HIGHEST_ORDER
+from opid.signals.recording import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+
+HARMONICS = 3.5
+"""The motion is kept up to this multiple of the natural frequency: its third harmonic with all of its width."""
+
+QUIETEST = 1e-7
+"""Of the largest line: no noise is taken for lower, so that simulated tests without noise have weights, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModeLines:
+    """The equation f_q - q'' - c0 q' - k0 q = sum k_n q|q|^(n-1) + sum c_n q'|q'|^(n-1) of one test.
+
+    Args:
+        test: name of the test.
+        frequency_hz: (m,) lines of the band.
+        stiffness: (m, 5) transforms of q|q|^(n-1), n = 1 .. 5.
+        damping: (m, 5) transforms of q'|q'|^(n-1).
+        inertia: (m,) transform of q''.
+        force: (m,) transform of f_q.
+        rest: (m,) the left side.
+        noise: (m,) standard deviation of the left side (complex) that the noise of the sensors makes.
+        noise_force: what the force's noise alone makes of it.
+        noise_inertia: likewise of `inertia`, the acceleration's noise.
+        largest_q: largest |q|, m kg^1/2.
+        largest_v: largest |q'|, m/s kg^1/2.
+    """
+
+    test: str
+    frequency_hz: FloatArray
+    stiffness: ComplexArray
+    damping: ComplexArray
+    inertia: ComplexArray
+    force: ComplexArray
+    rest: ComplexArray
+    noise: FloatArray
+    noise_force: float
+    noise_inertia: float
+    largest_q: float
+    largest_v: float
+
+
+def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, taper_s: float = 0.0) -> ModeLines:
+    """Return the equation of a mode on the lines of a band.
+
+    Args:
+        test: starting from rest and decayed to rest at its end, if its ends are not tapered.
+        mode: number of the mode, from 1.
+        band_hz: lower and upper end, Hz.
+        taper_s: time over which every term of the equation is faded in and out, s. The equation holds at each moment, so
+            that fading all of its terms alike leaves it true; the integration needs some time from the ends.
+
+    Raises:
+        InputError: a band outside the record's frequencies or with fewer than eight lines.
+    """
+    place = test.modes.place(mode)
+    acceleration, force = test.acceleration[:, place], test.modal_force(mode)
+    low, high = band_hz
+    frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
+    inside = (frequency >= low) & (frequency <= high)
+    if not 0 < low < high < test.fs / 2 or inside.sum() < 8:
+        raise InputError(
+            f"the band {low:g} to {high:g} Hz of mode {mode} has {inside.sum()} line(s) of test {test.name!r}, which "
+            f"lasts {acceleration.size / test.fs:.3g} s at {test.fs:g} Hz: give a longer record or a wider band"
+        )
+    q, v = _motion(fft.rfft(acceleration), frequency, (low, HARMONICS * high), acceleration.size)
+    fade = tukey(acceleration.size, min(1.0, 2 * taper_s * test.fs / acceleration.size))
+    of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * force)
+    j_omega = 2j * np.pi * frequency[inside]
+    k0, c0 = test.modes.stiffness()[place], test.modes.damping()[place]
+    dynamic = 1 + c0 / j_omega + k0 / j_omega**2
+    stiffness, damping = (_powers(motion, fade)[inside] for motion in (q, v))
+    linear = c0 * damping[:, 0] + k0 * stiffness[:, 0]
+    noise_a, noise_f = (_noise_level(each, frequency, test) for each in (of_acceleration, of_force))
+    return ModeLines(
+        test=test.name,
+        frequency_hz=frequency[inside],
+        stiffness=stiffness,
+        damping=damping,
+        inertia=of_acceleration[inside],
+        force=of_force[inside],
+        rest=of_force[inside] - of_acceleration[inside] - linear,
+        noise=np.sqrt(noise_f**2 + (noise_a * np.abs(dynamic)) ** 2),
+        noise_force=noise_f,
+        noise_inertia=noise_a,
+        largest_q=float(np.abs(q).max()),
+        largest_v=float(np.abs(v).max()),
+    )
+
+
+def modal_motion(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing below the band.
+
+    Args:
+        test: the test.
+        mode: number of the mode, from 1.
+        band_hz: lower and upper end, Hz; the harmonics above it are kept.
+    """
+    acceleration = test.acceleration[:, test.modes.place(mode)]
+    frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
+    return _motion(fft.rfft(acceleration), frequency, (band_hz[0], HARMONICS * band_hz[1]), acceleration.size)
+
+
+def _motion(
+    of_acceleration: ComplexArray, frequency: FloatArray, kept_hz: tuple[float, float], n: int
+) -> tuple[FloatArray, FloatArray]:
+    kept = (frequency >= kept_hz[0]) & (frequency <= kept_hz[1])
+    j_omega = np.where(kept, 2j * np.pi * frequency, 1.0)
+    velocity = np.where(kept, of_acceleration / j_omega, 0.0)
+    return fft.irfft(velocity / j_omega, n), fft.irfft(velocity, n)
+
+
+def _powers(motion: FloatArray, fade: FloatArray) -> ComplexArray:
+    size = np.abs(motion)
+    return np.stack([fft.rfft(fade * motion * size ** (n - 1)) for n in range(1, HIGHEST_ORDER + 1)], axis=1)
+
+
+def _noise_level(spectrum: ComplexArray, frequency: FloatArray, test: ModalTest) -> float:
+    """Standard deviation of a line by the sensor's noise: from the lines above all modes, where there is only noise."""
+    above = frequency > 1.3 * test.modes.frequency_hz.max()
+    lines = np.abs(spectrum[above if above.sum() >= 50 else slice(1, None)])
+    # the median of |line|^2 of complex noise is ln 2 of its mean
+    level = float(np.sqrt(np.median(lines**2) / np.log(2)))
+    return max(level, QUIETEST * float(np.abs(spectrum).max()), np.finfo(float).tiny)

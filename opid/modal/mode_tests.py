@@ -1,0 +1,158 @@
+"""Which tests tell about a mode, in which band, and whether they can: decayed, with energy, with enough lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy import fft
+
+from opid.modal.coordinates import ModalTest
+from opid.modal.equation import ModeLines, modal_motion
+from opid.modal.modes import LinearModes
+from opid.modal.study import StudyTest
+from opid.signals.recording import FloatArray
+
+WIDEST = (0.6, 1.5)
+"""The band of a mode at the widest, in natural frequencies."""
+
+ENERGY_LEVEL = 0.01
+"""Of the largest line of the modal acceleration: what is below it holds nothing of the mode."""
+
+HALF_WIDTHS = 4.0
+"""Half-power bandwidths on either side of the natural frequency that the band holds at least."""
+
+MOST_LEFT, WARNED_LEFT = 0.05, 0.01
+"""Of the largest motion: what may be left at the ends of a record that is to begin and end at rest."""
+
+LEAST_SIGNAL = 3.0
+"""Force in the band over its noise, rms: with less there is no energy in it."""
+
+SHARE_OF_LARGEST = 0.1
+"""A test that names no mode tells about the mode that it moves most, and where no test does so, those tell that reach
+this share of the largest amplitude."""
+
+
+def tests_of_mode(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]) -> tuple[ModalTest, ...]:
+    """Return the tests that tell about a mode: those that name it, and those that move it more than the other modes.
+
+    Args:
+        tests: those to fit.
+        mode: number of the mode, from 1.
+        nonlinear: numbers of all nonlinear modes.
+    """
+    named = [each.test for each in tests if each.mode == mode]
+    free = [each.test for each in tests if each.mode is None]
+    moving = {id(test): [_energy(test, other) for other in nonlinear] for test in free}
+    chosen = named + [test for test in free if nonlinear[int(np.argmax(moving[id(test)]))] == mode]
+    if not chosen and free:
+        energies = [_energy(test, mode) for test in free]
+        reached = [energy >= SHARE_OF_LARGEST**2 * max(energies) for energy in energies]
+        chosen = [test for test, far in zip(free, reached, strict=True) if far]
+    return tuple(chosen)
+
+
+def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
+    """Return the band in which some test moves a mode, Hz: no further than half-way to the neighbours.
+
+    Args:
+        tests: those that tell about it.
+        mode: number of the mode, from 1.
+    """
+    lows, highs = [], []
+    for test in tests:
+        place = test.modes.place(mode)
+        natural, damping = test.modes.frequency_hz[place], test.modes.damping_ratio[place]
+        least, most = _limits(test.modes, mode)
+        frequency, spectrum = _spectrum(test, mode)
+        inside = (frequency >= least) & (frequency <= most)
+        with_energy = frequency[inside][spectrum[inside] >= ENERGY_LEVEL * spectrum[inside].max(initial=0.0)]
+        width = 2 * HALF_WIDTHS * damping * natural
+        lows.append(max(least, min(natural - width, with_energy.min(initial=natural))))
+        highs.append(min(most, max(natural + width, with_energy.max(initial=natural))))
+    return float(min(lows)), float(max(highs))
+
+
+def faults_of_test(
+    test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float = 0.0
+) -> Iterator[str]:
+    """Yield why a test cannot be used for a mode, one clause each.
+
+    Args:
+        test: the test.
+        lines: its equation in the band.
+        mode: number of the mode, from 1.
+        band_hz: the band, Hz.
+        taper_s: time over which its ends are faded out, s.
+    """
+    if _rms(lines.force) < LEAST_SIGNAL * lines.noise_force:
+        yield (
+            f"test {test.name!r} puts no energy into {band_hz[0]:.4g} to {band_hz[1]:.4g} Hz, the band of mode {mode}: "
+            "excite the mode, or leave the test to another one"
+        )
+    elif _rms(lines.inertia) < LEAST_SIGNAL * lines.noise_inertia:
+        yield f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave the test out"
+    left, word = _left_over(test, lines, mode, band_hz)
+    if left > MOST_LEFT and not taper_s:
+        yield (
+            f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record "
+            "from rest until the mode has decayed, or fade the ends out (taper_s)"
+        )
+
+
+def doubts_of_test(
+    test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float = 0.0
+) -> Iterator[str]:
+    """Yield what to doubt about a test that is used, one clause each.
+
+    Args:
+        test: the test.
+        lines: its equation in the band.
+        mode: number of the mode, from 1.
+        band_hz: the band, Hz.
+        taper_s: time over which its ends are faded out, s.
+    """
+    left, word = _left_over(test, lines, mode, band_hz)
+    if WARNED_LEFT < left <= MOST_LEFT and not taper_s:
+        yield f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record it for longer"
+
+
+def _energy(test: ModalTest, mode: int) -> float:
+    """Mean square of the modal velocity that one mode has in its band: shares of the kinetic energy."""
+    _, velocity = modal_motion(test, mode, _limits(test.modes, mode))
+    return float(np.mean(velocity**2))
+
+
+def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
+    """Half-way to the neighbours, but never so near that the mode's own resonance is cut."""
+    place = modes.place(mode)
+    natural = modes.frequency_hz[place]
+    others = np.delete(modes.frequency_hz, place)
+    below, above = others[(others > 0) & (others <= natural)], others[others > natural]
+    own = HALF_WIDTHS * 2 * modes.damping_ratio[place] * natural
+    low = max(WIDEST[0] * natural, (natural + below.max()) / 2) if below.size else WIDEST[0] * natural
+    high = min(WIDEST[1] * natural, (natural + above.min()) / 2) if above.size else WIDEST[1] * natural
+    return float(min(low, natural - own)), float(max(high, natural + own))
+
+
+def _spectrum(test: ModalTest, mode: int) -> tuple[FloatArray, FloatArray]:
+    acceleration = test.acceleration[:, test.modes.place(mode)]
+    return fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
+
+
+def _rms(lines: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.abs(lines) ** 2)))
+
+
+def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float]) -> tuple[float, str]:
+    """Motion at the ends of a record over the largest one, without what is noise, and a word for the worse end."""
+    _, velocity = modal_motion(test, mode, band_hz)
+    period = test.fs / test.modes.frequency_hz[test.modes.place(mode)]
+    n = max(round(5 * period), velocity.size // 100, 8)
+    # what the noise of the band's lines makes of any sample
+    noise = 2 * np.sum((lines.noise_inertia / (2 * np.pi * lines.frequency_hz)) ** 2) / velocity.size**2
+    begin, end = (float(np.sqrt(2 * max(np.mean(part**2) - noise, 0.0))) for part in (velocity[:n], velocity[-n:]))
+    largest = float(np.abs(velocity).max()) or 1.0
+    if end >= begin:
+        return end / largest, "ends"
+    return begin / largest, "begins"
