@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import linalg
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
+from opid.mechanics.hysteresis import Sliders, force_of, iwan
 from opid.mechanics.landing_gear import LandingGear, gear_structure, tyre_force
 from opid.mechanics.laws import LINEAR, default_law, law
-from opid.mechanics.response import time_response
+from opid.mechanics.response import advance, assembled, state_at, time_response
 from opid.mechanics.road import SpeedProfile, iso8608_road
-from opid.mechanics.structure import Joint, Structure, frequency_response, natural_frequencies
+from opid.mechanics.structure import Joint, Structure, frequency_response, linear_matrices, natural_frequencies
 
 
 def no_force(n_dof):
@@ -201,6 +203,179 @@ def test_a_stiffening_law_raises_the_frequency_of_a_free_swing():
             assert found_hz == pytest.approx(linear_hz, rel=2e-3)
 
 
+def slipping(level=1.0):
+    """Two masses, a bolted joint that slips between them and a cubic spring to the wall; and its force."""
+    joints = (
+        Joint("wall", [1.0, 0.0], 4e5, 20.0, law("cubic_stiffness", stiffness_n_per_m3=1e13)),
+        Joint("bolts", [-1.0, 1.0], 2e5, 5.0, sliders=iwan(stiffness_n_per_m=2e6, slip_force_n=60.0)),
+        Joint("rubbing", [0.0, 1.0], sliders=Sliders([1e5, 3e5], [2.0, 9.0])),
+    )
+    structure = Structure(np.diag([2.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2)), joints)
+    return structure, lambda t: level * (np.sin(2 * np.pi * 75.0 * t) * np.exp(-(((t - 0.1) / 0.04) ** 2)))[:, None]
+
+
+def test_sliders_act_as_their_history_of_extension_says():
+    structure, force = slipping(100.0)
+    load = np.array([[0.3], [1.0]])
+    motion = time_response(structure, force, fs=2e4, duration_s=0.2, loads=load)
+    x, v = motion.displacement, motion.velocity
+    bolts, ends = force_of(structure.joints[1].sliders, x[:, 1] - x[:, 0])
+    rubbing, _ = force_of(structure.joints[2].sliders, x[:, 1])
+    bolts = bolts + 2e5 * (x[:, 1] - x[:, 0]) + 5.0 * (v[:, 1] - v[:, 0])
+    wall = 4e5 * x[:, 0] + 20.0 * v[:, 0] + 1e13 * x[:, 0] ** 3
+    expected = (force(motion.time_s) * load.T + np.stack([bolts - wall, -bolts - rubbing], axis=1)) / [2.0, 1.0]
+    np.testing.assert_allclose(motion.acceleration, expected, atol=1e-9 * np.abs(expected).max())
+    # it did slip, and the bolts did not all come back
+    assert np.abs(force_of(structure.joints[1].sliders, x[:, 1] - x[:, 0])[0]).max() > 30.0
+    assert np.abs(ends).max() > 1e-7
+
+
+def test_sliders_agree_with_an_independent_integrator():
+    structure, force = slipping(100.0)
+    motion = time_response(structure, force, fs=4e4, duration_s=0.15, loads=[[0.3], [1.0]])
+    bolts, rubbing = structure.joints[1].sliders, structure.joints[2].sliders
+    stiffness = np.concatenate([bolts.stiffness_n_per_m, rubbing.stiffness_n_per_m])
+    slip = np.concatenate([bolts.slip_force_n, rubbing.slip_force_n])
+
+    def equations(time_s, state):
+        x1, x2, v1, v2 = state[:4]
+        # each element's force is a state of its own, that a slipping one keeps
+        carried = np.clip(state[4:], -slip, slip)
+        rate = np.where(np.arange(slip.size) < bolts.n, v2 - v1, v2)
+        sticks = (np.abs(state[4:]) < slip) | (carried * rate < 0.0)
+        joint = carried[: bolts.n].sum() + 2e5 * (x2 - x1) + 5.0 * (v2 - v1)
+        drive = force(np.array([time_s]))[0, 0]
+        a1 = (0.3 * drive + joint - 4e5 * x1 - 20.0 * v1 - 1e13 * x1**3) / 2.0
+        return np.concatenate([[v1, v2, a1, drive - joint - carried[bolts.n :].sum()], stiffness * rate * sticks])
+
+    # the corners hold the reference's steps up, so it is not asked for more than 1e-6
+    reference = (
+        solve_ivp(equations, (0.0, 0.15), np.zeros(4 + slip.size), "RK23", motion.time_s[::50], rtol=1e-6, atol=1e-8)
+        .y[:2]
+        .T
+    )
+    scale = np.abs(reference).max(axis=0)
+    assert (np.abs(motion.displacement[::50] - reference) < 2e-3 * scale).all()
+
+
+def test_the_error_of_sliders_falls_with_the_square_of_the_step():
+    structure, force = slipping(100.0)
+    fine, *coarser = (
+        time_response(structure, force, fs=2e3, duration_s=0.2, loads=[[0.0], [1.0]], steps_per_sample=steps)
+        for steps in (256, 4, 16)
+    )
+    once, four_times = (np.abs(each.displacement - fine.displacement).max() for each in coarser)
+    assert 6.0 < once / four_times < 60.0
+    assert once < 1e-2 * np.abs(fine.displacement).max()
+
+
+def test_at_low_level_sliders_are_springs():
+    structure, force = slipping(1e-4)
+    springs = tuple(
+        Joint(each.name, each.direction, each.stiffness_n_per_m + tangent, each.damping_n_s_per_m)
+        for each, tangent in zip(structure.joints, (0.0, 2e6, 4e5), strict=True)
+    )
+    linear = Structure(structure.mass, structure.damping, structure.stiffness, springs)
+    for found, expected in zip(linear_matrices(structure), linear_matrices(linear), strict=True):
+        np.testing.assert_allclose(found, expected)
+    found, expected = (
+        time_response(each, force, fs=5e3, duration_s=0.3, loads=[[0.0], [1.0]]).displacement
+        for each in (structure, linear)
+    )
+    # the first element gives way at once, but it is a small one
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_several_inputs_agree_with_an_independent_integrator():
+    mass = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.5]])
+    stiffness = np.array([[900.0, 0.0, -200.0], [0.0, 700.0, 0.0], [-200.0, 0.0, 400.0]])
+    damping = np.diag([0.8, 0.0, 0.6])
+    joint = Joint("joint", [0.0, 1.0, -1.0], 100.0, 0.4, law("cubic_stiffness", stiffness_n_per_m3=3e5))
+    loads = np.array([[1.0, 0.0], [0.0, 0.0], [0.5, 2.0]])
+
+    def force(time_s):
+        return np.stack([9.0 * np.sin(20.0 * time_s), 5.0 * np.cos(31.0 * time_s**2)], axis=-1)
+
+    motion = time_response(
+        Structure(mass, damping, stiffness, (joint,)), force, fs=100.0, duration_s=2.0, loads=loads,
+        steps_per_sample=20, initial_displacement=[0.01, 0.0, -0.02],
+    )  # fmt: skip
+
+    def equations(time_s, state):
+        x, v = state[:3], state[3:]
+        z, w = x[1] - x[2], v[1] - v[2]
+        pull = joint.direction * (100.0 * z + 0.4 * w + 3e5 * z**3)
+        return [*v, *np.linalg.solve(mass, loads @ force(time_s) - damping @ v - stiffness @ x - pull)]
+
+    start = [0.01, 0.0, -0.02, 0.0, 0.0, 0.0]
+    reference = solve_ivp(equations, (0.0, 2.0), start, "DOP853", motion.time_s, rtol=1e-10, atol=1e-12).y
+    np.testing.assert_allclose(motion.displacement, reference[:3].T, atol=1e-8)
+    np.testing.assert_allclose(motion.velocity, reference[3:].T, atol=1e-6)
+
+
+def test_modal_coordinates_move_as_physical_ones():
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((6, 6))
+    stiffness = 1e5 * (root @ root.T + np.eye(6))
+    mass = np.diag(rng.uniform(1.0, 3.0, 6))
+    direction, load = rng.standard_normal(6), rng.standard_normal((6, 1))
+    bolted = law("cubic_stiffness", stiffness_n_per_m3=1e10), iwan(stiffness_n_per_m=1e5, slip_force_n=3.0)
+    physical = Structure(mass, 1e-4 * stiffness, stiffness, (Joint("joint", direction, 0.0, 0.0, *bolted),))
+    squares, shapes = linalg.eigh(stiffness, mass)
+    modal = Structure(
+        np.eye(6), np.diag(1e-4 * squares), np.diag(squares), (Joint("joint", shapes.T @ direction, 0.0, 0.0, *bolted),)
+    )
+    force = 50.0 * rng.standard_normal((2 * 999 + 1, 1))
+    expected = time_response(physical, force, fs=5e3, duration_s=0.2, loads=load)
+    found = time_response(modal, force, fs=5e3, duration_s=0.2, loads=shapes.T @ load)
+    for one, other in ((found.displacement, expected.displacement), (found.acceleration, expected.acceleration)):
+        np.testing.assert_allclose(one @ shapes.T, other, atol=1e-9 * np.abs(other).max())
+
+
+def test_steps_between_samples_are_those_of_a_faster_rate():
+    structure, force = slipping(100.0)
+    fast = time_response(structure, force, fs=8e3, duration_s=0.2, loads=[[0.0], [1.0]])
+    slow = time_response(structure, force, fs=2e3, duration_s=0.2, loads=[[0.0], [1.0]], steps_per_sample=4)
+    assert slow.time_s.shape == (400,)
+    for name in ("displacement", "velocity", "acceleration"):
+        np.testing.assert_array_equal(getattr(slow, name), getattr(fast, name)[: 4 * 400 : 4])
+
+
+def test_block_by_block_is_at_once():
+    structure, force = slipping(100.0)
+    loads = [[0.2], [1.0]]
+    forces = force(np.arange(2 * 3 * 300 + 1) / (2.0 * 3 * 3e3))
+    whole = time_response(
+        structure, forces, fs=3e3, duration_s=301 / 3e3, loads=loads, steps_per_sample=3, initial_displacement=[1e-4, 0]
+    )
+    ready = assembled(structure, loads)
+    state, begin = state_at(ready, [1e-4, 0.0]), 0
+    for n in (1, 60, 7, 232):
+        block = forces[6 * begin : 6 * (begin + n) + 1]
+        before = state.slider_positions.copy()
+        motion, after = advance(ready, state, block, fs=3e3, steps_per_sample=3)
+        np.testing.assert_array_equal(state.slider_positions, before)
+        for name in ("displacement", "velocity", "acceleration"):
+            np.testing.assert_array_equal(getattr(motion, name), getattr(whole, name)[begin : begin + n + 1])
+        state, begin = after, begin + n
+    np.testing.assert_array_equal(state.displacement, whole.displacement[-1])
+
+
+def test_a_structure_that_slips_loses_energy_and_one_that_sticks_keeps_it():
+    sliders = Sliders([800.0], [1.0])
+    slips = Structure([[2.0]], [[0.0]], [[100.0]], (Joint("bolts", [1.0], sliders=sliders),))
+    for displacement, kept in ((1e-3, 1.0), (0.01, 0.25)):
+        motion = time_response(slips, no_force(1), fs=1e3, duration_s=5.0, initial_displacement=[displacement])
+        x = motion.displacement[:, 0]
+        force, _ = force_of(sliders, x)
+        stored = motion.velocity[:, 0] ** 2 + 50.0 * x**2 + 0.5 * force**2 / 800.0
+        assert (np.diff(stored) < 1e-6 * stored[0]).all()
+        if kept == 1.0:
+            np.testing.assert_allclose(stored, stored[0], rtol=1e-6)
+        else:
+            assert stored[-1] < kept * stored[0]
+
+
 UNSTABLE = oscillator(damping_n_s_per_m=-4e3)
 
 
@@ -215,6 +390,19 @@ UNSTABLE = oscillator(damping_n_s_per_m=-4e3)
         (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=0.1), "at least two"),
         (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=1.0, initial_velocity=[1.0, 2.0]),
          "initial_velocity is"),
+        (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=1.0, loads=[1.0]), r"have shape \(1,\)"),
+        (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=1.0, loads=[[1.0, 2.0]]), r"give \(19, 2\)"),
+        (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=1.0, steps_per_sample=0),
+         "steps_per_sample is 0"),
+        (lambda: time_response(UNSTABLE, no_force(1), fs=10.0, duration_s=1.0, steps_per_sample=1.5),
+         "steps_per_sample is 1.5"),
+        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE)), np.zeros((7, 1)), fs=1.0,
+                         steps_per_sample=2), r"the forces have shape \(7, 1\)"),
+        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE)), np.zeros(7), fs=1.0), "forces have shape"),
+        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE)), np.full((3, 1), np.inf), fs=1.0),
+         "not finite"),
+        (lambda: advance(assembled(UNSTABLE), state_at(assembled(UNSTABLE), [1e300]), np.zeros((9, 1)), fs=1e-9,
+                         steps_per_sample=2), "take steps_per_sample above 2"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said(call, message):

@@ -1,4 +1,4 @@
-"""Joints that slip: Jenkins elements, each a spring in series with a Coulomb slider, in parallel, and the Iwan model."""
+"""Joints that slip: springs in series with Coulomb sliders (Jenkins elements) side by side, and the Iwan model."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def iwan(
     """
     if not (0.0 < stiffness_n_per_m < np.inf and 0.0 < slip_force_n < np.inf):
         raise InputError(
-            f"the stiffness of the joint is {stiffness_n_per_m} N/m, its slip force {slip_force_n} N: give positive ones"
+            f"the joint has stiffness {stiffness_n_per_m} N/m and slip force {slip_force_n} N: give positive numbers"
         )
     if not (-1.0 < chi <= 0.0 and 0.0 <= beta < np.inf):
         raise InputError(f"chi is {chi}, beta {beta}: give chi above -1 and at most 0, and beta of 0 or more")

@@ -220,7 +220,7 @@ def _compiled(kinds: tuple[Kind, ...]) -> dict[str, Any]:
 
     # inlined: as calls, with their many arrays, they take longer than what they compute
     for name in _PARTS:
-        any_order = {"reassoc", "contract"} if name in _SUMS else False
+        any_order = {"reassoc", "nsz", "contract"} if name in _SUMS else False
         names[name] = njit(with_names(name), error_model="numpy", fastmath=any_order, forceinline=name not in _ONCE)
     for name in _KERNELS:
         names[name] = njit(with_names(name), error_model="numpy", cache=kinds == BUILT_IN)

@@ -23,12 +23,13 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
 def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
     """Force of Jenkins elements; their sliders stand where they stood when the step began."""
     total = 0.0
-    for k in range(max(0, first), last):
-        force = sliders[0, k] * (z - positions[k])
+    begin = max(0, first)
+    for k in range(last - first):
+        stretch, reach = z - positions[begin + k], sliders[1, begin + k]
         # written so that nan stays nan
-        force = sliders[1, k] if force > sliders[1, k] else force
-        force = -sliders[1, k] if force < -sliders[1, k] else force
-        total += force
+        stretch = reach if stretch > reach else stretch
+        stretch = -reach if stretch < -reach else stretch
+        total += sliders[0, begin + k] * stretch
     return total
 
 
@@ -36,27 +37,31 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
     """Drag along the sliders whose springs carry more than they can."""
     directions, spans, _, _, _, sliders = joints
     for joint in range(directions.shape[0]):
-        first, last = spans[joint, 4], spans[joint, 5]
-        if first == last:
+        begin, n = max(0, spans[joint, 4]), spans[joint, 5] - spans[joint, 4]
+        if n == 0:
             continue
         z = _dot(directions, joint, spans[joint, 0], spans[joint, 1], x)
-        for k in range(max(0, first), last):
-            reach = sliders[1, k] / sliders[0, k]
-            positions[k] = min(max(positions[k], z - reach), z + reach)
+        for k in range(n):
+            low, high = z - sliders[1, begin + k], z + sliders[1, begin + k]
+            place = positions[begin + k]
+            place = low if place < low else place
+            positions[begin + k] = high if place > high else place
 
 
 def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     total = 0.0
-    # max: the compiler then knows that no place counts from the end, and takes several at once
-    for k in range(max(0, first), last):
-        total += matrix[row, k] * x[k]
+    # max, and counting from 0: the compiler then knows that no place counts from the end, and takes several at once
+    begin = max(0, first)
+    for k in range(last - first):
+        total += matrix[row, begin + k] * x[begin + k]
     return total
 
 
 def _dot_of_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-def]
     total = 0.0
-    for k in range(max(0, first), last):
-        total += one[row, k] * x[k] + other[row, k] * v[k]
+    begin = max(0, first)
+    for k in range(last - first):
+        total += one[row, begin + k] * x[begin + k] + other[row, begin + k] * v[begin + k]
     return total
 
 
@@ -85,8 +90,9 @@ def _accelerate(matrices, joints, drive, positions, x, v, out):  # type: ignore[
         force = linear[j, 0] * z + linear[j, 1] * w
         force += _force(codes, values, joint_spans[j, 6], joint_spans[j, 7], z, w)
         force += _slider_force(sliders, joint_spans[j, 4], joint_spans[j, 5], positions, z)
-        for i in range(max(0, joint_spans[j, 2]), joint_spans[j, 3]):
-            out[i] -= loads[j, i] * force
+        begin = max(0, joint_spans[j, 2])
+        for i in range(joint_spans[j, 3] - joint_spans[j, 2]):
+            out[begin + i] -= loads[j, begin + i] * force
 
 
 def _force_many(codes, values, z, v):  # type: ignore[no-untyped-def]

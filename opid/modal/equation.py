@@ -7,7 +7,7 @@ line is divided by what noise does to it. The band then hardly matters, and damp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +40,15 @@ class ModeLines:
         inertia: (m,) transform of q''.
         force: (m,) transform of f_q.
         rest: (m,) the left side.
-        noise: (m,) standard deviation of the left side (complex) that the noise of the sensors makes.
-        noise_force: what the force's noise alone makes of it.
-        noise_inertia: likewise of `inertia`, the acceleration's noise.
-        largest_q: largest |q|, m kg^1/2.
-        largest_v: largest |q'|, m/s kg^1/2.
+        noise_force: standard deviation of a line of `force` (complex) that the sensor's noise makes.
+        noise_inertia: likewise of a line of `inertia`.
+        places: (m,) of the lines in the transform of the whole record.
+        q: (n,) displacement, m kg^1/2.
+        v: (n,) velocity, m/s kg^1/2.
+        fade: (n,) what every term was multiplied by.
+        linear: k0, 1/s^2, and c0, 1/s.
+        kept_hz: what q and v hold, Hz.
+        fs: sampling rate, Hz.
     """
 
     test: str
@@ -54,11 +58,30 @@ class ModeLines:
     inertia: ComplexArray
     force: ComplexArray
     rest: ComplexArray
-    noise: FloatArray
     noise_force: float
     noise_inertia: float
-    largest_q: float
-    largest_v: float
+    places: NDArray[np.int64]
+    q: FloatArray
+    v: FloatArray
+    fade: FloatArray
+    linear: tuple[float, float]
+    kept_hz: tuple[float, float]
+    fs: float
+
+    @property
+    def largest_q(self) -> float:
+        """Largest |q|, m kg^1/2."""
+        return float(np.abs(self.q).max())
+
+    @property
+    def largest_v(self) -> float:
+        """Largest |q'|, m/s kg^1/2."""
+        return float(np.abs(self.v).max())
+
+    def only(self, kept: NDArray[np.bool_]) -> ModeLines:
+        """The equation on some of its lines, (m,) True for those."""
+        names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "rest", "places")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
 
 def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, taper_s: float = 0.0) -> ModeLines:
@@ -68,8 +91,8 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         test: starting from rest and decayed to rest at its end, if its ends are not tapered.
         mode: number of the mode, from 1.
         band_hz: lower and upper end, Hz.
-        taper_s: time over which every term of the equation is faded in and out, s. The equation holds at each moment, so
-            that fading all of its terms alike leaves it true; the integration needs some time from the ends.
+        taper_s: time over which every term of the equation is faded in and out, s. It holds at each moment, so that
+            fading all of its terms alike leaves it true; the integration needs some time from the ends.
 
     Raises:
         InputError: a band outside the record's frequencies or with fewer than eight lines.
@@ -84,12 +107,11 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
             f"the band {low:g} to {high:g} Hz of mode {mode} has {inside.sum()} line(s) of test {test.name!r}, which "
             f"lasts {acceleration.size / test.fs:.3g} s at {test.fs:g} Hz: give a longer record or a wider band"
         )
-    q, v = _motion(fft.rfft(acceleration), frequency, (low, HARMONICS * high), acceleration.size)
+    kept_hz = (low, HARMONICS * high)
+    q, v = _motion(fft.rfft(acceleration), frequency, kept_hz, acceleration.size)
     fade = tukey(acceleration.size, min(1.0, 2 * taper_s * test.fs / acceleration.size))
     of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * force)
-    j_omega = 2j * np.pi * frequency[inside]
-    k0, c0 = test.modes.stiffness()[place], test.modes.damping()[place]
-    dynamic = 1 + c0 / j_omega + k0 / j_omega**2
+    k0, c0 = float(test.modes.stiffness()[place]), float(test.modes.damping()[place])
     stiffness, damping = (_powers(motion, fade)[inside] for motion in (q, v))
     linear = c0 * damping[:, 0] + k0 * stiffness[:, 0]
     noise_a, noise_f = (_noise_level(each, frequency, test) for each in (of_acceleration, of_force))
@@ -101,11 +123,15 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         inertia=of_acceleration[inside],
         force=of_force[inside],
         rest=of_force[inside] - of_acceleration[inside] - linear,
-        noise=np.sqrt(noise_f**2 + (noise_a * np.abs(dynamic)) ** 2),
         noise_force=noise_f,
         noise_inertia=noise_a,
-        largest_q=float(np.abs(q).max()),
-        largest_v=float(np.abs(v).max()),
+        places=np.flatnonzero(inside),
+        q=q,
+        v=v,
+        fade=fade,
+        linear=(k0, c0),
+        kept_hz=kept_hz,
+        fs=test.fs,
     )
 
 

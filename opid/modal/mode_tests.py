@@ -91,7 +91,7 @@ def faults_of_test(
             "excite the mode, or leave the test to another one"
         )
     elif _rms(lines.inertia) < LEAST_SIGNAL * lines.noise_inertia:
-        yield f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave the test out"
+        yield f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave it out"
     left, word = _left_over(test, lines, mode, band_hz)
     if left > MOST_LEFT and not taper_s:
         yield (
@@ -114,7 +114,7 @@ def doubts_of_test(
     """
     left, word = _left_over(test, lines, mode, band_hz)
     if WARNED_LEFT < left <= MOST_LEFT and not taper_s:
-        yield f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record it for longer"
+        yield f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record longer"
 
 
 def _energy(test: ModalTest, mode: int) -> float:

@@ -17,8 +17,8 @@ from opid.modal.modes import LinearModes, force_projection
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
-LARGEST_ANGLE = 0.15
-"""Of a time step at the highest natural frequency, rad: Runge-Kutta is then right to 5e-6 of the frequency."""
+LARGEST_ANGLE = 0.1
+"""Of a time step at the highest natural frequency, rad: Runge-Kutta is then right to 1e-6 of the frequency."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +124,6 @@ def steps_per_sample(highest_hz: float, fs: float) -> int:
         fs: sampling rate, Hz.
 
     >>> steps_per_sample(100.0, 1000.0)
-    5
+    7
     """
     return max(1, int(np.ceil(2 * np.pi * highest_hz / fs / LARGEST_ANGLE)))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from opid.errors import InputError
 from opid.modal.equation import ModeLines
+from opid.modal.equation_noise import line_noise
 from opid.modal.power_law import HIGHEST_ORDER
 from opid.modal.restoring_fit import Coefficients, fit_coefficients
 from opid.modal.result import OrderRung
+
+PARSIMONY = 0.01
+"""Of the error: what a further power must win on tests that were left out."""
 
 N_BLOCKS = 5
 """Parts of a band that are left out in turn where there are fewer than three tests."""
@@ -27,8 +30,8 @@ def search_orders(
     """Return every pair of orders with its error on what was left out; one is chosen.
 
     With three tests and more each is left out in turn, except that with the largest motion: beyond it no polynomial
-    can be asked. With fewer, interleaved blocks of lines are left out. The fewest powers are chosen whose error is within
-    one standard error of the least one.
+    can be asked. With fewer, interleaved blocks of lines are left out. The fewest powers are chosen whose
+    error is within one standard error and 1 % of the least one.
 
     Args:
         lines: one a test.
@@ -51,14 +54,15 @@ def search_orders(
         raise InputError("no order can be fitted to so few lines: give longer or more tests")
     mean = {orders: float(np.sqrt(np.mean(each**2))) for orders, each in errors.items()}
     best = min(mean, key=lambda orders: (mean[orders], sum(orders)))
+    root = len(folds) ** 0.5
     # from fold to fold, against the best: what all folds share does not count
     within = {
-        orders: mean[orders] <= mean[best] + float(np.std(each - errors[best], ddof=1)) / len(folds) ** 0.5
+        orders: mean[orders] <= (1 + PARSIMONY) * mean[best] + float(np.std(each - errors[best], ddof=1)) / root
         for orders, each in errors.items()
     }
     chosen = min((orders for orders, near in within.items() if near), key=lambda o: (sum(o), mean[o]))
     return tuple(
-        OrderRung(*orders, mean[orders], float(np.std(each, ddof=1)) / len(folds) ** 0.5, orders == chosen)
+        OrderRung(*orders, mean[orders], float(np.std(each, ddof=1)) / root, orders == chosen)
         for orders, each in errors.items()
     )
 
@@ -74,7 +78,7 @@ def linear_is_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_o
     orders = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     fixed, free = (fit_coefficients(lines, **orders, free_linear=word) for word in (False, True))
     # both judged by the weights of the freer one
-    noise = [np.hypot(each.noise, beyond) for each, beyond in zip(lines, free.model_error, strict=True)]
+    noise = list(free.noise)
     chi2 = [
         sum(float(np.sum(np.abs(misfit(each, fit)) ** 2 / n**2)) for each, n in zip(lines, noise, strict=True))
         for fit in (fixed, free)
@@ -109,21 +113,17 @@ def _folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[ModeL
         out = [np.arange(each.frequency_hz.size) // 3 % N_BLOCKS == block for each in lines]
         folds.append(
             (
-                [_part(each, ~taken) for each, taken in zip(lines, out, strict=True)],
-                [_part(each, taken) for each, taken in zip(lines, out, strict=True)],
+                [each.only(~taken) for each, taken in zip(lines, out, strict=True)],
+                [each.only(taken) for each, taken in zip(lines, out, strict=True)],
             )
         )
     return folds
 
 
-def _part(lines: ModeLines, kept: np.ndarray) -> ModeLines:
-    names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "rest", "noise")
-    return replace(lines, **{name: getattr(lines, name)[kept] for name in names})
-
-
 def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], n_s: int, n_d: int, free_linear: bool) -> float:
     """Misfit of what was left out over its modal force, in lines weighted by their noise."""
     fit = fit_coefficients(kept, stiffness_order=n_s, damping_order=n_d, free_linear=free_linear)
-    above = sum(float(np.sum(np.abs(misfit(each, fit)) ** 2 / each.noise**2)) for each in out)
-    below = sum(float(np.sum(np.abs(each.force) ** 2 / each.noise**2)) for each in out)
+    noise = [line_noise(each, fit.powers_k, fit.powers_c, fit.value) for each in out]
+    above = sum(float(np.sum(np.abs(misfit(each, fit) / n) ** 2)) for each, n in zip(out, noise, strict=True))
+    below = sum(float(np.sum(np.abs(each.force / n) ** 2)) for each, n in zip(out, noise, strict=True))
     return float(np.sqrt(above / below))

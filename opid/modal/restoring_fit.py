@@ -10,10 +10,14 @@ import numpy as np
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.modal.equation import ModeLines
+from opid.modal.equation_noise import line_noise, noise_scores
 from opid.modal.power_law import HIGHEST_ORDER, harmonic_share
 from opid.signals.recording import FloatArray
 
 N_CURVE = 101
+N_ROUNDS = 2
+"""Of the weights, which depend on the tangents that the fit finds."""
+
 LARGEST_CONDITION = 1e6
 """Of the scaled columns: beyond it they are copies of each other on these tests."""
 
@@ -33,7 +37,7 @@ class Coefficients:
         condition_raw: of the columns as they are.
         condition_scaled: of the columns scaled to unit norm.
         residual_share: rms of the misfit over that of the modal force, in the band.
-        model_error: (n_tests,) standard deviation of a line beyond the noise, by which its weight was lowered.
+        noise: for each test (m,), what each line was divided by: the noise, and what the model misses beyond it.
     """
 
     powers_k: tuple[int, ...]
@@ -43,7 +47,7 @@ class Coefficients:
     condition_raw: float
     condition_scaled: float
     residual_share: float
-    model_error: FloatArray
+    noise: tuple[FloatArray, ...]
 
     def stiffness(self) -> dict[int, Estimate]:
         """k_n by its power."""
@@ -83,11 +87,14 @@ def fit_coefficients(
             f"{n} coefficients are to be fitted to {n_lines} lines: lower stiffness_order ({stiffness_order}) and "
             f"damping_order ({damping_order}), or give longer tests"
         )
-    weights = [1 / each.noise for each in lines]
-    first = _solved(columns, lines, weights)
-    model_error = np.array([_beyond_noise(each, c, first) for each, c in zip(lines, columns, strict=True)])
-    weights = [1 / np.hypot(each.noise, beyond) for each, beyond in zip(lines, model_error, strict=True)]
-    return _answer(powers_k, powers_c, columns, lines, weights, model_error)
+    value = np.zeros(n)
+    for _ in range(N_ROUNDS):
+        noise = [line_noise(each, powers_k, powers_c, value) for each in lines]
+        value = _solved(columns, lines, noise)
+    misfits = [each.rest - c @ value for each, c in zip(lines, columns, strict=True)]
+    noise = [line_noise(each, powers_k, powers_c, value) for each in lines]
+    whole = [np.hypot(n, _beyond(misfit, n)) for misfit, n in zip(misfits, noise, strict=True)]
+    return _answer(powers_k, powers_c, columns, lines, whole)
 
 
 def fit_unweighted(
@@ -106,8 +113,7 @@ def fit_unweighted(
     """
     powers_k, powers_c = _powers(stiffness_order, free_linear), _powers(damping_order, free_linear)
     columns = [_columns(each, powers_k, powers_c) for each in lines]
-    weights = [np.ones(each.frequency_hz.size) for each in lines]
-    return _answer(powers_k, powers_c, columns, lines, weights, np.zeros(len(lines)))
+    return _answer(powers_k, powers_c, columns, lines, [np.ones(each.frequency_hz.size) for each in lines])
 
 
 def modal_mass(lines: Sequence[ModeLines], *, stiffness_order: int = 3, damping_order: int = 3) -> Estimate:
@@ -123,9 +129,14 @@ def modal_mass(lines: Sequence[ModeLines], *, stiffness_order: int = 3, damping_
     """
     powers_k, powers_c = _powers(stiffness_order, True), _powers(damping_order, True)
     columns = [np.column_stack([each.inertia, _columns(each, powers_k, powers_c)]) for each in lines]
-    whole = [replace(each, rest=each.force) for each in lines]
-    found = _answer((0, *powers_k), powers_c, columns, whole, [1 / each.noise for each in lines], np.zeros(len(lines)))
-    return found.stiffness()[0]
+    whole = [replace(each, rest=each.force, linear=(0.0, 0.0)) for each in lines]
+    noise = [line_noise(each, (), (), np.zeros(0)) for each in lines]
+    found = _solved(columns, whole, noise)
+    residual = [(each.rest - c @ found) / n for each, c, n in zip(whole, columns, noise, strict=True)]
+    # its uncertainty need not be exact: white residuals, as large as they are
+    matrix, _ = _stacked(columns, whole, noise)
+    variance = float(np.mean(np.abs(np.concatenate(residual)) ** 2)) / 2
+    return Estimate.normal(found[0], float(np.sqrt(variance * np.linalg.pinv(matrix.T @ matrix)[0, 0])))
 
 
 def power_curve(powers: Sequence[int], position: FloatArray) -> FloatArray:
@@ -162,27 +173,27 @@ def _columns(lines: ModeLines, powers_k: Sequence[int], powers_c: Sequence[int])
     return np.column_stack([lines.stiffness[:, [n - 1 for n in powers_k]], lines.damping[:, [n - 1 for n in powers_c]]])
 
 
-def _solved(columns: Sequence[np.ndarray], lines: Sequence[ModeLines], weights: Sequence[FloatArray]) -> FloatArray:
+def _solved(columns: Sequence[np.ndarray], lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> FloatArray:
     if columns[0].shape[1] == 0:
         return np.zeros(0)
-    matrix, rest = _stacked(columns, lines, weights)
+    matrix, rest = _stacked(columns, lines, noise)
     scale = np.linalg.norm(matrix, axis=0)
+    if not scale.all():
+        raise InputError("a column of the fit is zero: the tests do not move the mode in its band")
     return np.linalg.lstsq(matrix / scale, rest, rcond=None)[0] / scale
 
 
 def _stacked(
-    columns: Sequence[np.ndarray], lines: Sequence[ModeLines], weights: Sequence[FloatArray]
+    columns: Sequence[np.ndarray], lines: Sequence[ModeLines], noise: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    matrix = np.concatenate([w[:, None] * c for c, w in zip(columns, weights, strict=True)])
-    rest = np.concatenate([w * each.rest for each, w in zip(lines, weights, strict=True)])
+    matrix = np.concatenate([c / n[:, None] for c, n in zip(columns, noise, strict=True)])
+    rest = np.concatenate([each.rest / n for each, n in zip(lines, noise, strict=True)])
     return np.concatenate([matrix.real, matrix.imag]), np.concatenate([rest.real, rest.imag])
 
 
-def _beyond_noise(lines: ModeLines, columns: np.ndarray, value: FloatArray) -> float:
-    """What a line misses beyond its noise, standard deviation; 0 where the noise explains the misfit."""
-    misfit = np.abs(lines.rest - columns @ value) ** 2
-    excess = float(np.mean(misfit) - np.mean(lines.noise**2))
-    return float(np.sqrt(max(excess, 0.0)))
+def _beyond(misfit: np.ndarray, noise: FloatArray) -> float:
+    """What a test misses beyond its noise, standard deviation of a line; 0 where the noise explains the misfit."""
+    return float(np.sqrt(max(np.mean(np.abs(misfit) ** 2 - noise**2), 0.0)))
 
 
 def _answer(
@@ -190,54 +201,64 @@ def _answer(
     powers_c: tuple[int, ...],
     columns: Sequence[np.ndarray],
     lines: Sequence[ModeLines],
-    weights: Sequence[FloatArray],
-    model_error: FloatArray,
+    noise: Sequence[FloatArray],
 ) -> Coefficients:
-    matrix, rest = _stacked(columns, lines, weights)
+    value = _solved(columns, lines, noise)
+    matrix, _ = _stacked(columns, lines, noise)
     scale = np.linalg.norm(matrix, axis=0)
-    if not scale.all():
-        raise InputError("a column of the fit is zero: the tests do not move the mode in its band")
-    value = _solved(columns, lines, weights)
-    scaled = matrix / scale
-    condition = float(np.linalg.cond(scaled)) if scale.size else 1.0
+    condition = float(np.linalg.cond(matrix / scale)) if scale.size else 1.0
     if condition > LARGEST_CONDITION:
         raise InputError(
-            f"the columns of orders {max(powers_k, default=1)} (stiffness) and {max(powers_c, default=1)} (damping) are "
-            f"copies of each other on these tests (condition {condition:.1g}): lower the orders, or add other levels"
+            f"the columns of orders {max(powers_k, default=1)} (stiffness) and {max(powers_c, default=1)} (damping) "
+            f"are copies of each other on these tests (condition {condition:.1g}): lower the orders, or add other levels"
         )
-    residual = rest - matrix @ value
-    raw = np.concatenate([c for c in columns])
-    misfit = np.concatenate([each.rest - c @ value for each, c in zip(lines, columns, strict=True)])
+    raw = np.concatenate(columns)
+    misfit = [each.rest - c @ value for each, c in zip(lines, columns, strict=True)]
     force = np.concatenate([each.force for each in lines])
     return Coefficients(
         powers_k,
         powers_c,
         value,
-        _covariance(scaled, residual, [each.frequency_hz.size for each in lines]) / np.outer(scale, scale),
+        _covariance(powers_k, powers_c, value, columns, lines, noise, misfit),
         float(np.linalg.cond(np.concatenate([raw.real, raw.imag]))) if scale.size else 1.0,
         condition,
-        float(np.sqrt(np.mean(np.abs(misfit) ** 2) / np.mean(np.abs(force) ** 2))),
-        model_error,
+        float(np.sqrt(np.mean(np.abs(np.concatenate(misfit)) ** 2) / np.mean(np.abs(force) ** 2))),
+        tuple(noise),
     )
 
 
-def _covariance(matrix: FloatArray, residual: FloatArray, counts: Sequence[int]) -> FloatArray:
-    """Sandwich over neighbouring lines: a model that misses the truth leaves a residual that is smooth over frequency."""
-    n = sum(counts)
-    bread = np.linalg.inv(matrix.T @ matrix)
-    scores = matrix * residual[:, None]
-    scores = scores[:n] + scores[n:]  # real and imaginary part of a line together
+def _covariance(
+    powers_k: tuple[int, ...],
+    powers_c: tuple[int, ...],
+    value: FloatArray,
+    columns: Sequence[np.ndarray],
+    lines: Sequence[ModeLines],
+    noise: Sequence[FloatArray],
+    misfit: Sequence[np.ndarray],
+) -> FloatArray:
+    """What the sensors' noise makes of the coefficients, and what the model misses beyond it."""
+    if not value.size:
+        return np.zeros((0, 0))
+    matrix, _ = _stacked(columns, lines, noise)
+    scale = np.linalg.norm(matrix, axis=0)
+    bread = np.linalg.inv((matrix / scale).T @ (matrix / scale))
     meat = np.zeros_like(bread)
-    for begin, count in zip(np.cumsum([0, *counts[:-1]]), counts, strict=True):
-        own = scores[begin : begin + count]
-        reach = max(1, round(count ** (1 / 3)))
-        for lag in range(reach + 1):
-            share = (1 if lag else 0.5) * (1 - lag / (reach + 1))  # Bartlett
-            product = own[lag:].T @ own[: count - lag]
-            meat += share * (product + product.T)
-    freedom = max(2 * n - matrix.shape[1], 1)
-    plain = float(residual @ residual) / freedom * bread
-    sandwich = bread @ meat @ bread * (2 * n / freedom)
-    # never below what white errors would give
-    grow = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(plain), 1.0)) if matrix.shape[1] else np.ones(0)
-    return plain * np.outer(grow, grow)
+    for each, c, n, left in zip(lines, columns, noise, misfit, strict=True):
+        gradient = c / n[:, None] ** 2 / scale
+        meat += noise_scores(each, gradient, powers_k, powers_c, value)
+        by_noise = line_noise(each, powers_k, powers_c, value)
+        # the share of the misfit that the noise does not explain is smooth over frequency: neighbours go together
+        share = max(0.0, 1.0 - float(np.sum(by_noise**2) / max(np.sum(np.abs(left) ** 2), 1e-300)))
+        meat += share * _neighbours_together((gradient.conj() * left[:, None]).real, each)
+    return bread @ meat @ bread / np.outer(scale, scale)
+
+
+def _neighbours_together(scores: FloatArray, lines: ModeLines) -> FloatArray:
+    """Sum of the products of scores of lines that are no further apart than what lasts as long as the motion has."""
+    lasting = float(np.sum(lines.q**2) ** 2 / max(np.sum(lines.q**4), 1e-300))
+    reach = int(np.ceil(2 * lines.q.size / max(lasting, 1.0)))
+    total = scores.T @ scores
+    for lag in range(1, min(reach, len(scores) - 1) + 1):
+        product = (1 - lag / (reach + 1)) * scores[lag:].T @ scores[:-lag]  # Bartlett
+        total += product + product.T
+    return total

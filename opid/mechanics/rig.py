@@ -1,0 +1,356 @@
+"""A virtual modal test: a structure with sensors, driven by a shaker or a hammer or left to decay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError
+from opid.mechanics.laws import FloatArray
+from opid.mechanics.response import Assembled, State, advance, assembled, state_at
+from opid.mechanics.shaker import Shaker, armature_force, on_shaker
+from opid.mechanics.structure import Structure, natural_frequencies
+from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.signals.resampling import resampled
+
+FORCE = "force"
+
+LARGEST_ANGLE = 0.2
+"""Of the highest natural frequency in a step, rad: it is then right to 1 part in 10^5."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A structure with its drive point and its accelerometers.
+
+    Args:
+        structure: the structure, in physical or in modal coordinates.
+        drive_point: (n_dof,), the drive point moves by drive_point . x; in modal coordinates its row of the shapes.
+        sensors: (n_sensors, n_dof), a sensor reads its row . x''.
+        sensor_names: one name a sensor, none of them "force".
+        shaker: on the drive point; None where the force itself is given: a voltage is then a force, 1 N/V.
+
+    Raises:
+        InputError: shapes that do not match, or names that are missing or repeated.
+    """
+
+    structure: Structure
+    drive_point: FloatArray
+    sensors: FloatArray
+    sensor_names: tuple[str, ...]
+    shaker: Shaker | None = None
+
+    def __post_init__(self) -> None:
+        n_dof = self.structure.n_dof
+        for name, n_axes in (("drive_point", 1), ("sensors", 2)):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.ndim != n_axes or array.shape[-1] != n_dof or not array.size or not np.isfinite(array).all():
+                needed = f"({n_dof},)" if n_axes == 1 else f"(n_sensors, {n_dof})"
+                raise InputError(f"{name} of the rig has shape {array.shape}: give {needed} finite numbers")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        names = tuple(self.sensor_names)
+        if len(names) != len(self.sensors) or len({*names, FORCE}) != len(names) + 1:
+            raise InputError(
+                f"sensor_names are {names}: give {len(self.sensors)} different names, one a sensor, none of them "
+                f"{FORCE!r}"
+            )
+        object.__setattr__(self, "sensor_names", names)
+
+
+@dataclass(frozen=True, eq=False)
+class RigRun:
+    """What a virtual test recorded.
+
+    Attributes:
+        recording: "force" (N), where there is one, and each sensor (m/s^2), with noise.
+        clean: the same without noise.
+        noise_share: rms of the noise over that of the clean signal, channel by channel.
+        steps_per_sample: steps of the simulation from one sample to the next.
+    """
+
+    recording: Recording
+    clean: Recording
+    noise_share: float
+    steps_per_sample: int
+
+
+@dataclass(frozen=True, eq=False)
+class OpenRig:
+    """A rig as `drive` takes it.
+
+    Attributes:
+        ready: the structure with its shaker.
+        sensors: (n_sensors, n_dof), with the armature where there is one.
+        stinger: its direction (n_dof,), and its stiffness and damping; None without a shaker.
+        shaker: the shaker, or None.
+        fs: samples a second, Hz.
+        steps_per_sample: steps from one sample to the next.
+        start: the state at rest.
+    """
+
+    ready: Assembled
+    sensors: FloatArray
+    stinger: tuple[FloatArray, float, float] | None
+    shaker: Shaker | None
+    fs: float
+    steps_per_sample: int
+    start: State
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """What the force cell and the sensors read, without noise.
+
+    Attributes:
+        force: (n,) on the drive point, N.
+        acceleration: (n, n_sensors), m/s^2.
+    """
+
+    force: FloatArray
+    acceleration: FloatArray
+
+
+def open_rig(
+    rig: Rig,
+    fs: float,
+    *,
+    steps_per_sample: int | None = None,
+    initial_displacement: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
+) -> OpenRig:
+    """Return a rig made ready for `drive`, which a controller calls again and again.
+
+    Args:
+        rig: the rig.
+        fs: samples a second, Hz.
+        steps_per_sample: steps from one sample to the next; where left out, as many as bring the highest natural
+            frequency, of shaker and stinger too, to 0.2 rad a step or less.
+        initial_displacement: (n_dof,) m, of the structure; zero where left out. The armature follows the drive point.
+        initial_velocity: (n_dof,) m/s, likewise.
+
+    Raises:
+        InputError: a rate that is not positive, a wrong number of steps or of initial values, or an unstable structure.
+    """
+    if not 0.0 < fs < np.inf:
+        raise InputError(f"fs is {fs} Hz: give a positive rate")
+    structure, sensors, stinger, load = rig.structure, rig.sensors, None, rig.drive_point
+    start = [_initial(name, given, structure.n_dof) for name, given in
+             (("initial_displacement", initial_displacement), ("initial_velocity", initial_velocity))]  # fmt: skip
+    if rig.shaker is not None:
+        structure = on_shaker(structure, rig.shaker, rig.drive_point)
+        sensors = np.column_stack([sensors, np.zeros(len(sensors))])
+        joint = structure.joints[-1]
+        stinger = (joint.direction, joint.stiffness_n_per_m, joint.damping_n_s_per_m)
+        load = np.eye(structure.n_dof)[-1]
+        start = [np.append(each, rig.drive_point @ each) for each in start]
+    ready = assembled(structure, load[:, np.newaxis])
+    steps = _steps(structure, fs) if steps_per_sample is None else steps_per_sample
+    if steps != int(steps) or steps < 1:
+        raise InputError(f"steps_per_sample is {steps}: give a whole number, 1 or more")
+    return OpenRig(ready, sensors, stinger, rig.shaker, float(fs), int(steps), state_at(ready, *start))
+
+
+def drive(rig: OpenRig, state: State, voltage: FloatArray, *, fs: float | None = None) -> tuple[Readings, State]:
+    """Return what is read while a voltage drives a rig from a state on, and the state after it.
+
+    The last sample is the first of the next call, whose voltage begins with the last of this one.
+
+    Args:
+        rig: the rig, see `open_rig`.
+        state: where it stands; `rig.start` at the begin.
+        voltage: (2 n steps_per_sample + 1,) V at half steps, for n + 1 samples; N without a shaker.
+        fs: samples a second in this call, Hz, such as a whole number a period of the drive; that of `open_rig` where
+            left out, and not below 0.8 of it, because the step grows.
+
+    Raises:
+        InputError: a voltage of another shape or not finite, a rate too low, or a motion without bound.
+
+    >>> block = Rig(Structure([[2.0]], [[0.0]], [[0.0]]), [1.0], [[1.0]], ("block",))
+    >>> rig = open_rig(block, 100.0)
+    >>> readings, state = drive(rig, rig.start, np.full(21, 6.0))
+    >>> readings.acceleration[-1], state.velocity.round(6)
+    (array([3.]), array([0.3]))
+    """
+    rate = rig.fs if fs is None else fs
+    if not rate >= 0.8 * rig.fs:
+        raise InputError(f"fs is {rate} Hz, the rig was opened for {rig.fs:g} Hz: open it for the lowest rate needed")
+    force = np.asarray(voltage, dtype=np.float64) if rig.shaker is None else armature_force(rig.shaker, voltage)
+    if force.ndim != 1:
+        raise InputError(f"the voltage has shape {force.shape}: give one voltage a half step")
+    motion, after = advance(rig.ready, state, force[:, np.newaxis], fs=rate, steps_per_sample=rig.steps_per_sample)
+    if rig.stinger is None:
+        measured = force[:: 2 * rig.steps_per_sample].copy()
+    else:
+        along, stiffness, damping = rig.stinger
+        measured = motion.displacement @ (stiffness * along) + motion.velocity @ (damping * along)
+    return Readings(measured, motion.acceleration @ rig.sensors.T), after
+
+
+def rig_run(
+    rig: Rig,
+    voltage: ArrayLike,
+    *,
+    fs: float,
+    rng: np.random.Generator,
+    noise_share: float = 0.01,
+    steps_per_sample: int | None = None,
+    initial_displacement: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
+) -> RigRun:
+    """Return what is recorded while a voltage drives a rig, channels "force" and the sensors.
+
+    Between its samples the voltage is the band-limited signal through them: it should hold nothing above 0.45 fs, and
+    begin and end near zero, since the sudden start of anything else has no band. The readings are sampled as they are,
+    without an anti-alias filter: take fs above 2.5 times the highest frequency that is excited.
+
+    Args:
+        rig: the rig.
+        voltage: (n,) V, a sample each 1 / fs; N without a shaker.
+        fs: samples a second of the voltage and of the record, Hz.
+        rng: source of the noise.
+        noise_share: standard deviation of the white noise over the rms of the clean signal, for each channel.
+        steps_per_sample: as for `open_rig`.
+        initial_displacement: (n_dof,) m, as for `open_rig`.
+        initial_velocity: (n_dof,) m/s, likewise.
+
+    Raises:
+        InputError: a voltage of the wrong shape or not finite, a negative noise, or as `open_rig`.
+
+    >>> block = Rig(Structure([[2.0]], [[0.0]], [[0.0]]), [1.0], [[1.0]], ("block",))
+    >>> beat = np.hanning(200) * np.sin(0.3 * np.arange(200))
+    >>> rig_run(block, beat, fs=500.0, rng=np.random.default_rng(1)).recording.names
+    ('force', 'block')
+    """
+    volts = np.asarray(voltage, dtype=np.float64)
+    if volts.ndim != 1:
+        raise InputError(f"the voltage has shape {volts.shape}: give one voltage a sample")
+    ready = open_rig(
+        rig, fs, steps_per_sample=steps_per_sample,
+        initial_displacement=initial_displacement, initial_velocity=initial_velocity,
+    )  # fmt: skip
+    given = recording_from_arrays([volts], ["voltage"], fs=fs, unit="V")
+    finer = 2 * ready.steps_per_sample
+    between = resampled(given, finer * fs, n_samples=finer * (volts.size - 1) + 1).samples[:, 0]
+    # the spline may be off by rounding where the voltage is given
+    between = between.copy()
+    between[::finer] = volts
+    return _recorded(rig, ready, between, noise_share, rng, FORCE)
+
+
+def impact(
+    rig: Rig,
+    *,
+    peak_n: float,
+    pulse_s: float,
+    fs: float,
+    duration_s: float,
+    rng: np.random.Generator,
+    at_s: float = 0.02,
+    noise_share: float = 0.01,
+    steps_per_sample: int | None = None,
+) -> RigRun:
+    """Return what is recorded of the blow of a hammer at the drive point, the shaker taken off.
+
+    Args:
+        rig: the rig.
+        peak_n: peak of the force, a half sine, N.
+        pulse_s: its length, s.
+        fs: samples a second, Hz.
+        duration_s: length of the record, s.
+        rng: source of the noise.
+        at_s: when it begins, s.
+        noise_share: as for `rig_run`.
+        steps_per_sample: as for `open_rig`.
+
+    Raises:
+        InputError: a pulse shorter than four samples or outside the record, or as `rig_run`.
+    """
+    if not (pulse_s * fs >= 4.0 and at_s >= 0.0 and at_s + pulse_s <= duration_s and np.isfinite(peak_n)):
+        raise InputError(
+            f"a pulse of {peak_n} N and {pulse_s} s at {at_s} s is wanted in {duration_s} s at {fs} Hz: give one of "
+            "four samples or more inside the record"
+        )
+    ready = open_rig(_without_shaker(rig), fs, steps_per_sample=steps_per_sample)
+    share = (_half_steps_s(ready, duration_s) - at_s) / pulse_s
+    force = np.where((share > 0.0) & (share < 1.0), peak_n * np.sin(np.pi * share), 0.0)
+    return _recorded(rig, ready, force, noise_share, rng, FORCE)
+
+
+def free_decay(
+    rig: Rig,
+    *,
+    fs: float,
+    duration_s: float,
+    rng: np.random.Generator,
+    initial_displacement: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
+    noise_share: float = 0.01,
+    steps_per_sample: int | None = None,
+) -> RigRun:
+    """Return what the sensors record of a motion that no force drives, the shaker taken off.
+
+    Args:
+        rig: the rig.
+        fs: samples a second, Hz.
+        duration_s: length of the record, s.
+        rng: source of the noise.
+        initial_displacement: (n_dof,) m; zero where left out. Sliders come to it from zero.
+        initial_velocity: (n_dof,) m/s; zero where left out.
+        noise_share: as for `rig_run`.
+        steps_per_sample: as for `open_rig`.
+
+    Raises:
+        InputError: as `rig_run`.
+    """
+    ready = open_rig(
+        _without_shaker(rig), fs, steps_per_sample=steps_per_sample,
+        initial_displacement=initial_displacement, initial_velocity=initial_velocity,
+    )  # fmt: skip
+    return _recorded(rig, ready, np.zeros(_half_steps_s(ready, duration_s).size), noise_share, rng)
+
+
+def _recorded(
+    rig: Rig, ready: OpenRig, voltage: FloatArray, noise_share: float, rng: np.random.Generator, *forces: str
+) -> RigRun:
+    if not 0.0 <= noise_share < np.inf:
+        raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
+    readings, _ = drive(ready, ready.start, voltage)
+    columns = [*(readings.force for _ in forces), *readings.acceleration.T]
+    channels = (*(Channel(name, "N") for name in forces), *(Channel(name, "m/s^2") for name in rig.sensor_names))
+    clean = np.stack(columns, axis=1)
+    # one row of numbers a channel: another sensor at the end does not change the noise of the others
+    noise = rng.standard_normal(clean.T.shape).T * (noise_share * np.sqrt(np.mean(clean**2, axis=0)))
+    made = (f"virtual test, {ready.steps_per_sample} steps a sample",)
+    return RigRun(
+        Recording(clean + noise, fs=ready.fs, channels=channels, history=(*made, f"noise of {noise_share:g} rms")),
+        Recording(clean, fs=ready.fs, channels=channels, history=made),
+        noise_share,
+        ready.steps_per_sample,
+    )
+
+
+def _without_shaker(rig: Rig) -> Rig:
+    return Rig(rig.structure, rig.drive_point, rig.sensors, rig.sensor_names)
+
+
+def _half_steps_s(ready: OpenRig, duration_s: float) -> FloatArray:
+    n_samples = round(duration_s * ready.fs) if np.isfinite(duration_s) else 0
+    if n_samples < 2:
+        raise InputError(f"{duration_s} s at {ready.fs:g} Hz are {n_samples} sample(s): at least two are needed")
+    finer = 2 * ready.steps_per_sample
+    return np.arange(finer * (n_samples - 1) + 1) / (finer * ready.fs)
+
+
+def _steps(structure: Structure, fs: float) -> int:
+    highest = 2.0 * np.pi * float(natural_frequencies(structure).frequency_hz[-1])
+    return max(1, int(np.ceil(highest / (LARGEST_ANGLE * fs))))
+
+
+def _initial(name: str, given: ArrayLike | None, n_dof: int) -> FloatArray:
+    values = np.zeros(n_dof) if given is None else np.asarray(given, dtype=np.float64)
+    if values.shape != (n_dof,):
+        raise InputError(f"{name} has shape {values.shape}: give {n_dof} number(s), one a degree of freedom")
+    return values

@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+from made_beats import FOUR, FS, beat, measured
+
+from opid.errors import InputError
+from opid.modal.coordinates import modal_test
+from opid.modal.model import NonlinearModalModel, modal_response
+from opid.modal.modes import force_projection
+from opid.signals.recording import Channel, Recording
+
+LEVEL = beat(5.0, whole_s=1.0, beat_s=0.3)
+
+
+def recording(units=("N",) + 5 * ("m/s^2",), names=("force", *"abcde")):
+    rng = np.random.default_rng(0)
+    channels = tuple(Channel(name, unit) for name, unit in zip(names, units, strict=True))
+    return Recording(rng.standard_normal((100, len(names))), fs=FS, channels=channels)
+
+
+def test_the_filter_gives_back_the_modes():
+    test = measured(NonlinearModalModel(FOUR), LEVEL)
+    motion = modal_response(NonlinearModalModel(FOUR), LEVEL, fs=FS, drive_point="a")
+    np.testing.assert_allclose(test.acceleration, motion.acceleration, atol=1e-9 * np.abs(motion.acceleration).max())
+    np.testing.assert_allclose(test.modal_force(3), force_projection(FOUR, "a")[2] * LEVEL)
+
+
+def test_the_order_of_channels_does_not_matter():
+    one = recording()
+    turned = Recording(one.samples[:, ::-1], fs=FS, channels=one.channels[::-1])
+    both = [modal_test(each, FOUR, name="t", force="force", drive_point="a").acceleration for each in (one, turned)]
+    np.testing.assert_allclose(both[0], both[1])
+
+
+def test_a_missing_sensor_is_left_out_while_the_rest_can_tell_the_modes():
+    names = ("force", *"abcd")
+    fewer = modal_test(recording(("N",) + 4 * ("m/s^2",), names), FOUR, name="t", force="force", drive_point="a")
+    assert fewer.acceleration.shape == (100, 4)
+    with pytest.raises(InputError, match=r"3 sensor\(s\) cannot tell 4 modes apart"):
+        modal_test(recording(("N",) + 3 * ("m/s^2",), ("force", *"abc")), FOUR, name="t")
+
+
+@pytest.mark.parametrize(
+    ("units", "names", "force", "drive", "words"),
+    [
+        (("lbf",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "a", "is in lbf where N"),
+        (("V",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "a", "is in V where N"),
+        (("N",) + 5 * ("m/s",), ("force", *"abcde"), "force", "a", "'a' of test 't' is in m/s where an acceleration"),
+        (("N",) + 5 * ("m/s^2",), ("force", *"vwxyz"), "force", "a", "has none of the sensors 'a'"),
+        (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "forse", "a", "there is no channel 'forse'"),
+        (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", None, "say at which sensor the force acts"),
+        (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "q", "there is no sensor 'q'"),
+    ],
+)
+def test_what_is_wrong_is_said(units, names, force, drive, words):
+    with pytest.raises(InputError, match=words):
+        modal_test(recording(units, names), FOUR, name="t", force=force, drive_point=drive)
+
+
+def test_a_force_cell_that_is_off_is_named():
+    silent = Recording(
+        np.column_stack([np.zeros(100), recording().samples[:, 1:]]), fs=FS, channels=recording().channels
+    )
+    with pytest.raises(InputError, match="is zero throughout"):
+        modal_test(silent, FOUR, name="t", force="force", drive_point="a")

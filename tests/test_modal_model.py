@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+from made_beats import C2, FOUR, FS, K3, OMEGA, ONE, ZETA, beat, softening
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from opid.errors import InputError
+from opid.mechanics.structure import frequency_response
+from opid.modal.model import NonlinearModalModel, modal_response, simulate
+from opid.modal.modes import force_projection
+from opid.modal.power_law import power_law
+
+
+def test_against_another_integrator():
+    force = beat(40.0, whole_s=1.0, beat_s=0.5)
+    time = np.arange(force.size) / FS
+    between = CubicSpline(time, force)
+
+    def slope(t, state):
+        q, v = state
+        f_q = 0.5 * between(t)
+        return [v, f_q - 2 * ZETA * OMEGA * v - OMEGA**2 * q - K3 * q**3 - C2 * v * abs(v)]
+
+    other = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-14, max_step=1 / FS)
+    motion = modal_response(softening(), force, fs=FS, drive_point="a")
+    np.testing.assert_allclose(motion.displacement[:, 0], other.y[0], atol=2e-4 * np.abs(other.y[0]).max())
+
+
+def test_linear_modes_respond_as_their_receptance():
+    force = beat(1.0, frequency_hz=90.0, beat_s=0.4, whole_s=8.0)
+    model = NonlinearModalModel(FOUR)
+    response = simulate(model, force, fs=FS, drive_point="b")
+    line = round(90.0 * force.size / FS)
+    spectrum = np.fft.rfft(response.samples, axis=0)[line] / np.fft.rfft(force)[line]
+    modal = frequency_response(model.structure(), 90.0)[0] @ force_projection(FOUR, "b")
+    np.testing.assert_allclose(spectrum, -((2 * np.pi * 90.0) ** 2) * FOUR.shapes @ modal, rtol=2e-3)
+
+
+def test_the_linear_model_stands_beside():
+    assert softening().linear.laws == {}
+    small = beat(1e-3)
+    both = [simulate(model, small, fs=FS, drive_point="a").samples for model in (softening(), softening().linear)]
+    np.testing.assert_allclose(both[0], both[1], atol=1e-4 * np.abs(both[1]).max())
+
+
+def test_what_is_wrong_is_said():
+    with pytest.raises(InputError, match="there is no mode 2"):
+        NonlinearModalModel(ONE, {2: power_law({3: 1.0}, {})})
+    with pytest.raises(InputError, match="one series of finite numbers"):
+        simulate(softening(), np.zeros((3, 2)), fs=FS, drive_point="a")
+    with pytest.raises(InputError, match="no sensor 'z'"):
+        simulate(softening(), np.zeros(30), fs=FS, drive_point="z")
+    with pytest.raises(InputError, match="grows without bound"):
+        simulate(softening(), beat(4000.0), fs=FS, drive_point="a")
+    with pytest.raises(InputError, match="k6 is no term"):
+        power_law({6: 1.0}, {})
