@@ -6,7 +6,7 @@ from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ONE, ZETA, beat, beat
 
 from opid.errors import InputError
 from opid.modal.equation import mode_lines
-from opid.modal.identification import fit_mode
+from opid.modal.mode_fit import fit_mode
 from opid.modal.model import NonlinearModalModel
 from opid.modal.modes import LinearModes
 from opid.modal.power_law import harmonic_share
@@ -32,7 +32,7 @@ def lines_of(tests, band=BAND, mode=1):
 
 def test_the_law_comes_back_without_noise(clean):
     found = fit_coefficients(lines_of(clean), **CUBIC)
-    np.testing.assert_allclose(found.stiffness()[3].value, K3, rtol=1e-4)
+    np.testing.assert_allclose(found.stiffness()[3].value, K3, rtol=3e-4)
     np.testing.assert_allclose(found.damping()[2].value, C2, rtol=1e-3)
 
 
@@ -86,13 +86,13 @@ def test_a_record_cut_off_is_refused_and_can_be_tapered(noisy):
     whole = measured(softening(), force, np.random.default_rng(1))
     cut = replace(
         whole,
-        recording=whole.recording.section(0.0, 1.4),
-        acceleration=whole.acceleration[: round(1.4 * FS)],
-        force=whole.force[: round(1.4 * FS)],
+        recording=whole.recording.section(0.0, 1.1),
+        acceleration=whole.acceleration[: round(1.1 * FS)],
+        force=whole.force[: round(1.1 * FS)],
     )
-    with pytest.raises(InputError, match=r"ends with \d+ % of its largest motion in mode 1: record from rest"):
+    with pytest.raises(InputError, match=r"ends with \d+\.\d % of its largest motion in mode 1: record from rest"):
         fit_mode([cut], 1, **CUBIC)
-    tapered = fit_mode([cut], 1, **CUBIC, taper_s=0.1)
+    tapered = fit_mode([cut], 1, **CUBIC, free_linear=False, band_hz=(95.0, 145.0), taper_s=0.1)
     assert abs(tapered.stiffness[3].value / K3 - 1) < 0.05
 
 

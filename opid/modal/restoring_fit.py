@@ -14,15 +14,11 @@ from opid.modal.equation_noise import line_noise, noise_scores
 from opid.modal.power_law import HIGHEST_ORDER, harmonic_share
 from opid.signals.recording import FloatArray
 
-N_CURVE = 101
 N_ROUNDS = 2
 """Of the weights, which depend on the tangents that the fit finds."""
 
 LARGEST_CONDITION = 1e6
 """Of the scaled columns: beyond it they are copies of each other on these tests."""
-
-MOST_OF_CURVE = 0.3
-"""Half width of a force curve's band where it ends, as a share of the force: wider, the orders are too high."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +206,7 @@ def _answer(
     if condition > LARGEST_CONDITION:
         raise InputError(
             f"the columns of orders {max(powers_k, default=1)} (stiffness) and {max(powers_c, default=1)} (damping) "
-            f"are copies of each other on these tests (condition {condition:.1g}): lower the orders, or add other levels"
+            f"are copies of each other on these tests (condition {condition:.1g}): lower the orders, or add levels"
         )
     raw = np.concatenate(columns)
     misfit = [each.rest - c @ value for each, c in zip(lines, columns, strict=True)]
