@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
+from opid.modal.decay_fit import DecayLaw
 from opid.modal.doubts import doubts_of_modes, doubts_of_truth_tests, nothing_nonlinear
-from opid.modal.free_decay import Decay
+from opid.modal.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.mode_fit import fit_mode
-from opid.modal.mode_tests import tests_of_mode
+from opid.modal.mode_tests import largest_mode, tests_of_mode
 from opid.modal.model import NonlinearModalModel
 from opid.modal.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
@@ -56,7 +58,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         except InputError as error:
             faults.append(f"mode {mode}: {error}")
     refuse(faults, study.source)
-    model = _model(study.modes, fits, of_decays)
+    model = model_of(study.modes, fits, of_decays)
     truth_tests, unstable = _truth_tests(study, fits, of_decays, say)
     return ModalIdentification(
         title=study.title,
@@ -92,34 +94,70 @@ def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
     return level_shifts(tests)
 
 
-def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], Mapping[int, Decay], list[str]]:
-    return (), {}, []
+def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[str]]:
+    """Free decays of the nonlinear modes, the law that each mode's decays give together, and what failed."""
+    decays: list[Decay] = []
+    doubts = []
+    for each in study.of_use("decay"):
+        mode = each.mode or largest_mode(each.test, study.nonlinear)
+        say(f"free decay {each.test.name}")
+        try:
+            decays.append(
+                decay_of(each.test, mode, stiffness_order=study.stiffness_order, damping_order=study.damping_order)
+            )
+        except NotDeterminedError as error:
+            doubts.append(f"free decay {each.test.name!r} of mode {mode}: {error}")
+    laws = {}
+    for mode in study.nonlinear:
+        own = [decay for decay in decays if decay.mode == mode]
+        doubts += [f"free decay {decay.name!r} of mode {mode}: {doubt}" for decay in own for doubt in decay.warnings]
+        if own:
+            try:
+                laws[mode] = law_of_decays(
+                    own, stiffness_order=study.stiffness_order, damping_order=study.damping_order
+                )
+            except NotDeterminedError as error:
+                doubts.append(f"the free decays of mode {mode} give no law: {error}")
+    return tuple(decays), laws, doubts
 
 
-def _model(modes: LinearModes, fits: Sequence[ModeFit], of_decays: Mapping[int, Decay]) -> NonlinearModalModel:
-    """The modes with their laws; corrections of k0 and c0 move frequency and damping of the mode."""
-    frequency, damping = modes.frequency_hz.copy(), modes.damping_ratio.copy()
+def model_of(
+    modes: LinearModes, fits: Sequence[ModeFit], of_decays: Mapping[int, DecayLaw] | None = None
+) -> NonlinearModalModel:
+    """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode.
+
+    Args:
+        modes: all modes, linear.
+        fits: of those that forced tests move.
+        of_decays: laws of those that only free decays show, by the number of the mode.
+    """
+    free = of_decays or {}
+    stiffness, damping = modes.stiffness(), modes.damping()
     laws = {fit.mode: fit.law for fit in fits}
     for fit in fits:
-        k1, c1 = (float(each[1].value or 0.0) if 1 in each else 0.0 for each in (fit.stiffness, fit.damping))
-        place = fit.mode - 1
-        if not k1 and not c1:
-            continue
-        stiffness = modes.stiffness()[place] + k1
-        omega = np.sqrt(max(stiffness, 0.0))
-        frequency[place] = omega / (2 * np.pi)
-        damping[place] = (modes.damping()[place] + c1) / (2 * omega)
-    return NonlinearModalModel(replace(modes, frequency_hz=frequency, damping_ratio=damping), laws)
+        stiffness[fit.mode - 1] += _first(fit.stiffness)
+        damping[fit.mode - 1] += _first(fit.damping)
+    for mode in free.keys() - laws.keys():
+        laws[mode] = free[mode].law
+        stiffness[mode - 1], damping[mode - 1] = _first(free[mode].stiffness), _first(free[mode].damping)
+    omega = np.sqrt(np.maximum(stiffness, 0.0))
+    ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
+    return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
+
+
+def _first(coefficients: Mapping[int, Estimate]) -> float:
+    """The coefficient of the power 1, 0 where it was not fitted."""
+    return float(coefficients[1].value or 0.0) if 1 in coefficients else 0.0
 
 
 def _truth_tests(
-    study: ModalStudy, fits: Sequence[ModeFit], of_decays: Mapping[int, Decay], say: Say
+    study: ModalStudy, fits: Sequence[ModeFit], of_decays: Mapping[int, DecayLaw], say: Say
 ) -> tuple[tuple[TruthTest, ...], list[str]]:
     done, unstable = [], []
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
-            done.append(truth_test(_model(each.test.modes, fits, of_decays), each.test))
+            done.append(truth_test(model_of(each.test.modes, fits, of_decays), each.test))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable

@@ -43,13 +43,22 @@ def tests_of_mode(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int
     """
     named = [each.test for each in tests if each.mode == mode]
     free = [each.test for each in tests if each.mode is None]
-    moving = {id(test): [_energy(test, other) for other in nonlinear] for test in free}
-    chosen = named + [test for test in free if nonlinear[int(np.argmax(moving[id(test)]))] == mode]
+    chosen = named + [test for test in free if largest_mode(test, nonlinear) == mode]
     if not chosen and free:
         energies = [_energy(test, mode) for test in free]
         reached = [energy >= SHARE_OF_LARGEST**2 * max(energies) for energy in energies]
         chosen = [test for test, far in zip(free, reached, strict=True) if far]
     return tuple(chosen)
+
+
+def largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
+    """Return the mode that a test moves most, by kinetic energy.
+
+    Args:
+        test: the test.
+        modes: numbers to choose from.
+    """
+    return modes[int(np.argmax([_energy(test, mode) for mode in modes]))]
 
 
 def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
