@@ -22,7 +22,7 @@ import numpy as np
 from silverbox import silverbox_rows
 from tqdm import tqdm
 
-from opid.mechanics.hysteresis import iwan
+from opid.mechanics.hysteresis import Sliders, iwan
 from opid.mechanics.rig import Rig, rig_run
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.appropriation import appropriate_force, levels_for
@@ -51,8 +51,7 @@ C2 = 2 * ZETA * 3 * np.pi / 8 / TOP
 MODES = LinearModes([FREQUENCY_HZ], [ZETA], [[0.5]], ("a",))
 LEVELS = (0.1, 0.3, 0.6, 1.0)
 BEAT = SineBeat(FREQUENCY_HZ, 0.75, lead_s=0.05, tail_s=quiet_s(MODES, 1))
-# a tenth of the stiffness in the joint; the displacement at which it slips altogether, in top displacements
-IWAN_SHARE, SLIPS_AT = 0.10, {"iwan": 2.0, "slipping": 1.0}
+IWAN_SHARE, N_SLIDERS, SEGALMAN_SLIPS_AT = 0.10, 40, 2.0
 # the truth must be finer than what is fitted to it: a frequency wrong by 1e-5 moves k3 by 0.1 %
 STEPS_PER_SAMPLE = 8
 N_LEVELS, TOP_G = 70, 300.0
@@ -61,12 +60,17 @@ Figures = dict[str, float]
 
 
 def single_mode(kind: str) -> Structure:
-    """The mode with its polynomial law, or carried by an Iwan joint that holds a tenth of its stiffness."""
+    """The mode with its polynomial law, or with a joint that slips and holds a tenth of its stiffness."""
     if kind == "cubic":
         return NonlinearModalModel(MODES, {1: power_law({3: K3}, {2: C2})}).structure()
     held = IWAN_SHARE * OMEGA**2
-    # Segalman's joint with chi = -1/2 and beta = 1 slips altogether at 1.5 F_S / K_T
-    sliders = iwan(stiffness_n_per_m=held, slip_force_n=SLIPS_AT[kind] * TOP * held / 1.5)
+    if kind == "iwan":
+        # Iwan's own joint (1966): slip forces spread evenly, the last of which lets go at the top level
+        slips = held * TOP * (np.arange(N_SLIDERS) + 0.5) / N_SLIDERS**2
+        sliders = Sliders(np.full(N_SLIDERS, held / N_SLIDERS), slips)
+    else:
+        # Segalman's, with many that slip early: chi = -1/2 and beta = 1, slips altogether at 1.5 F_S / K_T
+        sliders = iwan(stiffness_n_per_m=held, slip_force_n=SEGALMAN_SLIPS_AT * TOP * held / 1.5)
     joint = Joint("bolts", np.ones(1), stiffness_n_per_m=OMEGA**2 - held, sliders=sliders)
     return Structure(np.eye(1), np.array([[2 * ZETA * OMEGA]]), np.zeros((1, 1)), (joint,))
 
@@ -109,7 +113,7 @@ CLEAN: dict[str, dict[float, Recording]] = {}
 
 def prepare() -> None:
     """Make the clean records once, before the processes part."""
-    for kind in ("cubic", *SLIPS_AT):
+    for kind in ("cubic", "iwan", "segalman"):
         top = top_amplitude(kind)
         CLEAN[kind] = {level: run_beat(kind, level * top) for level in (*LEVELS, 0.8, 1.5)}
 
@@ -158,12 +162,12 @@ def iwan_free(seed: int) -> Figures:
     return iwan_joint(seed, free=True)
 
 
-def slipping(seed: int) -> Figures:
-    return iwan_joint(seed, kind="slipping")
+def segalman(seed: int) -> Figures:
+    return iwan_joint(seed, kind="segalman")
 
 
-def slipping_free(seed: int) -> Figures:
-    return iwan_joint(seed, free=True, kind="slipping")
+def segalman_free(seed: int) -> Figures:
+    return iwan_joint(seed, free=True, kind="segalman")
 
 
 def off(seed: int) -> Figures:
@@ -249,8 +253,8 @@ ROWS: dict[str, tuple[str, Callable[[int], Figures]]] = {
     "off": ("linear frequency 0.1 %, damping 5 % off", off),
     "iwan": ("Iwan joint, N = 3", iwan_joint),
     "iwan_free": ("Iwan joint, N = 3, free linear", iwan_free),
-    "slipping": ("Iwan joint that slips altogether at the top level, N = 3", slipping),
-    "slipping_free": ("the same, free linear", slipping_free),
+    "segalman": ("Segalman's joint, N = 3", segalman),
+    "segalman_free": ("Segalman's joint, N = 3, free linear", segalman_free),
     "below": ("appropriation, ratio 1.99", coupled_below),
     "above": ("appropriation, ratio 2.02", coupled_above),
     "detuned": ("appropriation, ratio 2.2", detuned),

@@ -94,8 +94,8 @@ def doubts_of_truth_tests(study: ModalStudy, fits: Sequence[ModeFit]) -> Iterato
         times = mode_lines(each.test, fit.mode, fit.band_hz).largest_q / fit.stiffness_curve.position[-1]
         if times > BEYOND:
             yield (
-                f"truth test {each.test.name!r} moves mode {fit.mode} {times:.2g} times as far as the tests it was fitted "
-                "to: there its force is an extrapolation"
+                f"truth test {each.test.name!r} moves mode {fit.mode} {times:.2g} times as far as the tests it was "
+                "fitted to: there its force is an extrapolation"
             )
 
 

@@ -1,8 +1,8 @@
 """What the noise of force cell and accelerometers does to the equation of a mode, and to what is fitted to it.
 
 The error of the equation is e = n_f - n_a - c(t) n_v - k(t) n_q: the acceleration's noise n_a, integrated once and
-twice, is multiplied by the tangents k(t) and c(t) at the amplitude of the moment. Regressors and left side share that noise;
-to first order the tangents hold all of it.
+twice, is multiplied by the tangents k(t) and c(t) at the amplitude of the moment. Regressors and left
+side share that noise; to first order the tangents hold all of it.
 """
 
 from __future__ import annotations
