@@ -43,7 +43,7 @@ class LinearModes:
 
     def __post_init__(self) -> None:
         for name, n_axes in (("frequency_hz", 1), ("damping_ratio", 1), ("shapes", 2)):
-            array = np.array(getattr(self, name), dtype=np.float64)
+            array = _real(name, getattr(self, name))
             if array.ndim != n_axes or array.size == 0:
                 needed = "one number a mode" if n_axes == 1 else "one row a sensor and one column a mode"
                 raise InputError(f"{name} has shape {array.shape}: give {needed}")
@@ -51,6 +51,8 @@ class LinearModes:
                 raise InputError(f"{name} has values that are not finite: leave out the modes that were not identified")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if isinstance(self.sensors, str):
+            raise InputError(f"sensors is {self.sensors!r}: give a sequence of names, one for each row of shapes")
         object.__setattr__(self, "sensors", tuple(self.sensors))
         _require_counts(self)
         if self.frequency_hz.min() < 0:
@@ -91,9 +93,9 @@ class LinearModes:
 
     def place(self, mode: int) -> int:
         """Column of a mode, which users count from 1; InputError outside the modes."""
-        if not 1 <= mode <= self.n_modes:
+        if mode not in range(1, self.n_modes + 1):
             raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
-        return mode - 1
+        return int(mode) - 1
 
 
 def modal_filter(modes: LinearModes) -> FloatArray:
@@ -151,8 +153,8 @@ def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> Float
     """Return the modal assurance criterion |a^H b|^2 / (a^H a b^H b), (n, m), of columns against columns.
 
     Args:
-        shapes: (n_sensors, n), real or complex.
-        others: (n_sensors, m); the same as `shapes` where left out (the auto-MAC).
+        shapes: (n_sensors, n), or one shape (n_sensors,); real or complex.
+        others: (n_sensors, m) or (n_sensors,); the same as `shapes` where left out (the auto-MAC).
 
     Raises:
         InputError: another number of sensors.
@@ -160,14 +162,14 @@ def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> Float
     >>> modal_assurance([[1.0, 1.0], [1.0, -1.0]]).round(12).tolist()
     [[1.0, 0.0], [0.0, 1.0]]
     """
-    first = np.atleast_2d(np.asarray(shapes))
-    second = first if others is None else np.atleast_2d(np.asarray(others))
+    first, second = (_as_columns(each) for each in (shapes, shapes if others is None else others))
     if first.shape[0] != second.shape[0]:
         raise InputError(
             f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
         )
     norms = np.outer(np.sum(np.abs(first) ** 2, axis=0), np.sum(np.abs(second) ** 2, axis=0))
-    return np.abs(first.conj().T @ second) ** 2 / norms
+    # a shape that is zero is like no other
+    return np.abs(first.conj().T @ second) ** 2 / np.where(norms > 0, norms, 1.0)
 
 
 def modes_of_structure(structure: Structure, sensors: ArrayLike, names: Sequence[str]) -> LinearModes:
@@ -195,7 +197,31 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
     Raises:
         InputError: no such sensor.
     """
-    return replace(modes, shapes=np.stack([modes.row(name) for name in sensors]), sensors=tuple(sensors))
+    if not sensors:
+        raise InputError("no sensor is asked for: name at least one")
+    shapes = np.stack([modes.row(name) for name in sensors])
+    unseen = np.flatnonzero(~shapes.any(axis=0))
+    if unseen.size:
+        listed = ", ".join(repr(name) for name in sensors[:6]) + (" ..." if len(sensors) > 6 else "")
+        raise InputError(f"mode {unseen[0] + 1} does not move the sensors {listed}: name one that it moves")
+    return replace(modes, shapes=shapes, sensors=tuple(sensors))
+
+
+def _real(name: str, given: ArrayLike) -> FloatArray:
+    try:
+        array = np.array(given)
+        if np.iscomplexobj(array):
+            raise InputError(
+                f"{name} is complex: give real normal modes (rotate each shape to real and take that part)"
+            )
+        return array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is no array of numbers: give rows of one length") from None
+
+
+def _as_columns(shapes: ArrayLike) -> np.ndarray:
+    array = np.asarray(shapes)
+    return array[:, None] if array.ndim == 1 else array
 
 
 def _require_counts(modes: LinearModes) -> None:
