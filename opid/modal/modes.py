@@ -108,8 +108,8 @@ def modal_filter(modes: LinearModes) -> FloatArray:
         InputError: fewer sensors than modes, or shapes that depend on each other.
 
     >>> modes = LinearModes([0.0, 25.0], [0.0, 0.004], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
-    >>> (modal_filter(modes) @ modes.shapes).round(12).tolist()
-    [[1.0, 0.0], [0.0, 1.0]]
+    >>> bool(np.allclose(modal_filter(modes) @ modes.shapes, np.eye(2)))
+    True
     """
     n_sensors, n_modes = modes.shapes.shape
     if n_sensors < n_modes:
@@ -210,13 +210,12 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
 def _real(name: str, given: ArrayLike) -> FloatArray:
     try:
         array = np.array(given)
-        if np.iscomplexobj(array):
-            raise InputError(
-                f"{name} is complex: give real normal modes (rotate each shape to real and take that part)"
-            )
-        return array.astype(np.float64)
+        real = np.real(array).astype(np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{name} is no array of numbers: give rows of one length") from None
+    if np.iscomplexobj(array):
+        raise InputError(f"{name} is complex: give real normal modes (turn each shape to real and take that part)")
+    return real
 
 
 def _as_columns(shapes: ArrayLike) -> np.ndarray:
