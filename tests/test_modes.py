@@ -170,5 +170,5 @@ def test_sensors_that_miss_a_mode_are_named():
         with_sensors(modes, ["a"])
     with pytest.raises(InputError, match="no sensor is asked for"):
         with_sensors(modes, [])
-    with pytest.raises(InputError, match="there is no mode 1.5"):
+    with pytest.raises(InputError, match=r"there is no mode 1\.5"):
         modes.place(1.5)

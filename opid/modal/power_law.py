@@ -40,7 +40,7 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
     return Law(tuple(terms))
 
 
-def harmonic_share(power: int) -> float:
+def harmonic_share(power: float) -> float:
     """Return a_n: the fundamental of A^n cos|cos|^(n-1) is a_n A^n cos (harmonic linearisation).
 
     a_n = (2/sqrt(pi)) Gamma(n/2 + 1) / Gamma(n/2 + 3/2), so that omega^2(A) = sum k_n a_n A^(n-1).

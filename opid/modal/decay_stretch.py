@@ -1,0 +1,269 @@
+"""Where in a record a free decay is: its frequency, the end of the impact before it, and what comes after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.errors import InputError, NotDeterminedError
+from opid.signals.recording import FloatArray
+
+FEWEST_CYCLES = 10
+"""Below, neither frequency nor damping can be told as functions of the amplitude."""
+KERNEL_CYCLES = 6
+"""Length of the Hann kernel that the first envelope is taken with."""
+AFTER_PEAK_CYCLES = 0.75
+"""An impact is over by then: a hammer that drives a mode at all touches for less than half of its period."""
+IMPACT_RISE = 2.5
+"""Peak over what was before, at which a record holds an impact and not the end of a dwell."""
+NEXT_IMPACT_RISE = 3.0
+"""The rms of a cycle over that of each of the three before it, at which the next impact has come."""
+CLIPPED_SAMPLES = 3
+"""Successive samples at the largest value that make a record clipped."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Where a free decay is.
+
+    Args:
+        frequency_hz: of the mode, roughly, Hz.
+        rate: its amplitude falls as exp(-rate t), roughly, 1/s.
+        start: first sample.
+        stop: sample after the last that may be used.
+        sure_stop: sample where the envelope comes near the level of the end of the record.
+        warnings: what to doubt.
+    """
+
+    frequency_hz: float
+    rate: float
+    start: int
+    stop: int
+    sure_stop: int
+    warnings: tuple[str, ...]
+
+
+def find_stretch(
+    samples: FloatArray,
+    *,
+    fs: float,
+    near_hz: float | None = None,
+    band_hz: tuple[float, float] | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Stretch:
+    """Return where a record holds the free decay of its strongest mode, or of the mode asked for.
+
+    The mode is the peak of the spectrum that loses most from the first half of the decay to the second, so that hum,
+    which stays, is not taken for a mode.
+
+    Args:
+        samples: (n,) of any quantity.
+        fs: sampling rate, Hz.
+        near_hz: the mode nearest to that, within a tenth, Hz.
+        band_hz: where to look for it, Hz.
+        start_s: start of the free decay if it is known, s from the first sample.
+        stop_s: its end likewise.
+
+    Raises:
+        InputError: a band or times outside the record.
+        NotDeterminedError: no peak, or fewer than ten cycles of it.
+    """
+    n = samples.size
+    first, last = _limits(n, fs, start_s, stop_s)
+    low, high = _band(last - first, fs, near_hz, band_hz)
+    part = samples[first:last] - np.median(samples[first:last])
+    peak = 0 if start_s is not None else int(np.argmax(np.abs(_detrended(part))))
+    if peak > 0.95 * part.size:
+        raise NotDeterminedError(
+            f"the signal is largest at {(first + peak) / fs:.4g} s, at the end of the record: it grows, or an "
+            "impact came then; give start_s and stop_s of a free decay"
+        )
+    frequency = _decaying_peak(part[peak:], fs, low, high)
+    cycle = fs / frequency
+    if last - first < FEWEST_CYCLES * cycle:
+        raise _too_short(first / fs, (last - first) / cycle, frequency)
+    warnings: list[str] = []
+    envelope = band_envelope(part, fs=fs, frequency_hz=frequency)
+    start = 0
+    if start_s is None:
+        start = _start(part, envelope, cycle)
+        start = max(start, _clipped_until(part, cycle, warnings))
+    stop = _next_impact(part, start, cycle)
+    if stop - start < FEWEST_CYCLES * cycle:
+        raise _too_short((first + start) / fs, (stop - start) / cycle, frequency)
+    if start_s is None:
+        frequency = _decaying_peak(part[start:stop], fs, low, high)
+        envelope = band_envelope(part, fs=fs, frequency_hz=frequency)
+    floor = float(np.quantile(envelope[start + (stop - start) // 2 : stop], 0.2))
+    low_places = np.flatnonzero(envelope[start:stop] < max(3.0 * floor, 2e-3 * envelope[start]))
+    sure = start + int(low_places[0]) if low_places.size else stop
+    sure = min(stop, max(sure, start + int(FEWEST_CYCLES * fs / frequency)))
+    rate = _slope(envelope[start:sure], fs)
+    return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings))
+
+
+def band_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
+    """Return (n,) the amplitude of what lies near a frequency, through a Hann kernel of six cycles.
+
+    Args:
+        samples: (n,).
+        fs: sampling rate, Hz.
+        frequency_hz: the frequency, Hz.
+    """
+    from scipy.signal import fftconvolve
+
+    length = max(3, round(KERNEL_CYCLES * fs / frequency_hz))
+    kernel = np.hanning(length + 2)[1:-1]
+    turned = samples * np.exp(-2j * np.pi * frequency_hz / fs * np.arange(samples.size))
+    weight = fftconvolve(np.ones(samples.size), kernel, mode="same")
+    return 2.0 * np.abs(fftconvolve(turned, kernel, mode="same")) / weight
+
+
+def spectrum_peaks(
+    samples: FloatArray, *, fs: float, low_hz: float, high_hz: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return frequencies (m,) Hz and heights (m,) of the peaks of an amplitude spectrum, highest first, and its median.
+
+    The window falls as the half of a Hann window, so that what is strong at the start counts most.
+
+    Args:
+        samples: (n,).
+        fs: sampling rate, Hz.
+        low_hz: lowest frequency, Hz.
+        high_hz: highest, Hz.
+    """
+    frequency, height = _falling_spectrum(samples, fs)
+    inside = (frequency >= low_hz) & (frequency <= high_hz)
+    floor = float(np.median(height[inside])) if inside.any() else 0.0
+    return *_peaks_of(frequency, height, low_hz, high_hz), floor
+
+
+def _falling_spectrum(samples: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
+    from scipy.fft import next_fast_len, rfft, rfftfreq
+
+    n = samples.size
+    size = next_fast_len(4 * n)
+    window = 0.5 * (1.0 + np.cos(np.pi * np.arange(n) / n))
+    spectrum = rfft(_detrended(samples) * window, size)
+    return rfftfreq(size, 1.0 / fs), 2.0 * np.abs(spectrum) / window.sum()
+
+
+def _peaks_of(
+    frequency: FloatArray, height: FloatArray, low_hz: float, high_hz: float
+) -> tuple[FloatArray, FloatArray]:
+    from scipy.signal import find_peaks, peak_prominences
+
+    places, _ = find_peaks(height)
+    if places.size:
+        prominent = peak_prominences(height, places)[0] > 0.3 * height[places]
+        places = places[prominent & (frequency[places] >= low_hz) & (frequency[places] <= high_hz)]
+    places = places[np.argsort(-height[places])]
+    return frequency[places], height[places]
+
+
+def _detrended(samples: FloatArray) -> FloatArray:
+    from scipy.signal import detrend
+
+    return detrend(samples)
+
+
+def _limits(n: int, fs: float, start_s: float | None, stop_s: float | None) -> tuple[int, int]:
+    first = 0 if start_s is None else round(start_s * fs)
+    last = n if stop_s is None else min(n, round(stop_s * fs))
+    if not 0 <= first < last <= n:
+        raise InputError(
+            f"start_s is {start_s}, stop_s {stop_s}: give times within the record of {n / fs:.4g} s, the start first"
+        )
+    return first, last
+
+
+def _band(n: int, fs: float, near_hz: float | None, band_hz: tuple[float, float] | None) -> tuple[float, float]:
+    low, high = 4.0 * fs / n, 0.45 * fs
+    if band_hz is not None:
+        low, high = band_hz
+    elif near_hz is not None:
+        low, high = 0.9 * near_hz, 1.1 * near_hz
+    if not 0.0 < low < high <= 0.5 * fs:
+        raise InputError(
+            f"the mode would be looked for between {low:.4g} and {high:.4g} Hz in {n / fs:.3g} s at {fs:g} Hz: give a "
+            f"band below half the rate, or a record of ten cycles or more"
+        )
+    return low, high
+
+
+def _decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> float:
+    half = part.size // 2
+    if half < 8:
+        raise NotDeterminedError("the record is largest at its very end: there is no decay; give start_s and stop_s")
+    frequency, early = _falling_spectrum(part[:half], fs)
+    _, late = _falling_spectrum(part[half : 2 * half], fs)
+    lost = np.maximum(early - late, 0.0)
+    places, _ = _peaks_of(frequency, early, low, high)
+    if not places.size:
+        raise NotDeterminedError(
+            f"the spectrum has no peak between {low:.4g} and {high:.4g} Hz after the largest sample: give near_hz or "
+            "another stretch of the record"
+        )
+    return float(places[np.argmax(np.interp(places, frequency, lost))])
+
+
+def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
+    """The end of an impact, or that of a dwell."""
+    from scipy.ndimage import uniform_filter1d
+
+    highest, reach = int(np.argmax(envelope)), round(0.5 * KERNEL_CYCLES * cycle) + 1
+    # the mean of a cycle holds what is slower than the mode and nothing of the mode itself
+    level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
+    first = max(0, highest - 4 * reach)
+    near = level[first : highest + reach]
+    peak = first + int(np.argmax(near))
+    onset = first + int(np.flatnonzero(near * IMPACT_RISE >= near.max())[0])
+    rise = level[onset : onset + round(2.5 * cycle)].max() > 0.75 * near.max()
+    loud = int(np.flatnonzero(envelope >= 0.97 * envelope[highest])[-1])
+    # a record that begins loud begins in a decay, or in a dwell
+    begins_loud = onset < 1.25 * cycle
+    if not (loud < peak + 2 * reach if begins_loud else rise and onset > first + 1.25 * cycle):
+        # after a dwell the kernel must no longer look across its end
+        return loud + reach
+    return (peak if peak < onset + 2.5 * cycle else onset) + round(AFTER_PEAK_CYCLES * cycle)
+
+
+def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
+    """The first sample after those that stand at the end of the range."""
+    last = -1
+    for at_limit in (part >= part.max(), part <= part.min()):
+        run = np.convolve(at_limit.astype(np.int64), np.ones(CLIPPED_SAMPLES, dtype=np.int64), mode="valid")
+        places: NDArray[np.int64] = np.flatnonzero(run == CLIPPED_SAMPLES)
+        if places.size and np.ptp(part) > 0.0:
+            last = max(last, int(places[-1]) + CLIPPED_SAMPLES - 1)
+    if last < 0:
+        return 0
+    warnings.append("samples are clipped: what was before the last of them is left out")
+    return last + 1 + round(0.1 * cycle)
+
+
+def _next_impact(part: FloatArray, start: int, cycle: float) -> int:
+    length = max(4, round(cycle))
+    n_blocks = (part.size - start) // length
+    blocks = part[start : start + n_blocks * length].reshape(n_blocks, length)
+    level = blocks.std(axis=1)
+    for k in range(4, n_blocks):
+        if level[k] > NEXT_IMPACT_RISE * level[k - 3 : k].max() > 0.0:
+            return start + (k - 1) * length
+    return part.size
+
+
+def _slope(envelope: FloatArray, fs: float) -> float:
+    time = np.arange(envelope.size) / fs
+    return -float(np.polyfit(time, np.log(np.maximum(envelope, 1e-300)), 1, w=envelope)[0])
+
+
+def _too_short(start_s: float, cycles: float, frequency: float) -> NotDeterminedError:
+    return NotDeterminedError(
+        f"the free decay after {start_s:.4g} s is {max(cycles, 0.0):.1f} cycles of {frequency:.4g} Hz long: at least "
+        f"{FEWEST_CYCLES} are needed to tell frequency and damping over amplitude; record longer, or name another mode "
+        "with near_hz"
+    )

@@ -1,0 +1,253 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from opid.errors import InputError, NotDeterminedError
+from opid.mechanics.hysteresis import iwan
+from opid.mechanics.response import time_response
+from opid.mechanics.structure import Joint, Structure
+from opid.modal.coordinates import modal_test
+from opid.modal.free_decay import decay_of, free_decay
+from opid.modal.modes import LinearModes
+from opid.signals.recording import recording_from_arrays
+
+FS = 4096.0
+QUIET = 2000
+OMEGA = 2.0 * np.pi * 120.0
+LEVEL = 1e-4
+# -3 % of the frequency and twice the damping at the first amplitude
+K0, C0 = OMEGA**2, 0.008 * OMEGA
+K3, C2 = -0.08 * K0 / LEVEL**2, C0 / (8.0 / (3.0 * np.pi) * OMEGA * LEVEL)
+
+
+def motion(duration_s=2.5, level=LEVEL):
+    """Displacement, velocity and acceleration of a softening spring with quadratic damping after an impact."""
+
+    def force(q, v):
+        return C0 * v + C2 * v * np.abs(v) + K0 * q + K3 * q**3
+
+    time = np.arange(round(duration_s * FS)) / FS
+    solution = solve_ivp(
+        lambda _, y: [y[1], -force(*y)], (0.0, time[-1]), [0.0, OMEGA * level], "DOP853", time, rtol=1e-8, atol=1e-14
+    )
+    q, v = solution.y
+    return q, v, -force(q, v)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return motion()
+
+
+def frequency_of(amplitude):
+    return np.sqrt(K0 + 0.75 * K3 * amplitude**2) / (2.0 * np.pi)
+
+
+def damping_of(amplitude):
+    omega = 2.0 * np.pi * frequency_of(amplitude)
+    return (C0 + C2 * 8.0 / (3.0 * np.pi) * omega * amplitude) / (2.0 * omega)
+
+
+def record(signal, noise=0.01, seed=0):
+    """The signal after a quiet start, in white noise of a share of its rms."""
+    whole = np.concatenate([np.zeros(QUIET), signal])
+    return whole + noise * signal.std() * np.random.default_rng(seed).standard_normal(whole.size)
+
+
+def ringing(size, frequency_hz, zeta, height):
+    time = np.maximum((np.arange(size) - QUIET) / FS, 0.0)
+    omega = 2.0 * np.pi * frequency_hz
+    return height * np.exp(-zeta * omega * time) * np.sin(omega * time)
+
+
+def errors(decay):
+    """Relative errors of frequency and damping in the upper nine tenths of the amplitudes."""
+    top = decay.amplitude > 0.1 * decay.amplitude.max()
+    return (
+        np.abs(decay.frequency_hz / frequency_of(decay.amplitude) - 1.0)[top],
+        np.abs(decay.damping_ratio / damping_of(decay.amplitude) - 1.0)[top],
+    )
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "velocity", "acceleration"])
+def test_frequency_and_damping_follow_the_amplitude_whatever_is_measured(clean, quantity):
+    signal = dict(zip(("displacement", "velocity", "acceleration"), clean, strict=True))[quantity]
+    decay = free_decay(record(signal), fs=FS, quantity=quantity)
+    assert decay.start_s == pytest.approx(QUIET / FS, abs=2.0 / 120.0)
+    assert decay.amplitude[0] > 0.85 * LEVEL
+    by_frequency, by_damping = errors(decay)
+    assert by_frequency.max() < 2e-4
+    assert by_damping.max() < 0.03
+    assert decay.warnings == ()
+    assert decay.amplitude_unit == "m"
+    used = np.isfinite(decay.envelope)
+    assert np.abs(decay.signal[used]).max() < 1.15 * decay.envelope[used].max()
+
+
+def test_neither_input_nor_scale_matters(clean):
+    samples = record(clean[2])
+    before = samples.copy()
+    one, other = free_decay(samples, fs=FS), free_decay(-1e3 * samples, fs=FS)
+    np.testing.assert_array_equal(samples, before)
+    np.testing.assert_allclose(one.frequency_hz, other.frequency_hz, rtol=1e-7)
+    np.testing.assert_allclose(1e3 * one.amplitude, other.amplitude, rtol=1e-6)
+
+
+def spoilt(signal, how):
+    x = record(signal)
+    top, time = np.abs(signal).max(), np.arange(x.size) / FS
+    return {
+        "spike of the impact": x + 4.0 * top * np.exp(-0.5 * ((time - QUIET / FS - 5e-4) / 3e-4) ** 2),
+        "hum": x + 0.5 * top * np.sin(2 * np.pi * 50.0 * time + 1.0),
+        "offset and trend": x + top * (3.0 + 2.0 * time),
+        "discharge": x + 2.0 * top * (time > QUIET / FS) * np.exp(-(time - QUIET / FS) / 0.3),
+        "16 bits": np.round(x / top * 2**15) / 2**15 * top,
+        "other modes": x + ringing(x.size, 310.0, 0.006, 0.8 * top) + ringing(x.size, 47.0, 0.01, 0.1 * top),
+        "two impacts": np.concatenate([x, 0.8 * x]),
+        "a dwell before": np.concatenate([top * np.sin(2 * np.pi * 116.4 * np.arange(-4000, 0) / FS), x[QUIET:]]),
+        "the end cut off": x[: QUIET + round(0.5 * FS)],
+    }[how]
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "spike of the impact",
+        "hum",
+        "offset and trend",
+        "discharge",
+        "16 bits",
+        "other modes",
+        "two impacts",
+        "a dwell before",
+        "the end cut off",
+    ],
+)
+def test_what_spoils_a_record_is_left_out(clean, how):
+    decay = free_decay(spoilt(clean[2], how), fs=FS, near_hz=119.0)
+    by_frequency, by_damping = errors(decay)
+    assert by_frequency.max() < 3e-4
+    assert by_damping.max() < 0.05
+    assert decay.frequency_low_hz.value == pytest.approx(120.0, abs=0.02)
+
+
+@pytest.mark.parametrize("apart", [1.05, 1.08, 1.2])
+def test_a_neighbour_is_fitted_beside_the_mode(clean, apart):
+    x = record(clean[2])
+    neighbour = 120.0 * apart
+    decay = free_decay(x + ringing(x.size, neighbour, 0.005, 0.5 * np.abs(clean[2]).max()), fs=FS)
+    assert min(abs(f - neighbour) for f in decay.track.neighbours_hz) < 0.5
+    by_frequency, _ = errors(decay)
+    assert by_frequency.max() < 2e-3
+    assert decay.frequency_low_hz.value == pytest.approx(120.0, abs=0.05)
+
+
+def test_clipped_samples_are_left_out_and_told(clean):
+    x = record(clean[2])
+    limit = 0.4 * np.abs(clean[2]).max()
+    decay = free_decay(np.clip(x, -limit, limit), fs=FS)
+    assert "clipped" in decay.warnings[0]
+    assert decay.amplitude[0] < 0.4 * LEVEL
+    assert errors(decay)[0].max() < 2e-4
+
+
+def test_modes_that_beat_are_told_or_refused(clean):
+    x = record(clean[2])
+    both = x + ringing(x.size, 121.0, 0.004, 0.7 * np.abs(clean[2]).max())
+    try:
+        warnings = free_decay(both, fs=FS).warnings
+    except NotDeterminedError as why:
+        warnings = (str(why),)
+    assert "beat" in " ".join(warnings)
+
+
+def test_the_standard_deviations_are_those_of_the_scatter(clean):
+    scores = []
+    for seed in range(5):
+        decay = free_decay(record(clean[2], noise=0.03, seed=seed), fs=FS)
+        top = decay.amplitude > 0.05 * LEVEL
+        scores.append(((decay.frequency_hz - frequency_of(decay.amplitude)) / decay.frequency_std_hz)[top])
+        scores.append(((decay.damping_ratio - damping_of(decay.amplitude)) / decay.damping_std)[top])
+    assert 0.6 < np.sqrt(np.mean(np.concatenate(scores) ** 2)) < 1.4
+
+
+def slipping(joint, amplitude, stiffness, damping):
+    """Natural frequency (Hz) and damping ratio of Jenkins elements by harmonic linearisation, in closed form."""
+    reach, k = joint.slip_force_n / joint.stiffness_n_per_m, joint.stiffness_n_per_m
+    x = amplitude[:, None]
+    angle = np.arccos(np.clip(1.0 - 2.0 * reach / x, -1.0, 1.0))
+    omega = np.sqrt(stiffness + np.sum(k / np.pi * (angle - 0.5 * np.sin(2.0 * angle)), axis=1))
+    energy = np.sum(np.where(x > reach, 4.0 * k * reach * (x - reach), 0.0), axis=1)
+    return omega / (2.0 * np.pi), (damping + energy / (np.pi * omega * amplitude**2)) / (2.0 * omega)
+
+
+def test_a_bolted_joint_shows_its_backbone():
+    joint = iwan(stiffness_n_per_m=0.1 * K0, slip_force_n=0.12 * K0 * LEVEL, n=40)
+    rest, damping = 0.9 * K0, 0.004 * OMEGA
+    structure = Structure([[1.0]], [[damping]], [[rest]], (Joint("bolt", np.array([1.0]), sliders=joint),))
+    ring = time_response(
+        structure,
+        lambda t: np.zeros((t.size, 1)),
+        fs=FS,
+        duration_s=2.5,
+        initial_velocity=[OMEGA * LEVEL],
+        steps_per_sample=4,
+    )
+    decay = free_decay(record(ring.acceleration[:, 0]), fs=FS)
+    frequency, zeta = slipping(joint, decay.amplitude, rest, damping)
+    top = decay.amplitude > 0.05 * LEVEL
+    # the frequency falls by 1.2 %, the damping doubles
+    assert np.abs(decay.frequency_hz / frequency - 1.0)[top].max() < 1.5e-4
+    assert np.abs(decay.damping_ratio / zeta - 1.0)[top].max() < 0.04
+
+
+def test_a_mode_of_a_test_is_in_modal_coordinates(clean):
+    modes = LinearModes([120.0, 300.0], [0.004, 0.006], [[0.5, 0.3], [0.5, -0.3]], ("a", "b"))
+    one = record(clean[2])
+    other = ringing(one.size, 300.0, 0.006, np.abs(clean[2]).max())
+    sensors = modes.shapes @ np.vstack([one, other])
+    test = modal_test(recording_from_arrays(list(sensors), ["a", "b"], fs=FS, unit="m/s^2"), modes, name="tap")
+    decay = decay_of(test, 1)
+    assert (decay.mode, decay.name) == (1, "tap")
+    assert (decay.amplitude_unit, decay.signal_unit) == ("m kg^1/2", "m/s^2 kg^1/2")
+    assert errors(decay)[0].max() < 2e-4
+    assert decay_of(test, 2).frequency_low_hz.value == pytest.approx(300.0, rel=1e-3)
+
+
+def test_a_rigid_body_mode_does_not_ring():
+    modes = LinearModes([0.0], [0.0], [[1.0]], ("a",))
+    test = modal_test(recording_from_arrays([np.ones(100)], ["a"], fs=FS, unit="m/s^2"), modes, name="tap")
+    with pytest.raises(InputError, match="rigid-body"):
+        decay_of(test, 1)
+
+
+@pytest.mark.parametrize(
+    ("samples", "settings", "message"),
+    [
+        (np.ones((3, 100)), {}, "one series"),
+        (["a"] * 20, {}, "no numbers"),
+        (np.r_[np.ones(50), np.nan], {}, "not finite"),
+        (np.ones(100), {"fs": 0.0}, "sampling rate"),
+        (np.ones(100), {"quantity": "jerk"}, "there is no quantity"),
+        (np.arange(100) % 7, {"start_s": 5.0}, "within the record"),
+        (np.arange(100) % 7, {"near_hz": 4000.0}, "below half the rate"),
+    ],
+)
+def test_bad_input_is_refused(samples, settings, message):
+    with pytest.raises(InputError, match=message):
+        free_decay(samples, **{"fs": FS, **settings})
+
+
+def test_what_does_not_decay_is_refused(clean):
+    rng = np.random.default_rng(3)
+    x = record(clean[2])
+    with pytest.raises(NotDeterminedError, match="constant"):
+        free_decay(np.ones(1000), fs=FS)
+    with pytest.raises(NotDeterminedError, match=r"cycles of .* are needed"):
+        free_decay(x[: QUIET + round(9 * FS / 120)], fs=FS)
+    with pytest.raises(NotDeterminedError, match="it grows"):
+        free_decay(x[QUIET:][::-1], fs=FS)
+    with pytest.raises(NotDeterminedError):
+        free_decay(rng.standard_normal(8000), fs=FS)
+    with pytest.raises(NotDeterminedError):
+        free_decay(np.sin(np.arange(12000) * 0.15) + 0.01 * rng.standard_normal(12000), fs=FS)
