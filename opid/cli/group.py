@@ -14,6 +14,7 @@ from opid.errors import InputError, NotDeterminedError
 if TYPE_CHECKING:
     from opid.identify.bench_law import BenchLaw
     from opid.identify.result import Identification
+    from opid.modal.result import ModalIdentification
 
 
 class BadInput(click.ClickException):
@@ -63,7 +64,7 @@ def main() -> None:
     """
 
 
-def end(result: Identification | BenchLaw) -> None:
+def end(result: Identification | BenchLaw | ModalIdentification) -> None:
     """Leave with status 1 and the reason if something is not determined."""
     if result.not_determined:
         raise NotDetermined(f"not determined: {result.not_determined}")

@@ -13,6 +13,7 @@ from opid.modal.doubts import doubts_of_fit
 from opid.modal.equation import ModeLines, mode_lines
 from opid.modal.mode_tests import band_of_mode, doubts_of_test, faults_of_test
 from opid.modal.order_search import linear_is_off, search_orders
+from opid.modal.other_modes import doubts_of_other_modes
 from opid.modal.restoring_fit import Coefficients, fit_coefficients, linearised, modal_mass, power_curve
 from opid.modal.result import ForceCurve, ModeFit, OrderRung
 from opid.signals.recording import FloatArray
@@ -75,6 +76,8 @@ def fit_mode(
     n_s, n_d = _chosen(rungs, stiffness_order, damping_order)
     found = fit_coefficients(lines, stiffness_order=n_s, damping_order=n_d, free_linear=free)
     doubts = [doubt for test, own in pairs for doubt in doubts_of_test(test, own, mode, band, taper_s)]
+    loudest, _ = max(pairs, key=lambda pair: pair[1].largest_q)
+    doubts += doubts_of_other_modes(loudest, mode, band)
     return _mode_fit(mode, tests, lines, band, found, (n_s, n_d), free, mass, rungs, doubts)
 
 

@@ -22,8 +22,8 @@ class StudyTest:
 
     Args:
         test: in modal coordinates.
-        use: "fit" and "truth" as they say, "level" for one of several levels that are compared mode by mode, "decay" for
-            a free decay (no force).
+        use: "fit" and "truth" as they say, "level" for one of several levels that are compared mode by mode, "decay"
+            for a free decay (no force).
         mode: the nonlinear mode that the test is for, from 1; found from its response where None.
     """
 

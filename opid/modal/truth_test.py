@@ -40,8 +40,8 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
         nonlinear = simulate(model, test.force, fs=test.fs, drive_point=test.drive_point)
     except InputError as error:
         raise InputError(
-            f"under the force of test {test.name!r} the nonlinear model is unstable: its polynomials were fitted at lower "
-            f"amplitudes; fit tests of this level, or lower the orders ({error})"
+            f"under the force of test {test.name!r} the nonlinear model is unstable: its polynomials were fitted at "
+            f"lower amplitudes; fit tests of this level, or lower the orders ({error})"
         ) from error
     linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
     top = ABOVE_MODES * float(test.modes.frequency_hz.max())

@@ -5,35 +5,60 @@ The only room with matplotlib. Without Axes a function draws on a figure of its 
 """
 
 from opid.plots.answer import estimates, law_ladder
+from opid.plots.appropriation import (
+    backbone,
+    drive_point_response,
+    harmonic_shape,
+    modal_harmonics,
+    sensor_harmonics,
+)
 from opid.plots.bench import bench_curves, bench_ladder, bench_residual, force_against_motion
+from opid.plots.decays import free_decay_figure
 from opid.plots.force import law_curves, restoring_force_map, restoring_force_surface, slices
 from opid.plots.health import health_picture
 from opid.plots.laws import force_departures, force_sections, model_ladder
+from opid.plots.modal_fits import modal_orders, mode_restoring_force, sine_beats
+from opid.plots.modal_shapes import auto_mac, level_shift_figures, mode_indicators
+from opid.plots.modal_truth import truth_test, truth_test_figures
 from opid.plots.runs import accelerations, integration, recording
 from opid.plots.spectra import equation_residual, transmissibilities
 from opid.plots.style import figure_of, house_style, png
 
 __all__ = [
     "accelerations",
+    "auto_mac",
+    "backbone",
     "bench_curves",
     "bench_ladder",
     "bench_residual",
+    "drive_point_response",
     "equation_residual",
     "estimates",
     "figure_of",
     "force_against_motion",
     "force_departures",
     "force_sections",
+    "free_decay_figure",
+    "harmonic_shape",
     "health_picture",
     "house_style",
     "integration",
     "law_curves",
     "law_ladder",
+    "level_shift_figures",
+    "modal_harmonics",
+    "modal_orders",
+    "mode_indicators",
+    "mode_restoring_force",
     "model_ladder",
     "png",
     "recording",
     "restoring_force_map",
     "restoring_force_surface",
+    "sensor_harmonics",
+    "sine_beats",
     "slices",
     "transmissibilities",
+    "truth_test",
+    "truth_test_figures",
 ]

@@ -2,7 +2,8 @@
 
 `result_text` is what the terminal shows, `result_json` what other programs read, `write_report` both with the figures;
 `bench_text`, `bench_json` and `write_bench_report` are the same for the law of a test bench; `health_text` and
-`health_json` tell what is wrong with logs.
+`health_json` tell what is wrong with logs; `modal_text`, `modal_json` and `write_modal_report` are for nonlinear modal
+models.
 """
 
 from opid.report.as_json import result_json
@@ -10,6 +11,9 @@ from opid.report.as_text import result_text
 from opid.report.bench_report import bench_json, bench_text, write_bench_report
 from opid.report.field_test import read_truth, truth_json, write_field_test
 from opid.report.health_report import health_json, health_text
+from opid.report.modal_field_test import write_modal_field_test
+from opid.report.modal_report import modal_json, write_modal_report
+from opid.report.modal_tables import modal_text, read_modal_truth
 from opid.report.page import write_report
 
 __all__ = [
@@ -17,11 +21,16 @@ __all__ = [
     "bench_text",
     "health_json",
     "health_text",
+    "modal_json",
+    "modal_text",
+    "read_modal_truth",
     "read_truth",
     "result_json",
     "result_text",
     "truth_json",
     "write_bench_report",
     "write_field_test",
+    "write_modal_field_test",
+    "write_modal_report",
     "write_report",
 ]

@@ -1,0 +1,51 @@
+"""Nonlinear modal models from sine beats: `opid modal`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from opid.cli.group import end, main, progress
+from opid.cli.studies import _name
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
+@click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, whatever the study says.")
+@click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, whatever the study says.")
+@click.option(
+    "--free-linear/--fixed-linear",
+    default=None,
+    help="Correct frequency and damping in the fit, or not.  [default: as the study says, or the data]",
+)
+@click.option(
+    "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
+)
+def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) -> None:
+    """Identify a nonlinear modal model from linear modes and sine beats, and judge it by a truth test.
+
+    Stiffness and damping of each nonlinear mode over its amplitude, with intervals, beside what the linear model makes
+    of the same forces. The report goes to a new folder here, called after the study.
+    """
+    from dataclasses import replace
+
+    from opid.modal.identification import identify_modes
+    from opid.modal.study_file import read_modal_study, record_warnings
+    from opid.report import modal_text, read_modal_truth, write_modal_report
+    from opid.report.directory import require_directory
+
+    target = require_directory(out or Path(f"{_name(study)}_result"))
+    known = None if truth is None else read_modal_truth(truth)
+    given = {name: value for name, value in settings.items() if value is not None}
+    with progress() as say:
+        tests = replace(read_modal_study(study, progress=say), **given)
+        result = identify_modes(tests, progress=say)
+        say("the records")
+        result = replace(result, warnings=tuple(dict.fromkeys((*result.warnings, *record_warnings(tests)))))
+        page = write_modal_report(result, target, known, progress=say)
+    click.echo(modal_text(result, known))
+    click.echo(f"Report: {page} (open it in a browser)")
+    end(result)

@@ -1,0 +1,270 @@
+"""A nonlinear modal model as text and as tables: coefficients, frequencies over level, and the truth tests."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.estimate import Estimate
+from opid.modal.result import ModalIdentification, ModeFit, TruthTest
+from opid.report.as_text import Row, aligned, columns, estimate_row, table_lines, wrapped
+
+TRUTH_SCHEMA = "opid.modal-truth/1"
+MOST_SENSORS = 8
+"""Sensors of a truth test in the text, the worst first; all stand in result.json."""
+
+Truth = Mapping[str, Any]
+
+
+def modal_text(result: ModalIdentification, truth: Truth | None = None) -> str:
+    """Return a nonlinear modal model as text: the modes, their coefficients, the truth tests, and what to doubt.
+
+    Args:
+        result: from `identify_modes`.
+        truth: of a simulated test, as in truth.json: shown beside each coefficient.
+    """
+    parts = [result.title or "Nonlinear modal model", "", *wrapped(basis(result)), ""]
+    if result.not_determined:
+        parts += [*wrapped("Not determined: " + result.not_determined), ""]
+    for table in (mode_table(result), shift_table(result), decay_table(result)):
+        if len(table) > 1:
+            parts += [*aligned(table, n_left=1), ""]
+    if result.fits:
+        parts += [*table_lines(coefficient_rows(result, truth), columns(truth)), ""]
+    for test in result.truth_tests:
+        shown = truth_table(test, most=MOST_SENSORS, first=result.drive_point)
+        parts += [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1)]
+        left = len(test.sensors) - MOST_SENSORS
+        parts += [f"and {left} sensor(s) that fare better"] * (left > 0) + [""]
+    parts += [line for doubt in doubts_of(result) for line in wrapped(doubt, "Warning: ")]
+    return "\n".join(parts).rstrip("\n") + "\n"
+
+
+def basis(result: ModalIdentification) -> str:
+    """Return the sentence that says what the model is made of.
+
+    Args:
+        result: the identification.
+    """
+    modes = result.modes
+    rigid = modes.n_modes - int(np.count_nonzero(modes.elastic))
+    fitted = ", ".join(str(fit.mode) for fit in result.fits) or "none"
+    at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
+    return (
+        f"{modes.n_modes} modes ({rigid} rigid), {len(modes.sensors)} sensors{at}; condition number of the shapes "
+        f"{result.condition_number:.3g}; nonlinear: {fitted}."
+    )
+
+
+def mode_table(result: ModalIdentification) -> list[tuple[str, ...]]:
+    """Return frequency and damping of each nonlinear mode at low and at top level, and how well it is fitted.
+
+    Args:
+        result: the identification.
+
+    Returns:
+        Rows of as many cells each, the heads first.
+    """
+    table: list[tuple[str, ...]] = [("mode", "low level", "top level", "low", "top", "N_s, N_d", "band [Hz]", "misfit")]
+    for fit in result.fits:
+        low, top = (f"{fit.frequency_at_hz[place]:.2f} Hz" for place in (0, -1))
+        damping = [f"{100 * fit.damping_at[place]:.3g} %" for place in (0, -1)]
+        orders = f"{fit.stiffness_order}, {fit.damping_order}"
+        band = f"{fit.band_hz[0]:.4g} .. {fit.band_hz[1]:.4g}"
+        table.append((str(fit.mode), low, top, *damping, orders, band, f"{100 * fit.residual_share:.2g} %"))
+    return table
+
+
+def shift_table(result: ModalIdentification) -> list[tuple[str, ...]]:
+    """Return how frequency and damping of each mode move from the lowest level to the highest.
+
+    Args:
+        result: the identification.
+
+    Returns:
+        Rows of as many cells each, the heads first; the heads alone without level tests.
+    """
+    table: list[tuple[str, ...]] = [("mode", "at low level", "shift", "damping", "shift", "nonlinear")]
+    for shift in result.shifts:
+        frequency, damping = _lowest(shift.frequency_hz), _lowest(shift.damping_ratio)
+        table.append(
+            (
+                str(shift.mode),
+                "-" if frequency is None else f"{frequency:.2f} Hz",
+                _percent(shift.frequency_shift, digits=2),
+                "-" if damping is None else f"{100 * damping:.3g} %",
+                _percent(shift.damping_shift, digits=0),
+                ("yes" if shift.nonlinear else "no") if shift.determined else "cannot tell",
+            )
+        )
+    return table
+
+
+def decay_table(result: ModalIdentification) -> list[tuple[str, ...]]:
+    """Return frequency and damping of each free decay at its lowest and its highest amplitude.
+
+    Args:
+        result: the identification.
+
+    Returns:
+        Rows of as many cells each, the heads first; the heads alone without free decays.
+    """
+    head = ("free decay", "mode", "at zero", "at start", "damping", "at start", "left over")
+    table: list[tuple[str, ...]] = [head]
+    for decay in result.decays:
+        low, damping = decay.frequency_low_hz.value, decay.damping_low.value
+        table.append(
+            (
+                decay.name,
+                "-" if decay.mode is None else str(decay.mode),
+                "-" if low is None else f"{low:.2f} Hz",
+                f"{decay.frequency_hz[0]:.2f} Hz",
+                "-" if damping is None else f"{100 * damping:.3g} %",
+                f"{100 * decay.damping_ratio[0]:.3g} %",
+                f"{100 * decay.residual_share:.2g} %",
+            )
+        )
+    return table
+
+
+def doubts_of(result: ModalIdentification) -> list[str]:
+    """Return all warnings, those of modes and decays last, each once.
+
+    Args:
+        result: the identification.
+    """
+    of_fits = [text for fit in result.fits for text in fit.warnings]
+    of_decays = [f"free decay {decay.name!r}: {text}" for decay in result.decays for text in decay.warnings]
+    return list(dict.fromkeys([*result.warnings, *of_fits, *of_decays]))
+
+
+def coefficient_rows(result: ModalIdentification, truth: Truth | None = None) -> list[Row]:
+    """Return the table of the coefficients with their intervals, mode by mode.
+
+    Args:
+        result: the identification.
+        truth: as in truth.json, or None.
+    """
+    return [row for fit in result.fits for row in _rows_of(fit, truth)]
+
+
+def truth_test_head(test: TruthTest) -> str:
+    """Return what a truth test compares, in one sentence.
+
+    Args:
+        test: the truth test.
+    """
+    band = "" if test.band_hz is None else f", {test.band_hz[0]:.4g} to {test.band_hz[1]:.4g} Hz"
+    return (
+        f"Truth test {test.name!r}{band}: peak of the model over the measured peak, and rms error over the rms of the "
+        "measurement, nonlinear and linear model."
+    )
+
+
+def truth_table(test: TruthTest, *, most: int | None = None, first: str | None = None) -> list[tuple[str, ...]]:
+    """Return the figures of a truth test, the sensor with the largest error of the nonlinear model first.
+
+    Args:
+        test: the truth test.
+        most: sensors at most; all where left out.
+        first: a sensor that stands before all others.
+
+    Returns:
+        Rows of as many cells each, the heads first.
+    """
+    names = sorted(worst_sensors(test), key=lambda name: name != first)
+    table: list[tuple[str, ...]] = [("sensor", "peak, nonlinear", "linear", "error, nonlinear", "linear")]
+    table += [
+        (
+            name,
+            f"{each.peak_ratio_nonlinear:.3f}",
+            f"{each.peak_ratio_linear:.3f}",
+            f"{100 * each.nrmse_nonlinear:.3g} %",
+            f"{100 * each.nrmse_linear:.3g} %",
+        )
+        for name, each in ((name, test.sensors[name]) for name in names[:most])
+    ]
+    return table
+
+
+def worst_sensors(test: TruthTest) -> list[str]:
+    """Return the sensors of a truth test, the one with the largest error of the nonlinear model first.
+
+    Args:
+        test: the truth test.
+    """
+    return sorted(test.sensors, key=lambda name: -test.sensors[name].nrmse_nonlinear)
+
+
+def unit_of(letter: str, power: int) -> str:
+    """Return the unit of a coefficient, (N/kg^1/2) / (m kg^1/2)^n or (N/kg^1/2) / (m/s kg^1/2)^n, in short.
+
+    Args:
+        letter: "k" or "c".
+        power: n.
+
+    >>> unit_of("k", 3), unit_of("c", 2), unit_of("k", 1)
+    ('N/(m^3 kg^2)', 'N s^2/(m^2 kg^1.5)', 'N/(m kg)')
+    """
+
+    def raised(name: str, exponent: float) -> str:
+        return name if exponent == 1 else f"{name}^{exponent:g}"
+
+    seconds = f" {raised('s', power)}" if letter == "c" else ""
+    return f"N{seconds}/({raised('m', power)} {raised('kg', (power + 1) / 2)})"
+
+
+def read_modal_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the truth.json of a simulated modal test.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: no such file, or none of `opid simulate sine-beats`' making.
+    """
+    try:
+        truth = json.loads(Path(path).read_text(encoding="utf-8"))
+        if truth["schema"] != TRUTH_SCHEMA:
+            raise InputError(f"{path} has the schema {truth['schema']!r} where {TRUTH_SCHEMA!r} is needed")
+        for law in truth["nonlinear"].values():
+            for letter in ("k", "c"):
+                law[letter] = {str(int(power)): float(value) for power, value in law[letter].items()}
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
+    except InputError:
+        raise
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        raise InputError(
+            f"{path} is no truth of a simulated modal test: give the truth.json of `opid simulate sine-beats`"
+        ) from error
+    return truth
+
+
+def _rows_of(fit: ModeFit, truth: Truth | None) -> Iterator[Row]:
+    free = "k0 and c0 corrected (k1, c1)" if fit.free_linear else "k0 and c0 as given"
+    yield Row(
+        f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {100 * fit.damping_ratio:.3g} % of critical damping: {free}"
+    )
+    true = truth["nonlinear"].get(str(fit.mode), {}) if truth else {}
+    for letter, estimates in (("k", fit.stiffness), ("c", fit.damping)):
+        for power, estimate in sorted(estimates.items()):
+            known = true.get(letter)
+            # what the truth's law lacks is zero; a joint that is no power law has no coefficients
+            value = float(known.get(str(power), 0.0)) if known else None
+            yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
+
+
+def _lowest(estimates: tuple[Estimate, ...]) -> float | None:
+    """The value of the lowest level that has one."""
+    return next((each.value for each in estimates if each.value is not None), None)
+
+
+def _percent(shift: Estimate, *, digits: int) -> str:
+    return "-" if shift.value is None else f"{100 * shift.value:+.{digits}f} %"

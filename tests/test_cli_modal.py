@@ -1,0 +1,134 @@
+"""`opid simulate sine-beats` and `opid modal` as a user drives them."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from made_modal import SOFT, small_result, small_study
+
+from opid import cli
+from opid.modal import identification
+from opid.modal.study_file import read_modal_study, write_modal_study
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    assert done.exit_code == status, done.output
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A directory that `opid simulate sine-beats` wrote; not to be changed."""
+    place = tmp_path_factory.mktemp("beats") / "cubic"
+    done = opid("simulate", "sine-beats", place, "--seed", 3)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert f"Next: opid modal {place / 'study.toml'} --truth {place / 'truth.json'}" in done.stdout
+    return place
+
+
+def test_a_simulation_writes_a_study_and_its_truth(simulated):
+    study = read_modal_study(simulated / "study.toml")
+    assert [each.use for each in study.tests] == ["level"] * 3 + ["fit"] * 4 + ["truth"]
+    assert study.nonlinear == (3,)
+    levels = [np.abs(each.test.force).max() for each in study.of_use("fit")]
+    np.testing.assert_allclose(np.array(levels) / levels[-1], [0.1, 0.3, 0.6, 1.0], rtol=0.05)
+    truth = json.loads((simulated / "truth.json").read_text(encoding="utf-8"))
+    assert truth["schema"] == "opid.modal-truth/1"
+    mode = truth["nonlinear"]["3"]
+    assert (mode["k"], mode["c"]) == ({"3": -1.8e11}, {"2": 20.0})
+    # harmonic linearisation in closed form
+    amplitude, omega = np.array(mode["amplitude"]), 2 * np.pi * 120.0
+    expected = np.sqrt(omega**2 + 0.75 * -1.8e11 * amplitude**2) / (2 * np.pi)
+    np.testing.assert_allclose(mode["frequency_hz"], expected, rtol=1e-6)
+    assert truth["settings"]["seed"] == 3
+
+
+def test_the_study_of_a_simulation_is_identified(simulated, tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+    out = tmp_path / "out"
+    done = opid("modal", simulated / "study.toml", "--truth", simulated / "truth.json", "--out", out,
+                "--stiffness-order", 3, "--damping-order", 2, "--fixed-linear")  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "k3" in done.stdout
+    result = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    mode = result["modes"][0]
+    assert (mode["stiffness_order"], mode["damping_order"], mode["free_linear"]) == (3, 2, False)
+    assert mode["k"]["3"]["value"] == pytest.approx(-1.8e11, rel=0.02)
+    assert mode["c"]["2"]["value"] == pytest.approx(20.0, rel=0.05)
+    sensors = result["truth_tests"][0]["sensors"].values()
+    assert max(abs(each["peak_ratio_nonlinear"] - 1) for each in sensors) < 0.03
+    assert max(each["peak_ratio_linear"] for each in sensors) > 1.3
+    assert (out / "report.html").is_file()
+
+
+def test_the_same_seed_gives_the_same_files(simulated, tmp_path):
+    opid("simulate", "sine-beats", tmp_path, "--seed", 3)
+    for name in ("study.toml", "sweep.csv", "truth.json"):
+        assert (tmp_path / name).read_bytes() == (simulated / name).read_bytes()
+
+
+def test_stated_modes_may_be_wrong_by_a_share(tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr("opid.modal.virtual_study.virtual_study", lambda series, **given: seen.update(given) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        opid("simulate", "sine-beats", tmp_path, "--frequency-error", 0.1, "--damping-error", 5)
+    assert seen["given"].frequency_hz[2] == pytest.approx(120.0 * 1.001)
+    assert seen["given"].damping_ratio[2] == pytest.approx(0.004 * 1.05)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Nothing is identified: what the command makes of study and result is tested. Returns the studies it was given."""
+    given = []
+
+    def identify_modes(study, *, progress=None):
+        given.append(study)
+        return small_result(study)
+
+    monkeypatch.setattr(identification, "identify_modes", identify_modes)
+    return given
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    path = tmp_path_factory.mktemp("small") / "study.toml"
+    write_modal_study(small_study(), path)
+    return path
+
+
+def test_options_go_before_the_study_and_the_report_is_named_after_it(study, quick, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("opid.report.write_modal_report", lambda result, target, *_, **__: target / "report.html")
+    done = opid("modal", study, "--damping-order", 2, "--free-linear")
+    assert done.exit_code == 0
+    assert (quick[0].stiffness_order, quick[0].damping_order, quick[0].free_linear) == (3, 2, True)
+    assert quick[0].nonlinear == (SOFT,)
+    assert f"Report: {study.parent.name}_result" in done.stdout.replace("\n", "")
+
+
+def test_what_is_not_determined_ends_with_status_1(study, monkeypatch, tmp_path):
+    from dataclasses import replace
+
+    found = replace(small_result(), not_determined="the tests say nothing of mode 3", truth_tests=())
+    monkeypatch.setattr(identification, "identify_modes", lambda study, *, progress=None: found)
+    monkeypatch.setattr("opid.report.write_modal_report", lambda result, target, *_, **__: target / "report.html")
+    done = opid("modal", study, "--out", tmp_path / "out")
+    refused(done, "not determined: the tests say nothing of mode 3", status=1)
+
+
+def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
+    refused(opid("modal", tmp_path / "none.toml", "--out", tmp_path / "out"), "there is no study file")
+    refused(opid("modal", study, "--out", study), "is no directory")
+    refused(opid("modal", study, "--stiffness-order", 9, "--out", tmp_path / "out"), "--stiffness-order")
+    refused(opid("modal", study, "--truth", study, "--out", tmp_path / "out"), "no truth of a simulated modal test")
+    refused(opid("simulate", "sine-beats", tmp_path, "--case", "9"), "--case")
+    refused(opid("simulate", "sine-beats", study), "is no directory")
+    assert quick == []
+    assert list(tmp_path.iterdir()) == []

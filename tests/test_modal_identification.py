@@ -1,0 +1,149 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ZETA, beat, beats, measured, softening
+
+from opid.errors import InputError, NotDeterminedError
+from opid.mechanics.rig import rig_run
+from opid.modal.case_studies import case_study_2
+from opid.modal.coordinates import modal_test
+from opid.modal.identification import identify_modes
+from opid.modal.mode_tests import band_of_mode, largest_mode
+from opid.modal.mode_tests import tests_of_mode as told_by
+from opid.modal.model import NonlinearModalModel, modal_response
+from opid.modal.modes import LinearModes
+from opid.modal.other_modes import doubts_of_other_modes
+from opid.modal.power_law import power_law
+from opid.modal.study import ModalStudy, StudyTest
+from opid.signals.recording import Channel, Recording
+
+LEVELS = (5.0, 16.0, 33.0, 55.0)
+ORDERS = {"stiffness_order": 3, "damping_order": 3}
+# mode 3 softens as in `softening`, mode 2 hardens
+BOTH = NonlinearModalModel(FOUR, {2: power_law({3: 2e10}, {}), 3: power_law({3: K3}, {2: C2})})
+
+
+def study(tests, nonlinear=(3,), **settings):
+    return ModalStudy("small", FOUR, nonlinear, tuple(tests), "a", **settings)
+
+
+@pytest.fixture(scope="module")
+def two_modes():
+    rng = np.random.default_rng(2)
+    tests = [StudyTest(test) for test in beats(BOTH, rng, LEVELS)]
+    for level in (10.0, 40.0):
+        force = beat(level, frequency_hz=90.0)
+        tests.append(StudyTest(measured(BOTH, force, rng, name=f"second {level:g} N")))
+    tests.append(StudyTest(measured(BOTH, beat(45.0), rng, name="truth"), "truth"))
+    return tests
+
+
+def test_from_tests_to_model_and_truth(two_modes):
+    found = identify_modes(study(two_modes, (2, 3), **ORDERS, free_linear=False))
+    of = {fit.mode: fit for fit in found.fits}
+    assert of[2].tests == ("second 10 N", "second 40 N")
+    assert len(of[3].tests) == 4
+    assert abs(of[3].stiffness[3].value / K3 - 1) < 0.003
+    assert abs(of[2].stiffness[3].value / 2e10 - 1) < 0.1
+    assert found.condition_number == pytest.approx(np.linalg.cond(FOUR.shapes))
+    assert [each.name for each in found.truth_tests] == ["truth"]
+    for sensor in found.truth_tests[0].sensors.values():
+        assert sensor.nrmse_nonlinear < 0.02 < sensor.nrmse_linear
+    assert set(found.model.laws) == {2, 3}
+    assert not found.warnings
+
+
+def test_tests_are_given_to_the_mode_that_they_move(two_modes):
+    fits = [each for each in two_modes if each.use == "fit"]
+    assert largest_mode(fits[0].test, (2, 3)) == 3
+    assert largest_mode(fits[-1].test, (2, 3)) == 2
+    # nobody's own tests: those that move it at all
+    assert told_by(fits, 4, (2, 3, 4))
+    named = [replace(each, mode=2) for each in fits]
+    assert len(told_by(named, 2, (2, 3))) == len(fits)
+    assert told_by(named, 3, (2, 3)) == ()
+
+
+def test_the_band_ends_before_the_neighbours(two_modes):
+    tests = [each.test for each in two_modes[:4]]
+    low, high = band_of_mode(tests, 3)
+    assert 105.0 <= low < FREQUENCY * 0.97 < FREQUENCY < high <= 165.0
+
+
+def test_each_test_may_have_linear_modes_of_its_own():
+    shifted = LinearModes(
+        FOUR.frequency_hz * [1, 1, 0.99, 1], FOUR.damping_ratio * [1, 1, 1.1, 1], FOUR.shapes, FOUR.sensors
+    )
+    world = NonlinearModalModel(shifted, {3: power_law({3: K3}, {2: C2})})
+    tests = [StudyTest(test) for test in beats(world, np.random.default_rng(4), LEVELS)]
+    found = identify_modes(study(tests, **ORDERS, free_linear=False))
+    assert abs(found.fits[0].stiffness[3].value / K3 - 1) < 0.003
+    # with the modes of the study instead they are a percent off, and the free linear columns say so
+    stale = [replace(each, test=replace(each.test, modes=FOUR)) for each in tests]
+    corrected = identify_modes(study(stale, **ORDERS)).fits[0]
+    assert corrected.free_linear
+    k1 = (2 * np.pi * 0.99 * FREQUENCY) ** 2 - OMEGA**2
+    assert abs(corrected.stiffness[1].value / k1 - 1) < 0.02
+    assert abs(corrected.stiffness[3].value / K3 - 1) < 0.02
+
+
+def test_free_decays_give_the_law_where_no_force_was_measured():
+    rng = np.random.default_rng(6)
+    n = round(3 * FS)
+    motion = modal_response(softening(FOUR, 3), np.r_[beat(60.0, whole_s=0.76), np.zeros(n)], fs=FS, drive_point="a")
+    ringing = motion.acceleration[round(0.76 * FS) :] @ FOUR.shapes.T
+    noisy = ringing + 0.005 * ringing.std(axis=0) * rng.standard_normal(ringing.shape)
+    channels = tuple(Channel(name, "m/s^2") for name in FOUR.sensors)
+    decay = modal_test(Recording(noisy, fs=FS, channels=channels), FOUR, name="decay")
+    truth = measured(softening(FOUR, 3), beat(45.0), rng, name="truth")
+    found = identify_modes(
+        study([StudyTest(decay, "decay"), StudyTest(truth, "truth")], stiffness_order=3, damping_order=2)
+    )
+    assert not found.fits
+    assert [each.mode for each in found.decays] == [3]
+    assert abs(found.decays[0].damping_low.value / ZETA - 1) < 0.1
+    done = found.truth_tests[0].sensors["a"]
+    assert done.nrmse_nonlinear < 0.1 < done.nrmse_linear
+
+
+def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
+    fits = [replace(each, mode=3) for each in two_modes[:4]]
+    with pytest.raises(InputError, match=r"mode 4: .*puts no energy into|mode 4: .*no test moves"):
+        identify_modes(study(fits, (3, 4), **ORDERS))
+    quiet = [replace(each, use="level", mode=None) for each in two_modes[:1]]
+    with pytest.raises(NotDeterminedError, match="no mode is named as nonlinear"):
+        identify_modes(study(quiet, ()))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"nonlinear": (9,)}, "nonlinear names mode 9, modes are counted from 1 to 4"),
+        ({"nonlinear": (1,)}, r"mode 1, a rigid-body mode \(0 Hz\)"),
+        ({"nonlinear": (3, 3)}, "name each mode once"),
+        ({"stiffness_order": 7}, r"stiffness_order is 7, give 1 \(linear\) to 5"),
+    ],
+)
+def test_a_study_that_cannot_be_is_refused(two_modes, change, words):
+    with pytest.raises(InputError, match=words):
+        replace(study(two_modes), **change)
+
+
+def test_a_truth_test_beyond_the_fit_is_doubted(two_modes):
+    fits = [each for each in two_modes[:3] if each.use == "fit"]
+    found = identify_modes(study([*fits, two_modes[-1]], **ORDERS, free_linear=False))
+    assert any("there its force is an extrapolation" in warning for warning in found.warnings)
+
+
+def test_a_mode_that_answers_at_twice_the_frequency_is_named():
+    force = beat(250.0, frequency_hz=400.0, fs=4096.0, beat_s=0.3, whole_s=1.3)
+    told = {}
+    for coupling in (None, 0.0):
+        case = case_study_2(coupling_n_per_m2=coupling, shaker=None)
+        run = rig_run(case.rig, force, fs=4096.0, rng=np.random.default_rng(0))
+        test = modal_test(run.recording, case.modes, name="beat", force="force", drive_point=case.drive_point)
+        told[coupling] = list(doubts_of_other_modes(test, 10, (370.0, 430.0)))
+    assert told[0.0] == []
+    assert len(told[None]) == 1
+    assert told[None][0].startswith("mode 18 moves at 2 times the frequency of mode 10 in test 'beat'")

@@ -1,0 +1,131 @@
+"""Figures of modal tests: every one draws what it is given, with labels and units, and refuses nothing of it."""
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from made_modal import SOFT, appropriation, small_decay, small_modes, small_result, small_shift
+
+from opid import plots
+from opid.errors import InputError
+from opid.modal.frequency_response import cmif, measured_response, resynthesised
+from opid.modal.interaction import modal_interaction
+from opid.plots.modal_fits import fourier_amplitude
+from opid.plots.style import BLUE, INK, VERMILION
+
+
+@pytest.fixture(scope="module")
+def result():
+    return small_result(shifts=[small_shift(2, nonlinear=False), small_shift(), small_shift(4, determined=False)])
+
+
+def settings():
+    return {name: value for name, value in dict.items(matplotlib.rcParams) if name != "backend"}
+
+
+def axes_of(drawn):
+    return list(np.atleast_1d(np.asarray(drawn, dtype=object)).ravel())
+
+
+def indicators(result):
+    made = cmif([resynthesised(result.modes, np.linspace(20, 100, 500), "case_x")])
+    measured = {test.name: cmif([measured_response([test])]) for test in result.tests[:2]}
+    return plots.mode_indicators(measured, made, marked={SOFT: 60.0}, zoomed=[SOFT])
+
+
+DRAWN = {
+    "auto_mac": plots.auto_mac,
+    "sine_beats": lambda result: plots.sine_beats(result, SOFT),
+    "mode_restoring_force": lambda result: plots.mode_restoring_force(result.fits[0]),
+    "modal_orders": lambda result: plots.modal_orders(result.fits[0]),
+    "level_shift_figures": lambda result: plots.level_shift_figures(result.shifts),
+    "truth_test": lambda result: plots.truth_test(
+        result.truth_tests[0], sensors=("case_x", "lid_y"), nonlinear_hz=[60.0]
+    ),
+    "truth_test_figures": lambda result: plots.truth_test_figures(result.truth_tests[0]),
+    "mode_indicators": indicators,
+    "free_decay_figure": lambda result: plots.free_decay_figure(small_decay()),
+    "backbone": lambda result: plots.backbone(appropriation()),
+    "sensor_harmonics": lambda result: plots.sensor_harmonics(appropriation(), "lid_x"),
+    "modal_harmonics": lambda result: plots.modal_harmonics(modal_interaction(appropriation())),
+    "harmonic_shape": lambda result: plots.harmonic_shape(modal_interaction(appropriation())),
+    "drive_point_response": lambda result: plots.drive_point_response(
+        resynthesised(small_modes(), np.linspace(20, 100, 300), "case_x"), {SOFT: 60.0}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_figure_draws_with_labels(name, result):
+    before = settings()
+    axes = axes_of(DRAWN[name](result))
+    assert all(len(ax.lines) + len(ax.images) + len(ax.collections) > 0 for ax in axes)
+    assert any(ax.get_xlabel() for ax in axes)
+    assert any(ax.get_ylabel() for ax in axes)
+    assert any(ax.get_title(loc="left") or ax.get_title() for ax in axes)
+    assert plots.png(plots.figure_of(axes[0]), dpi=40)[1:4] == b"PNG"
+    assert settings() == before
+
+
+def test_axes_that_are_given_are_drawn_on(result):
+    figure = matplotlib.figure.Figure()
+    given = figure.subplots(1, 3)
+    drawn = plots.truth_test(result.truth_tests[0], sensors=("case_x",), axes=given)
+    assert drawn.shape == (1, 3)
+    assert drawn[0, 0] is given[0]
+
+
+def test_measured_is_black_nonlinear_red_and_linear_blue(result):
+    test = result.truth_tests[0]
+    whole = plots.truth_test(test, sensors=("lid_x",))[0, 0]
+    lines = {line.get_label(): line for line in whole.lines}
+    assert set(lines) == {"measured", "nonlinear", "linear"}
+    np.testing.assert_array_equal(lines["measured"].get_ydata(), test.measured.channel("lid_x"))
+    np.testing.assert_array_equal(lines["linear"].get_ydata(), test.linear.channel("lid_x"))
+    colors = {name: line.get_color() for name, line in lines.items()}
+    assert colors == {"measured": INK, "nonlinear": VERMILION, "linear": BLUE}
+
+
+def test_the_truth_of_a_simulation_stands_beside_the_fit(result):
+    truth = {"amplitude": [1e-4, 2e-4, 9e-4], "frequency_hz": [59.9, 59.5, 50.0], "damping_ratio": [0.006, 0.008, 0.1]}
+    grid = plots.mode_restoring_force(result.fits[0], truth=truth)
+    dots = next(line for line in grid[0, 2].lines if line.get_label() == "truth, alone")
+    assert dots.get_ydata().tolist() == [59.9, 59.5]  # nothing beyond what was fitted
+
+
+def test_a_level_that_did_not_lock_is_hollow():
+    frequency = plots.backbone(appropriation())[0, 0]
+    hollow = next(line for line in frequency.lines if line.get_label() == "not locked")
+    assert hollow.get_xdata().size == 1
+    assert hollow.get_markerfacecolor() == "white"
+
+
+def test_only_harmonics_over_the_share_are_drawn():
+    found = modal_interaction(appropriation())
+    labels = [line.get_label() for line in plots.modal_harmonics(found).lines]
+    assert "mode 4, harmonic 2" in labels
+    assert not any(label.startswith("mode 2") for label in labels)
+
+
+def test_a_sensor_that_is_not_there_is_refused():
+    with pytest.raises(InputError, match="no sensor 'lid'"):
+        plots.sensor_harmonics(appropriation(), "lid")
+
+
+def test_indicators_without_measured_ones_show_the_linear_modes(result):
+    made = cmif([resynthesised(result.modes, np.linspace(20, 100, 100), "case_x")])
+    assert len(plots.mode_indicators({}, made)) == 1
+
+
+def test_a_record_without_a_band_and_without_noise_draws(result):
+    test = replace(result.truth_tests[0], band_hz=None)
+    assert plots.truth_test(test, sensors=("case_x",)).shape == (1, 3)
+
+
+def test_the_fourier_amplitude_of_a_pulse_is_its_impulse():
+    samples = np.zeros(400)
+    samples[3:7] = 2.5
+    frequency, amplitude = fourier_amplitude(samples, 100.0)
+    assert frequency[-1] == 50.0
+    assert amplitude[0] == pytest.approx(4 * 2.5 / 100)

@@ -1,0 +1,128 @@
+"""A nonlinear modal model as text, JSON and page."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
+
+from opid.errors import InputError
+from opid.modal.result import Comparison
+from opid.report import modal_json, modal_text, read_modal_truth, write_modal_report
+from opid.report.as_json import json_text
+from opid.report.modal_tables import truth_table, worst_sensors
+
+TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
+
+
+@pytest.fixture(scope="module")
+def result():
+    return small_result(shifts=[small_shift(), small_shift(4, determined=False)], decays=[small_decay()])
+
+
+def test_the_text_holds_the_numbers_within_eighty_columns(result):
+    text = modal_text(result)
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "4 modes (1 rigid), 6 sensors, force at 'case_x'; condition number" in text
+    assert "60.00 Hz" in text
+    assert "-1.5030e+11" in text
+    assert "cannot tell" in text
+    assert "Truth test 'strong'" in text
+    assert "Warning: the shapes do not look mass-normalised" in text
+    assert "Warning: test 'beat_2' ends with" in text.replace("\n", " ")
+
+
+def test_truth_stands_beside_each_coefficient(result):
+    lines = modal_text(result, TRUTH).splitlines()
+    cubic = next(line for line in lines if line.startswith("k3"))
+    assert "-1.5e+11" in cubic
+    assert cubic.endswith("yes")
+    assert next(line for line in lines if line.startswith("k2")).endswith("yes")  # the truth has none: zero
+
+
+def test_a_joint_without_powers_gives_no_true_coefficients(result):
+    truth = {**TRUTH, "nonlinear": {str(SOFT): {"k": {}, "c": {}}}}
+    cubic = next(line for line in modal_text(result, truth).splitlines() if line.startswith("k3"))
+    assert cubic.split()[-3:] == ["-", "-", "-"]
+
+
+def test_at_most_eight_sensors_the_worst_first(result):
+    test = result.truth_tests[0]
+    many = replace(test, sensors={f"s{k}": Comparison(1.0, 2.0, 0.01 * k, 1.0) for k in range(12)})
+    assert worst_sensors(many)[:2] == ["s11", "s10"]
+    assert len(truth_table(many)) == 13
+    text = modal_text(replace(result, truth_tests=(many,)))
+    assert "s4 " in text
+    assert "s3 " not in text
+    assert "and 4 sensor(s) that fare better" in text
+
+
+def test_what_is_not_determined_is_said(result):
+    text = modal_text(replace(result, not_determined="the tests do not move mode 3", fits=(), truth_tests=()))
+    assert "Not determined: the tests do not move mode 3" in text
+
+
+def test_json_has_the_schema_and_is_strict(result):
+    document = json.loads(json_text(modal_json(result)))
+    assert document["schema"] == "opid.modal/1"
+    assert document["drive_point"] == "case_x"
+    assert document["condition_number"] == pytest.approx(result.condition_number)
+    assert np.asarray(document["auto_mac"]).shape == (4, 4)
+    mode = document["modes"][0]
+    assert (mode["mode"], mode["stiffness_order"], mode["damping_order"]) == (SOFT, 3, 3)
+    assert mode["k"]["3"]["std"] == 4.1e8
+    assert mode["c"]["2"]["interval95"] == pytest.approx([30.1 - 1.96 * 0.3, 30.1 + 1.96 * 0.3])
+    assert mode["units"]["k3"] == "N/(m^3 kg^2)"
+    assert mode["band_hz"] == [52.0, 68.0]
+    assert set(mode["force_curves"]["stiffness"]) == {"displacement", "force", "low", "high", "linear"}
+    assert set(mode["force_curves"]["damping"]) == {"velocity", "force", "low", "high", "linear"}
+    assert len(mode["frequency_at_hz"]) == len(mode["damping_at"]) == 101
+    assert sum(rung["chosen"] for rung in mode["orders"]) == 1
+    assert document["linear_modes"]["frequency_hz"] == [0.0, 40.0, 60.0, 85.0]
+    figures = document["truth_tests"][0]["sensors"]["lid_x"]
+    assert set(figures) == {"peak_ratio_nonlinear", "peak_ratio_linear", "nrmse_nonlinear", "nrmse_linear"}
+    assert document["level_shifts"][0]["nonlinear"] is True
+    decay = document["decays"][0]
+    assert decay["mode"] == SOFT
+    assert len(decay["frequency_hz"]) == len(decay["amplitude"])
+    assert {"warnings", "not_determined", "settings"} <= set(document)
+
+
+def test_numbers_that_are_not_finite_become_null(result):
+    fit = replace(small_fit(), condition_raw=np.inf)
+    document = json.loads(json_text(modal_json(replace(result, fits=(fit,)))))
+    assert document["modes"][0]["condition_raw"] is None
+
+
+def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+    said = []
+    page = write_modal_report(result, tmp_path / "out", TRUTH, progress=said.append)
+    text = page.read_text(encoding="utf-8")
+    names = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    assert names == {
+        *("auto_mac", "mode_indicators", "level_shifts", "mode_3_tests", "mode_3_force", "mode_3_orders"),
+        *("decay_1", "truth_test_1", "truth_test_1_errors"),
+    }
+    assert text.count("data:image/png") == len(names) == len(said)
+    assert "http" not in text
+    assert "opid modal study.toml --stiffness-order 3 --damping-order 3" in text
+    assert json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))["schema"] == "opid.modal/1"
+
+
+def test_a_truth_is_read_and_anything_else_refused(tmp_path):
+    path = tmp_path / "truth.json"
+    path.write_text(json.dumps(TRUTH), encoding="utf-8")
+    assert read_modal_truth(path)["nonlinear"]["3"]["k"] == {"3": -1.5e11}
+    for text, words in (
+        ('{"schema": "opid.truth/1"}', "where 'opid.modal-truth/1' is needed"),
+        ('{"schema": "opid.modal-truth/1", "nonlinear": {"3": {"k": {"x": 1}, "c": {}}}}', "no truth of a simulated"),
+        ("[1]", "no truth of a simulated"),
+        ("{", "no truth of a simulated"),
+    ):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=words):
+            read_modal_truth(path)
+    with pytest.raises(InputError, match="cannot read"):
+        read_modal_truth(tmp_path / "none.json")
