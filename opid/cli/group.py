@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -68,6 +69,11 @@ def end(result: Identification | BenchLaw | ModalIdentification) -> None:
     """Leave with status 1 and the reason if something is not determined."""
     if result.not_determined:
         raise NotDetermined(f"not determined: {result.not_determined}")
+
+
+def result_name(path: Path) -> str:
+    """Name a result after its study; every other study is called study.toml, so after the directory of such a one."""
+    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
 
 
 @contextmanager

@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from opid.cli.group import end, main, progress
-from opid.cli.studies import _name
+from opid.cli.group import end, main, progress, result_name
 
 
 @main.command()
@@ -33,18 +32,16 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     from dataclasses import replace
 
     from opid.modal.identification import identify_modes
-    from opid.modal.study_file import read_modal_study, record_warnings
+    from opid.modal.study_file import read_modal_study
     from opid.report import modal_text, read_modal_truth, write_modal_report
     from opid.report.directory import require_directory
 
-    target = require_directory(out or Path(f"{_name(study)}_result"))
+    target = require_directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_modal_truth(truth)
     given = {name: value for name, value in settings.items() if value is not None}
     with progress() as say:
         tests = replace(read_modal_study(study, progress=say), **given)
         result = identify_modes(tests, progress=say)
-        say("the records")
-        result = replace(result, warnings=tuple(dict.fromkeys((*result.warnings, *record_warnings(tests)))))
         page = write_modal_report(result, target, known, progress=say)
     click.echo(modal_text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import end, main, progress
+from opid.cli.group import end, main, progress, result_name
 
 if TYPE_CHECKING:
     from opid.identify.study import Study
@@ -65,7 +65,7 @@ def identify(
     from opid.report import read_truth, result_text, write_report
     from opid.report.directory import require_directory
 
-    target = require_directory(out or Path(f"{_name(paths[0])}_result"))
+    target = require_directory(out or Path(f"{result_name(paths[0])}_result"))
     known = None if truth is None else read_truth(truth)
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground}
     settings |= {"roads": ("pursuit", "sparse regression")} if both_roads else {}
@@ -78,11 +78,6 @@ def identify(
     click.echo(result_text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     end(result)
-
-
-def _name(path: Path) -> str:
-    """Name a result after its study; every other study is called study.toml, so after the directory of such a one."""
-    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
 
 
 def _study(

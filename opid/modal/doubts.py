@@ -15,6 +15,7 @@ from opid.modal.modes_file import looks_unit_normalised
 from opid.modal.restoring_fit import Coefficients
 from opid.modal.result import ForceCurve, ModeFit
 from opid.modal.study import ModalStudy
+from opid.signals.health import inspect
 
 WARNED_MASS = 0.05
 """Departure of the modal mass from 1 that is told."""
@@ -111,3 +112,18 @@ def nothing_nonlinear(shifts: Sequence[LevelShift]) -> str:
         f"none of {len(shifts)} modes shifts with the level beyond its thresholds: the structure is linear at these "
         "levels; excite it harder, or name the modes to fit (nonlinear = [7, 11])"
     )
+
+
+def doubts_of_records(study: ModalStudy) -> Iterator[str]:
+    """Yield the channels that are clipped.
+
+    Args:
+        study: with its tests.
+    """
+    for each in study.tests:
+        for channel in inspect(each.test.recording, thorough=False).channels:
+            if channel.clipped_fraction > 0:
+                yield (
+                    f"{channel.clipped_fraction:.2g} of the samples of {channel.name!r} in test {each.test.name!r} are "
+                    "clipped: measure again with a larger range"
+                )

@@ -21,8 +21,9 @@ from opid.signals.recording import FloatArray
 
 ComplexArray = NDArray[np.complex128]
 
-HARMONICS = 3.5
-"""The motion is kept up to this multiple of the natural frequency: its third harmonic with all of its width."""
+LOWEST, HARMONICS = 0.6, 3.5
+"""The motion is kept between these multiples of the natural frequency, the third harmonic with all of its width. A
+short beat is wide: what is cut off at half-way to the neighbours would be missing in q^3, and k3 wrong by percents."""
 
 QUIETEST = 1e-7
 """Of the largest line: no noise is taken for lower, so that simulated tests without noise have weights, too."""
@@ -107,7 +108,7 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
             f"the band {low:g} to {high:g} Hz of mode {mode} has {inside.sum()} line(s) of test {test.name!r}, which "
             f"lasts {acceleration.size / test.fs:.3g} s at {test.fs:g} Hz: give a longer record or a wider band"
         )
-    kept_hz = (low, HARMONICS * high)
+    kept_hz = _kept(float(test.modes.frequency_hz[place]), band_hz)
     q, v = _motion(fft.rfft(acceleration), frequency, kept_hz, acceleration.size)
     fade = tukey(acceleration.size, min(1.0, 2 * taper_s * test.fs / acceleration.size))
     of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * force)
@@ -136,16 +137,21 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
 
 
 def modal_motion(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing below the band.
+    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing far below the mode.
 
     Args:
         test: the test.
         mode: number of the mode, from 1.
-        band_hz: lower and upper end, Hz; the harmonics above it are kept.
+        band_hz: its band, Hz, and what is kept at least.
     """
     acceleration = test.acceleration[:, test.modes.place(mode)]
     frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
-    return _motion(fft.rfft(acceleration), frequency, (band_hz[0], HARMONICS * band_hz[1]), acceleration.size)
+    natural = float(test.modes.frequency_hz[test.modes.place(mode)])
+    return _motion(fft.rfft(acceleration), frequency, _kept(natural, band_hz), acceleration.size)
+
+
+def _kept(natural_hz: float, band_hz: tuple[float, float]) -> tuple[float, float]:
+    return min(LOWEST * natural_hz, band_hz[0]), max(HARMONICS * natural_hz, band_hz[1])
 
 
 def _motion(

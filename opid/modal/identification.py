@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.modal.decay_fit import DecayLaw
-from opid.modal.doubts import doubts_of_modes, doubts_of_truth_tests, nothing_nonlinear
+from opid.modal.doubts import doubts_of_modes, doubts_of_records, doubts_of_truth_tests, nothing_nonlinear
 from opid.modal.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.mode_fit import fit_mode
@@ -59,6 +59,8 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             faults.append(f"mode {mode}: {error}")
     refuse(faults, study.source)
     model = model_of(study.modes, fits, of_decays)
+    say("the records")
+    of_records = list(doubts_of_records(study))
     truth_tests, unstable = _truth_tests(study, fits, of_decays, say)
     return ModalIdentification(
         title=study.title,
@@ -72,7 +74,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         shifts=shifts,
         condition_number=condition_number(study.modes),
         auto_mac=modal_assurance(study.modes.shapes),
-        warnings=(*doubts_of_modes(study.modes), *doubts, *doubts_of_truth_tests(study, fits), *unstable),
+        warnings=(*of_records, *doubts_of_modes(study.modes), *doubts, *doubts_of_truth_tests(study, fits), *unstable),
         not_determined="",
         settings=_settings(study) | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
@@ -73,7 +73,7 @@ class LinearModes:
         return self.frequency_hz.size
 
     @property
-    def elastic(self) -> FloatArray:
+    def elastic(self) -> NDArray[np.bool_]:
         """(n_modes,) whether a mode has a frequency above zero."""
         return self.frequency_hz > 0
 
@@ -121,7 +121,7 @@ def modal_filter(modes: LinearModes) -> FloatArray:
             f"the {n_modes} shapes depend on each other at these {n_sensors} sensors: leave out modes, or add "
             "sensors where their shapes differ"
         )
-    return np.linalg.pinv(modes.shapes)
+    return np.asarray(np.linalg.pinv(modes.shapes), dtype=np.float64)
 
 
 def force_projection(modes: LinearModes, drive_point: str) -> FloatArray:

@@ -17,7 +17,6 @@ from opid.modal.modes_file import read_modes, write_modes
 from opid.modal.study import USES, ModalStudy, StudyTest
 from opid.signals.conversion import recording_of
 from opid.signals.files import written_whole
-from opid.signals.health import inspect
 from opid.signals.log import Log
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, write_log
@@ -150,23 +149,6 @@ def write_modal_study(study: ModalStudy, path: str | os.PathLike[str]) -> None:
         entries.append(_entry(each, log, files[id(test.modes)]))
     with written_whole(target) as file:
         file.write(_toml(study, entries))
-
-
-def record_warnings(study: ModalStudy) -> tuple[str, ...]:
-    """Return what to doubt about the recordings of a study: channels that are clipped.
-
-    Args:
-        study: as read.
-    """
-    found = []
-    for each in study.tests:
-        for channel in inspect(each.test.recording, thorough=False).channels:
-            if channel.clipped_fraction > 0:
-                found.append(
-                    f"{channel.clipped_fraction:.2g} of the samples of {channel.name!r} in test {each.test.name!r} "
-                    "are clipped: measure again with a larger range"
-                )
-    return tuple(found)
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------

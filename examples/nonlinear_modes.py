@@ -1,0 +1,67 @@
+"""From recordings in memory to a nonlinear modal model, its response to another force, and a truth test.
+
+    python examples/nonlinear_modes.py --out modal_result
+
+Four modes at six sensors, the third of them nonlinear; the recordings are simulated, put your own in their place.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from opid.modal.coordinates import modal_test
+from opid.modal.identification import identify_modes
+from opid.modal.model import simulate
+from opid.modal.modes import LinearModes
+from opid.modal.study import ModalStudy, StudyTest
+from opid.modal.virtual_cases import virtual_series
+from opid.modal.virtual_study import virtual_study
+from opid.report import modal_text, write_modal_report
+from opid.signals.recording import Recording
+
+
+def measured() -> tuple[LinearModes, dict[str, Recording]]:
+    """Return linear modes, and recordings by name: m/s^2 at the sensors and a channel "force" in N, decayed to rest."""
+    study = virtual_study(virtual_series("cubic"), rng=np.random.default_rng(0))
+    return study.modes, {each.test.name: each.test.recording for each in study.tests}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("modal_result"))
+    options = parser.parse_args()
+
+    # frequency_hz, damping_ratio, mass-normalised shapes (sensors x modes), and the names of the sensors
+    modes, recordings = measured()
+    print(f"{modes.n_modes} modes at {', '.join(modes.sensors)}; {len(recordings)} recordings")
+
+    # 1. modal coordinates: the filter pinv(shapes) for the sensors, shapes^T for the force
+    tests = {
+        name: modal_test(recording, modes, name=name, force="force", drive_point="case_x")
+        for name, recording in recordings.items()
+    }
+
+    # 2. what each is for: beats to fit mode 3, a sweep as the truth test; orders are searched
+    beats = [StudyTest(test, "fit", mode=3) for name, test in tests.items() if name.startswith("beat")]
+    study = ModalStudy("Six sensors", modes, (3,), (*beats, StudyTest(tests["sweep"], "truth")), drive_point="case_x")
+    result = identify_modes(study)
+    print(modal_text(result))
+
+    # 3. the model answers any force: here a blow ten times as short as a period of mode 3, weak and strong
+    fs = 4096.0
+    blow = np.sin(np.pi * np.clip(np.arange(8192) / fs * 1200, 0, 1))
+    for newton in (100.0, 2000.0):
+        nonlinear, linear = (
+            simulate(model, newton * blow, fs=fs, drive_point="case_x").channel("lid_x")
+            for model in (result.model, result.model.linear)
+        )
+        left = [1e3 * np.abs(each[6000:]).max() / newton for each in (nonlinear, linear)]
+        print(f"{newton:5.0f} N: after 1.5 s lid_x rings with {left[0]:.3f} mm/s^2 a newton, linear {left[1]:.3f}")
+
+    # 4. result.json, the page and its figures
+    print(f"Report: {write_modal_report(result, options.out)}")
+
+
+if __name__ == "__main__":
+    main()
