@@ -224,13 +224,17 @@ def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n
     if amplitudes.ndim != 1 or not ((amplitudes > 0.0) & np.isfinite(amplitudes)).all():
         raise InputError(f"the amplitudes are {amplitude!r}: give positive numbers")
     omega = 2.0 * np.pi * modes.frequency_hz[mode - 1]
-    squares = np.array([_squares(structure, modes.shapes[:, mode - 1], a, omega, n_phases) for a in amplitudes])
+    shape = modes.shapes[:, mode - 1]
     # of the joints; the rest is linear
-    stiffness = omega**2 + squares.real
+    stiffness = omega**2 + np.array([_squares(structure, shape, a, omega, n_phases).real for a in amplitudes])
     if stiffness.min() <= 0.0:
         gone = amplitudes[np.argmin(stiffness)]
         raise InputError(f"mode {mode} has no stiffness left at an amplitude of {gone:g} m kg^1/2: give smaller ones")
-    damping = 2.0 * modes.zeta[mode - 1] * omega + squares.imag / omega
+    # the velocity is that of the frequency at this amplitude
+    squares = np.array(
+        [_squares(structure, shape, a, w, n_phases) for a, w in zip(amplitudes, stiffness**0.5, strict=True)]
+    )
+    damping = 2.0 * modes.zeta[mode - 1] * omega + squares.imag / np.sqrt(stiffness)
     return LevelDependence(
         amplitude=amplitudes,
         frequency_hz=np.sqrt(stiffness) / (2.0 * np.pi),

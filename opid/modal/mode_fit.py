@@ -11,7 +11,7 @@ from opid.estimate import Estimate
 from opid.modal.coordinates import ModalTest
 from opid.modal.doubts import doubts_of_fit
 from opid.modal.equation import ModeLines, mode_lines
-from opid.modal.mode_tests import band_of_mode, doubts_of_test, faults_of_test
+from opid.modal.mode_tests import WIDEST, band_of_mode, doubts_of_test, faults_of_test
 from opid.modal.order_search import linear_is_off, search_orders
 from opid.modal.other_modes import doubts_of_other_modes
 from opid.modal.restoring_fit import Coefficients, fit_coefficients, linearised, modal_mass, power_curve
@@ -21,6 +21,9 @@ from opid.signals.tables import refuse
 
 N_CURVE = 101
 """Points of a force curve."""
+
+ROUGH_ORDER = 3
+"""Of the fit that shows how far the frequency of a mode moves."""
 
 MASS_RANGE = (0.5, 2.0)
 """Modal mass that tests may show: outside, shapes or force are in another unit and nothing fitted would hold."""
@@ -51,7 +54,7 @@ def fit_mode(
         stiffness_order: N_s, 1 to 5; chosen by cross-validation where None.
         damping_order: N_d likewise.
         free_linear: whether k0 and c0 are corrected; decided by the data where None.
-        band_hz: lines to fit, Hz; where the tests have energy, up to half-way to the neighbours, where None.
+        band_hz: lines to fit, Hz; where the tests have energy, up to most of the way to the neighbours, where None.
         taper_s: time over which the ends of every test are faded out, s: for records that do not begin and end at rest.
 
     Raises:
@@ -60,7 +63,7 @@ def fit_mode(
     """
     if not tests:
         raise InputError(f"no test moves mode {mode}: give one that does, or name it with mode = {mode}")
-    band = band_of_mode(tests, mode) if band_hz is None else band_hz
+    band = _band(tests, mode, taper_s) if band_hz is None else band_hz
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
     pairs = list(zip(tests, lines, strict=True))
     refuse([fault for test, own in pairs for fault in faults_of_test(test, own, mode, band, taper_s)], None)
@@ -79,6 +82,21 @@ def fit_mode(
     loudest, _ = max(pairs, key=lambda pair: pair[1].largest_q)
     doubts += doubts_of_other_modes(loudest, mode, band)
     return _mode_fit(mode, tests, lines, band, found, (n_s, n_d), free, mass, rungs, doubts)
+
+
+def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
+    """The band in which the tests move the mode, and where its frequency goes at their largest amplitude."""
+    low, high = band_of_mode(tests, mode)
+    lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
+    rough = fit_coefficients(lines, stiffness_order=ROUGH_ORDER, damping_order=ROUGH_ORDER)
+    amplitude = np.array([max(each.largest_q for each in lines)])
+    k0, c0 = lines[0].linear
+    n_k = len(rough.powers_k)
+    omega = np.sqrt(np.maximum(k0 + linearised(rough.powers_k, rough.value[:n_k], amplitude), 0.25 * k0))
+    width = np.abs(c0 + linearised(rough.powers_c, rough.value[n_k:], omega * amplitude))
+    begin, end = ((omega + sign * width).item() / (2 * np.pi) for sign in (-1, 1))
+    natural = k0**0.5 / (2 * np.pi)
+    return min(low, max(begin, WIDEST[0] * natural)), max(high, min(end, WIDEST[1] * natural))
 
 
 def _mode_fit(
@@ -166,5 +184,5 @@ def _require_mass(mass: Estimate, mode: int, test: ModalTest) -> None:
     guess = f" (as {unit} would give)" if unit else ""
     raise InputError(
         f"the tests show a modal mass of {value:.3g} where mass-normalised shapes and a force in N give 1{guess}: "
-        f"check the unit and scale of the force, or multiply the shape of mode {mode} by {abs(value) ** 0.5:.4g}"
+        f"check the unit and scale of the force, or multiply the shape of mode {mode} by {abs(value) ** -0.5:.4g}"
     )

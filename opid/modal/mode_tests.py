@@ -16,6 +16,10 @@ from opid.signals.recording import FloatArray
 WIDEST = (0.6, 1.5)
 """The band of a mode at the widest, in natural frequencies."""
 
+TO_NEIGHBOUR = 0.8
+"""Of the way to a neighbour, where the band ends at the latest: the modal filter leaves little of it, and the frequency
+of a nonlinear mode goes there."""
+
 ENERGY_LEVEL = 0.01
 """Of the largest line of the modal acceleration: what is below it holds nothing of the mode."""
 
@@ -62,7 +66,7 @@ def largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
 
 
 def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
-    """Return the band in which some test moves a mode, Hz: no further than half-way to the neighbours.
+    """Return the band in which some test moves a mode, Hz: no further than most of the way to the neighbours.
 
     Args:
         tests: those that tell about it.
@@ -133,14 +137,17 @@ def _energy(test: ModalTest, mode: int) -> float:
 
 
 def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
-    """Half-way to the neighbours, but never so near that the mode's own resonance is cut."""
+    """Most of the way to the neighbours, but never so near that the mode's own resonance is cut."""
     place = modes.place(mode)
     natural = modes.frequency_hz[place]
     others = np.delete(modes.frequency_hz, place)
     below, above = others[(others > 0) & (others <= natural)], others[others > natural]
     own = HALF_WIDTHS * 2 * modes.damping_ratio[place] * natural
-    low = max(WIDEST[0] * natural, (natural + below.max()) / 2) if below.size else WIDEST[0] * natural
-    high = min(WIDEST[1] * natural, (natural + above.min()) / 2) if above.size else WIDEST[1] * natural
+    low, high = WIDEST[0] * natural, WIDEST[1] * natural
+    if below.size:
+        low = max(low, natural - TO_NEIGHBOUR * (natural - below.max()))
+    if above.size:
+        high = min(high, natural + TO_NEIGHBOUR * (above.min() - natural))
     return float(min(low, natural - own)), float(max(high, natural + own))
 
 

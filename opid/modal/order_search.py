@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from opid.errors import InputError
-from opid.modal.equation import ModeLines
+from opid.modal.equation import ComplexArray, ModeLines
 from opid.modal.equation_noise import line_noise
 from opid.modal.power_law import HIGHEST_ORDER
-from opid.modal.restoring_fit import Coefficients, fit_coefficients
+from opid.modal.restoring_fit import fit_coefficients, powers, solution
 from opid.modal.result import OrderRung
+from opid.signals.recording import FloatArray
 
 PARSIMONY = 0.01
 """Of the error: what a further power must win on tests that were left out."""
@@ -80,7 +81,10 @@ def linear_is_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_o
     # both judged by the weights of the freer one
     noise = list(free.noise)
     chi2 = [
-        sum(float(np.sum(np.abs(misfit(each, fit)) ** 2 / n**2)) for each, n in zip(lines, noise, strict=True))
+        sum(
+            float(np.sum(np.abs(misfit(each, fit.powers_k, fit.powers_c, fit.value) / n) ** 2))
+            for each, n in zip(lines, noise, strict=True)
+        )
         for fit in (fixed, free)
     ]
     n_lines = sum(each.frequency_hz.size for each in lines)
@@ -88,16 +92,18 @@ def linear_is_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_o
     return gain > 2 * np.log(2 * n_lines)
 
 
-def misfit(lines: ModeLines, fit: Coefficients) -> np.ndarray:
-    """Return what the fit leaves of the equation, (m,) complex.
+def misfit(lines: ModeLines, powers_k: Sequence[int], powers_c: Sequence[int], value: FloatArray) -> ComplexArray:
+    """Return what coefficients leave of the equation, (m,) complex.
 
     Args:
         lines: of one test.
-        fit: the coefficients.
+        powers_k: powers of the displacement.
+        powers_c: powers of the velocity.
+        value: the coefficients k_n, then c_n.
     """
-    n_k = len(fit.powers_k)
-    of_k = lines.stiffness[:, [n - 1 for n in fit.powers_k]] @ fit.value[:n_k]
-    return lines.rest - of_k - lines.damping[:, [n - 1 for n in fit.powers_c]] @ fit.value[n_k:]
+    n_k = len(powers_k)
+    of_k = lines.stiffness[:, [n - 1 for n in powers_k]] @ value[:n_k]
+    return lines.rest - of_k - lines.damping[:, [n - 1 for n in powers_c]] @ value[n_k:]
 
 
 def _orders(given: int | None) -> Sequence[int]:
@@ -122,8 +128,10 @@ def _folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[ModeL
 
 def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], n_s: int, n_d: int, free_linear: bool) -> float:
     """Misfit of what was left out over its modal force, in lines weighted by their noise."""
-    fit = fit_coefficients(kept, stiffness_order=n_s, damping_order=n_d, free_linear=free_linear)
-    noise = [line_noise(each, fit.powers_k, fit.powers_c, fit.value) for each in out]
-    above = sum(float(np.sum(np.abs(misfit(each, fit) / n) ** 2)) for each, n in zip(out, noise, strict=True))
+    powers_k, powers_c = powers(n_s, free_linear), powers(n_d, free_linear)
+    value = solution(kept, powers_k, powers_c)
+    noise = [line_noise(each, powers_k, powers_c, value) for each in out]
+    left = [misfit(each, powers_k, powers_c, value) for each in out]
+    above = sum(float(np.sum(np.abs(each / n) ** 2)) for each, n in zip(left, noise, strict=True))
     below = sum(float(np.sum(np.abs(each.force / n) ** 2)) for each, n in zip(out, noise, strict=True))
     return float(np.sqrt(above / below))

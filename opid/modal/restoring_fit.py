@@ -74,23 +74,55 @@ def fit_coefficients(
     Raises:
         InputError: an order outside 1 to 5, or more coefficients than the lines can tell.
     """
-    powers_k, powers_c = _powers(stiffness_order, free_linear), _powers(damping_order, free_linear)
+    powers_k, powers_c = powers(stiffness_order, free_linear), powers(damping_order, free_linear)
     columns = [_columns(each, powers_k, powers_c) for each in lines]
-    n_lines = sum(each.frequency_hz.size for each in lines)
-    n = len(powers_k) + len(powers_c)
-    if n_lines < 4 * n:
-        raise InputError(
-            f"{n} coefficients are to be fitted to {n_lines} lines: lower stiffness_order ({stiffness_order}) and "
-            f"damping_order ({damping_order}), or give longer tests"
-        )
-    value = np.zeros(n)
-    for _ in range(N_ROUNDS):
-        noise = [line_noise(each, powers_k, powers_c, value) for each in lines]
-        value = _solved(columns, lines, noise)
+    value = solution(lines, powers_k, powers_c)
     misfits = [each.rest - c @ value for each, c in zip(lines, columns, strict=True)]
     noise = [line_noise(each, powers_k, powers_c, value) for each in lines]
     whole = [np.hypot(n, _beyond(misfit, n)) for misfit, n in zip(misfits, noise, strict=True)]
     return _answer(powers_k, powers_c, columns, lines, whole)
+
+
+def solution(lines: Sequence[ModeLines], powers_k: tuple[int, ...], powers_c: tuple[int, ...]) -> FloatArray:
+    """Return the coefficients k_n, then c_n, weighted by the sensors' noise alone, without what they are worth.
+
+    Args:
+        lines: one a test.
+        powers_k: powers of the displacement.
+        powers_c: powers of the velocity.
+
+    Raises:
+        InputError: more coefficients than the lines can tell.
+    """
+    columns = [_columns(each, powers_k, powers_c) for each in lines]
+    n_lines, n = sum(each.frequency_hz.size for each in lines), len(powers_k) + len(powers_c)
+    if n_lines < 4 * n:
+        raise InputError(
+            f"{n} coefficients are to be fitted to {n_lines} lines: lower stiffness_order ({max(powers_k, default=1)}) "
+            f"and damping_order ({max(powers_c, default=1)}), or give longer tests"
+        )
+    value = np.zeros(n)
+    for _ in range(N_ROUNDS):
+        value = _solved(columns, lines, [line_noise(each, powers_k, powers_c, value) for each in lines])
+    return value
+
+
+def powers(order: int, free_linear: bool) -> tuple[int, ...]:
+    """Return the powers that are fitted: 2 .. order, and 1 where the linear part is corrected.
+
+    Args:
+        order: N_s or N_d.
+        free_linear: whether the linear part is corrected.
+
+    Raises:
+        InputError: an order outside 1 to 5.
+
+    >>> powers(3, free_linear=False)
+    (2, 3)
+    """
+    if not 1 <= order <= HIGHEST_ORDER:
+        raise InputError(f"the order is {order}: give 1 (linear) to {HIGHEST_ORDER}")
+    return tuple(range(1 if free_linear else 2, order + 1))
 
 
 def fit_unweighted(
@@ -107,7 +139,7 @@ def fit_unweighted(
     Raises:
         InputError: as `fit_coefficients`.
     """
-    powers_k, powers_c = _powers(stiffness_order, free_linear), _powers(damping_order, free_linear)
+    powers_k, powers_c = powers(stiffness_order, free_linear), powers(damping_order, free_linear)
     columns = [_columns(each, powers_k, powers_c) for each in lines]
     return _answer(powers_k, powers_c, columns, lines, [np.ones(each.frequency_hz.size) for each in lines])
 
@@ -116,14 +148,14 @@ def modal_mass(lines: Sequence[ModeLines], *, stiffness_order: int = 3, damping_
     """Return the mass that the tests show for a mode whose shape is mass-normalised, where it should be 1.
 
     The inertia force gets a factor of its own beside free linear and nonlinear terms. A shape that is s times too large
-    gives 1/s^2, a force that is g times too large g.
+    gives s^2, a force that is g times too large g.
 
     Args:
         lines: one a test.
         stiffness_order: of the nonlinear terms beside it.
         damping_order: likewise.
     """
-    powers_k, powers_c = _powers(stiffness_order, True), _powers(damping_order, True)
+    powers_k, powers_c = powers(stiffness_order, True), powers(damping_order, True)
     columns = [np.column_stack([each.inertia, _columns(each, powers_k, powers_c)]) for each in lines]
     whole = [replace(each, rest=each.force, linear=(0.0, 0.0)) for each in lines]
     noise = [line_noise(each, (), (), np.zeros(0)) for each in lines]
@@ -131,8 +163,10 @@ def modal_mass(lines: Sequence[ModeLines], *, stiffness_order: int = 3, damping_
     residual = [(each.rest - c @ found) / n for each, c, n in zip(whole, columns, noise, strict=True)]
     # its uncertainty need not be exact: white residuals, as large as they are
     matrix, _ = _stacked(columns, whole, noise)
+    scale = np.linalg.norm(matrix, axis=0)
     variance = float(np.mean(np.abs(np.concatenate(residual)) ** 2)) / 2
-    return Estimate.normal(found[0], float(np.sqrt(variance * np.linalg.pinv(matrix.T @ matrix)[0, 0])))
+    of_mass = np.linalg.pinv((matrix / scale).T @ (matrix / scale))[0, 0] / scale[0] ** 2
+    return Estimate.normal(found[0], float(np.sqrt(variance * of_mass)))
 
 
 def power_curve(powers: Sequence[int], position: FloatArray) -> FloatArray:
@@ -157,12 +191,6 @@ def linearised(powers: Sequence[int], value: FloatArray, amplitude: FloatArray) 
     for n, each in zip(powers, value, strict=True):
         total += each * harmonic_share(n) * amplitude ** (n - 1)
     return total
-
-
-def _powers(order: int, free_linear: bool) -> tuple[int, ...]:
-    if not 1 <= order <= HIGHEST_ORDER:
-        raise InputError(f"the order is {order}: give 1 (linear) to {HIGHEST_ORDER}")
-    return tuple(range(1 if free_linear else 2, order + 1))
 
 
 def _columns(lines: ModeLines, powers_k: Sequence[int], powers_c: Sequence[int]) -> np.ndarray:

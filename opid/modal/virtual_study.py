@@ -53,7 +53,8 @@ class VirtualSeries:
         levels: voltages of the sine beats over that of the highest one, which must be among them.
         rule: that sets the length of the beats: "neighbours" for first minima on the neighbouring modes, "drive point"
             for a main lobe as wide as the peak of the mode in the drive-point response.
-        truth: "sweep" for a shaped sweep through all elastic modes, "beat" for one more run of the highest sine beat.
+        truth: "sweep" for a shaped sweep through all elastic modes, "beat" for the highest sine
+            beat, which is then not fitted.
         title: of the study.
 
     Raises:
@@ -113,11 +114,8 @@ def virtual_study(
             say(f"sine beat {number} of mode {mode}")
             voltage = sine_beat_voltage(replace(beat, amplitude=level * beat.amplitude), series.fs)
             run = rig_run(series.case.rig, voltage, fs=series.fs, rng=rng, noise_share=noise_share)
-            record(f"beat_{mode}_level_{number}", run, "fit", mode)
-        if series.truth == "beat":
-            voltage = sine_beat_voltage(beat, series.fs)
-            run = rig_run(series.case.rig, voltage, fs=series.fs, rng=rng, noise_share=noise_share)
-            record(f"beat_{mode}_again", run, "truth")
+            use: Use = "truth" if series.truth == "beat" and level == 1.0 else "fit"
+            record(f"beat_{mode}_level_{number}", run, use, mode)
     if series.truth == "sweep":
         say("shaped sweep")
         run = rig_run(series.case.rig, _sweep(series, reached), fs=series.fs, rng=rng, noise_share=noise_share)
