@@ -1,7 +1,7 @@
 """The equation of one mode on the lines of its band: integrated in the frequency domain, with the noise of each line.
 
 Eq. (11) of Pacini, line by line. The printed least squares weighs every line alike; away from resonance the
-acceleration's noise is multiplied by |1 + c0/jw + k0/(jw)^2|, which at resonance is 2 zeta and 20 % away from it 0.4, so
+acceleration's noise is multiplied by |1 + c0/jw + k0/(jw)^2|, 2 zeta at resonance and 0.4 some 20 % away from it, so
 each line is divided by what noise does to it. The band then hardly matters, and damping comes out about twice as sharp.
 """
 
