@@ -29,16 +29,43 @@ from .identify.transmissibility import (
     transmissibility_without_force,
 )
 from .identify.whiteness import whiteness
+from .mechanics.bolted_structures import component_assembly, fixture_and_plate
 from .mechanics.driven import Interface, driven_response, half_steps
+from .mechanics.hysteresis import Sliders, iwan
 from .mechanics.kinds import Kind, Parameter
 from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from .mechanics.laws import LAWS, Law, default_law, law
 from .mechanics.own_kinds import register_kind, unregister_kind
 from .mechanics.prediction import Noise, predict
 from .mechanics.response import time_response
+from .mechanics.rig import Rig, impact, rig_run
 from .mechanics.sensors import Sensor
+from .mechanics.shaker import Shaker
 from .mechanics.structure import Joint, Structure
-from .report import bench_text, result_text, write_bench_report, write_report
+from .modal.appropriation import appropriate_force, levels_for
+from .modal.coordinates import ModalTest, modal_test
+from .modal.excitation import (
+    SineBeat,
+    beat_between_neighbours,
+    beat_over_drive_point_peak,
+    shaped_sweep,
+    sine_beat_voltage,
+)
+from .modal.free_decay import free_decay, law_of_decays
+from .modal.frequency_response import cmif, measured_response, resynthesised
+from .modal.identification import identify_modes
+from .modal.interaction import modal_interaction
+from .modal.level_shifts import level_shifts, nonlinear_modes
+from .modal.mode_fit import fit_mode
+from .modal.model import NonlinearModalModel, modal_response, simulate
+from .modal.modes import LinearModes, condition_number, force_projection, modal_assurance, modal_filter
+from .modal.modes_file import read_modes, write_modes
+from .modal.power_law import power_law
+from .modal.result import ModalIdentification, ModeFit
+from .modal.study import ModalStudy, StudyTest
+from .modal.study_file import read_modal_study, write_modal_study
+from .modal.truth_test import truth_test
+from .report import bench_text, modal_text, result_text, write_bench_report, write_modal_report, write_report
 from .signals.exchange import (
     frame_of,
     recording_from_frame,
