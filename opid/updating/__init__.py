@@ -1,0 +1,1 @@
+"""Bayesian updating and class selection from nonlinear normal modes (Song et al. 2021)."""

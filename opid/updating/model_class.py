@@ -1,0 +1,139 @@
+"""Model classes: sums of laws whose coefficients are updated, scaled to be near 1, with their priors (Song Table 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError, nearest
+from opid.mechanics.kinds import LAWS
+from opid.mechanics.laws import Law, Term
+from opid.signals.recording import FloatArray
+
+Family = Literal["uniform", "normal", "lognormal"]
+FAMILIES: tuple[Family, ...] = get_args(Family)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Prior of one parameter.
+
+    Args:
+        family: "uniform" between `first` and `second`; "normal" with mean `first` and standard deviation `second`;
+            "lognormal" with median `first` and standard deviation `second` of the logarithm.
+        first: see `family`.
+        second: see `family`.
+
+    Raises:
+        InputError: an unknown family, or values that make no distribution.
+
+    >>> float(Prior("uniform", 0.0, 10.0).log_density(1.6).round(6))
+    -2.302585
+    """
+
+    family: Family = "uniform"
+    first: float = 0.0
+    second: float = 10.0
+
+    def __post_init__(self) -> None:
+        if self.family not in FAMILIES:
+            raise InputError(f"there is no prior {self.family!r}: {nearest(self.family, FAMILIES)}")
+        if not (np.isfinite(self.first) and np.isfinite(self.second)):
+            raise InputError(f"a {self.family} prior got {self.first} and {self.second}: give finite numbers")
+        if self.family == "uniform" and self.first >= self.second:
+            raise InputError(f"a uniform prior from {self.first:g} to {self.second:g}: give the lower end first")
+        if self.family != "uniform" and self.second <= 0:
+            raise InputError(f"a {self.family} prior with a standard deviation of {self.second:g}: give a positive one")
+        if self.family == "lognormal" and self.first <= 0:
+            raise InputError(f"a lognormal prior with the median {self.first:g}: give a positive one")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Lower and upper end of what is possible."""
+        if self.family == "uniform":
+            return self.first, self.second
+        return (0.0 if self.family == "lognormal" else -np.inf), np.inf
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        """Logarithm of the density, of the shape of `value`; -inf outside the support."""
+        x = np.asarray(value, dtype=np.float64)
+        low, high = self.support
+        inside = (x >= low) & (x <= high)
+        if self.family == "uniform":
+            return np.where(inside, -np.log(high - low), -np.inf)
+        lognormal = self.family == "lognormal"
+        safe = np.where(inside & (x > 0), x, 1.0) if lognormal else x
+        score = (np.log(safe / self.first) if lognormal else safe - self.first) / self.second
+        density = -0.5 * score**2 - np.log(self.second * np.sqrt(2 * np.pi)) - (np.log(safe) if lognormal else 0.0)
+        return np.where(inside & (x > 0) if lognormal else inside, density, -np.inf)
+
+    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """(n,) independent draws."""
+        if self.family == "uniform":
+            return rng.uniform(self.first, self.second, n)
+        if self.family == "normal":
+            return rng.normal(self.first, self.second, n)
+        return self.first * np.exp(self.second * rng.standard_normal(n))
+
+
+@dataclass(frozen=True)
+class ModelClass:
+    """One candidate law of the joints: f(z) = sum theta_i scale_i g_i(z), the same at all joints.
+
+    Args:
+        name: of the class.
+        kinds: names of the kinds in `opid.mechanics.laws.LAWS`, each with an amplitude alone.
+        scales: what each parameter is multiplied by, in the unit of the kind's amplitude; may be negative.
+        priors: one a parameter.
+
+    Raises:
+        InputError: an unknown kind, one with inner parameters or of velocity, counts that do not match, a scale of 0.
+
+    >>> cubic = ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0, 10),))
+    >>> cubic.law([1.58]).parameters
+    {'cubic_stiffness': {'stiffness_n_per_m3': 107440000.0}}
+    """
+
+    name: str
+    kinds: tuple[str, ...]
+    scales: tuple[float, ...]
+    priors: tuple[Prior, ...]
+
+    def __post_init__(self) -> None:
+        for kind in self.kinds:
+            if kind not in LAWS:
+                raise InputError(f"class {self.name!r}: there is no law {kind!r}: {nearest(kind, LAWS)}")
+            if len(LAWS[kind].parameters) != 1 or "damping" in kind:
+                raise InputError(f"class {self.name!r}: {kind!r} is no spring with one coefficient: take another law")
+        if not self.kinds or not len(self.kinds) == len(self.scales) == len(self.priors):
+            raise InputError(
+                f"class {self.name!r} has {len(self.kinds)} law(s), {len(self.scales)} scale(s) and {len(self.priors)} "
+                "prior(s): give one of each for every law"
+            )
+        if len(set(self.kinds)) < len(self.kinds):
+            raise InputError(f"class {self.name!r} names a law twice: name each once")
+        if not all(np.isfinite(scale) and scale for scale in self.scales):
+            raise InputError(f"class {self.name!r} has the scales {self.scales}: give numbers other than 0")
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters."""
+        return len(self.kinds)
+
+    def coefficients(self, theta: ArrayLike) -> FloatArray:
+        """theta times the scales, of the shape of theta, (..., n_parameters)."""
+        return np.asarray(theta, dtype=np.float64) * np.array(self.scales)
+
+    def law(self, theta: Sequence[float] | FloatArray) -> Law:
+        """The law for one theta, (n_parameters,)."""
+        values = self.coefficients(theta)
+        return Law(tuple(Term(kind, (float(value),)) for kind, value in zip(self.kinds, values, strict=True)))
+
+    def log_prior(self, theta: ArrayLike) -> FloatArray:
+        """Logarithm of the prior density of each row of theta, (n, n_parameters) -> (n,)."""
+        rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        return np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(self.priors)], axis=0)

@@ -1,0 +1,185 @@
+"""What Bayesian updating found: records, nothing computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from opid.estimate import Estimate
+from opid.mechanics.jointed_modes import JointedModes
+from opid.signals.recording import FloatArray
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.model_class import ModelClass
+
+SCHEMA = "opid.updating/1"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Logarithm of the evidence p(D | M) by one method.
+
+    Args:
+        method: "laplace", "transitional" or "quadrature".
+        log_evidence: its natural logarithm.
+        std: standard deviation of that, 0 where the method gives none.
+    """
+
+    method: str
+    log_evidence: float
+    std: float = 0.0
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How well a posterior was sampled.
+
+    Args:
+        sampler: name of the method.
+        n_samples: kept, of all chains.
+        n_evaluations: of the posterior.
+        acceptance: share of proposals.
+        effective_samples: the least of all parameters.
+        r_hat: the largest of all parameters (1 is converged); nan of a single chain.
+    """
+
+    sampler: str
+    n_samples: int
+    n_evaluations: int
+    acceptance: float
+    effective_samples: float
+    r_hat: float
+
+
+@dataclass(frozen=True, eq=False)
+class ClassPosterior:
+    """One model class given the data.
+
+    Args:
+        model_class: the class.
+        evidences: by every method that was run; the first is the one that classes are compared by.
+        best: (n_parameters,) maximum a posteriori.
+        estimates: mean, standard deviation and 95 % interval of each parameter, by "theta_1", "theta_2", ...
+        covariance: (n_parameters, n_parameters) of the samples.
+        samples: (n_samples, n_parameters).
+        log_likelihood_at_best: of the data at `best`.
+        diagnostics: of the sampling.
+        prior_sensitivity: how the logarithm of the evidence changes when each prior is twice as wide, by parameter.
+        warnings: what to doubt.
+    """
+
+    model_class: ModelClass
+    evidences: tuple[Evidence, ...]
+    best: FloatArray
+    estimates: Mapping[str, Estimate]
+    covariance: FloatArray
+    samples: FloatArray
+    log_likelihood_at_best: float
+    diagnostics: Diagnostics
+    prior_sensitivity: Mapping[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def log_evidence(self) -> float:
+        """That of the first method."""
+        return self.evidences[0].log_evidence
+
+
+@dataclass(frozen=True)
+class LinearMode:
+    """A mode before and after linear updating (Song Table 2).
+
+    Args:
+        mode: number of the mode, from 1.
+        identified_hz: mean of the tests.
+        initial_hz: of the nominal structure.
+        updated_hz: with the updated parameters.
+        initial_mac: mean over the tests.
+        updated_mac: likewise.
+    """
+
+    mode: int
+    identified_hz: float
+    initial_hz: float
+    updated_hz: float
+    initial_mac: float
+    updated_mac: float
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPosterior:
+    """Phase I: the parameters of the linear structure given the lowest points of the backbones (Song section 2.1.1).
+
+    Args:
+        names: of the parameters.
+        best: (n_parameters,) maximum a posteriori.
+        estimates: by the name of the parameter.
+        covariance: (n_parameters, n_parameters).
+        samples: (n_samples, n_parameters).
+        modes: frequencies and MAC before and after.
+        diagnostics: of the sampling.
+        warnings: what to doubt.
+    """
+
+    names: tuple[str, ...]
+    best: FloatArray
+    estimates: Mapping[str, Estimate]
+    covariance: FloatArray
+    samples: FloatArray
+    modes: tuple[LinearMode, ...]
+    diagnostics: Diagnostics
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class BackboneBand:
+    """Predicted backbone of one mode over the amplitude of one sensor, with its 95 % band (Song eq. 18).
+
+    Args:
+        mode: number of the mode, from 1.
+        sensor: whose amplitude it is drawn over.
+        amplitude: (n,) m.
+        frequency_hz: (n,) median, Hz.
+        low_hz: (n,) lower end of the 95 % band.
+        high_hz: (n,) upper end.
+        coverage: share of the measured points of this mode that lie within; nan without any.
+    """
+
+    mode: int
+    sensor: str
+    amplitude: FloatArray
+    frequency_hz: FloatArray
+    low_hz: FloatArray
+    high_hz: FloatArray
+    coverage: float
+
+
+@dataclass(frozen=True, eq=False)
+class Updating:
+    """The whole: linear parameters, one posterior a class, and what the best class predicts.
+
+    Args:
+        title: of the study.
+        form: of the likelihood, "paper", "literal" or "recommended".
+        linear: phase I; None where the linear structure was taken as it is.
+        system: the reduced structure by its modes, linear parameters at their best.
+        measured: the backbones.
+        classes: one posterior a class, in the order of the study.
+        best_class: name of the class with the largest evidence.
+        prediction: of the best class.
+        warnings: what to doubt.
+        not_determined: why there is no answer, "" if there is one.
+        settings: what it was made with.
+    """
+
+    title: str
+    form: str
+    linear: LinearPosterior | None
+    system: JointedModes
+    measured: tuple[MeasuredBackbone, ...]
+    classes: tuple[ClassPosterior, ...]
+    best_class: str
+    prediction: tuple[BackboneBand, ...]
+    warnings: tuple[str, ...]
+    not_determined: str
+    settings: Mapping[str, Any]
