@@ -64,8 +64,8 @@ class MeasuredBackbone:
         if (held <= 0).any() or (np.diff(held) <= 0).any():
             at = int(np.argmax(np.diff(held) <= 0)) + 1 if (held > 0).all() else int(np.argmin(held))
             raise InputError(
-                f"the amplitude at {self.controlled_sensor!r} of backbone {self.name!r} does not grow at point {at + 1}: "
-                "sort the points, leave out what crosses, or name the sensor that was controlled"
+                f"the amplitude at {self.controlled_sensor!r} of backbone {self.name!r} does not grow at point "
+                f"{at + 1}: sort the points, leave out what crosses, or name the sensor that was controlled"
             )
         for key, array in (("frequency_hz", frequency), ("amplitude", amplitude)):
             array.flags.writeable = False
