@@ -66,6 +66,8 @@ def test_the_study_of_a_simulation_is_identified(simulated, tmp_path, monkeypatc
     assert max(abs(each["peak_ratio_nonlinear"] - 1) for each in sensors) < 0.03
     assert max(each["peak_ratio_linear"] for each in sensors) > 1.3
     assert (out / "report.html").is_file()
+    assert {"frequency_threshold": 0.002, "damping_threshold": 0.15}.items() <= result["settings"].items()
+    assert "frequency shifts by more than 0.2 %" in done.stdout
 
 
 def test_the_same_seed_gives_the_same_files(simulated, tmp_path):
@@ -106,8 +108,9 @@ def study(tmp_path_factory):
 def test_options_go_before_the_study_and_the_report_is_named_after_it(study, quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("opid.report.write_modal_report", lambda result, target, *_, **__: target / "report.html")
-    done = opid("modal", study, "--damping-order", 2, "--free-linear")
+    done = opid("modal", study, "--damping-order", 2, "--free-linear", "--frequency-threshold", 0.01)
     assert done.exit_code == 0
+    assert (quick[0].frequency_threshold, quick[0].damping_threshold) == (0.01, 0.15)
     assert (quick[0].stiffness_order, quick[0].damping_order, quick[0].free_linear) == (3, 2, True)
     assert quick[0].nonlinear == (SOFT,)
     assert f"Report: {study.parent.name}_result" in done.stdout.replace("\n", "")
@@ -127,6 +130,7 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
     refused(opid("modal", tmp_path / "none.toml", "--out", tmp_path / "out"), "there is no study file")
     refused(opid("modal", study, "--out", study), "is no directory")
     refused(opid("modal", study, "--stiffness-order", 9, "--out", tmp_path / "out"), "--stiffness-order")
+    refused(opid("modal", study, "--damping-threshold", 0, "--out", tmp_path / "out"), "--damping-threshold")
     refused(opid("modal", study, "--truth", study, "--out", tmp_path / "out"), "no truth of a simulated modal test")
     refused(opid("simulate", "sine-beats", tmp_path, "--case", "9"), "--case")
     refused(opid("simulate", "sine-beats", study), "is no directory")

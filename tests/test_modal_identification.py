@@ -102,9 +102,23 @@ def test_free_decays_give_the_law_where_no_force_was_measured():
     )
     assert not found.fits
     assert [each.mode for each in found.decays] == [3]
+    law = found.decay_laws[3]
+    assert law.stiffness == found.decays[0].stiffness  # one decay: its own law
+    assert found.model.laws[3].terms == law.law.terms
     assert abs(found.decays[0].damping_low.value / ZETA - 1) < 0.1
     done = found.truth_tests[0].sensors["a"]
     assert done.nrmse_nonlinear < 0.1 < done.nrmse_linear
+
+
+def test_the_thresholds_of_the_study_decide_which_modes_are_nonlinear(two_modes):
+    levels = [replace(each, use="level", mode=None) for each in two_modes[:4:3]]
+    fits = [each for each in two_modes if each.use == "fit"][1:3]
+    found = identify_modes(study([*levels, *fits], (), **ORDERS, free_linear=False))
+    assert [shift.mode for shift in found.shifts if shift.nonlinear] == [3]
+    assert found.settings["frequency_threshold"] == 0.002
+    blunt = {"frequency_threshold": 0.5, "damping_threshold": 5.0}
+    with pytest.raises(NotDeterminedError, match="none of 3 modes shifts"):
+        identify_modes(study([*levels, *fits], (), **ORDERS, **blunt))
 
 
 def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
@@ -123,6 +137,7 @@ def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
         ({"nonlinear": (1,)}, r"mode 1, a rigid-body mode \(0 Hz\)"),
         ({"nonlinear": (3, 3)}, "name each mode once"),
         ({"stiffness_order": 7}, r"stiffness_order is 7, give 1 \(linear\) to 5"),
+        ({"damping_threshold": -0.1}, r"damping_threshold is -0.1, give a positive share"),
     ],
 )
 def test_a_study_that_cannot_be_is_refused(two_modes, change, words):

@@ -98,6 +98,20 @@ def test_orders_stand_in_modes_or_beside_it(logs, inside):
     assert study.drive_point == "case_x"
 
 
+@pytest.mark.parametrize("inside", [True, False])
+def test_thresholds_stand_in_modes_or_beside_it_and_are_written_where_they_differ(logs, tmp_path, inside):
+    given = "frequency_threshold = 0.01\ndamping_threshold = 1\n"
+    study = study_of(logs, (MODES + given if inside else given + MODES) + f"nonlinear = [{SOFT}]\n" * inside + TEST)
+    assert (study.frequency_threshold, study.damping_threshold) == (0.01, 1)
+    write_modal_study(study, tmp_path / "study.toml")
+    assert "frequency_threshold = 0.01" in (tmp_path / "study.toml").read_text(encoding="utf-8")
+    assert read_modal_study(tmp_path / "study.toml").frequency_threshold == 0.01
+    usual = small_study()
+    assert (usual.frequency_threshold, usual.damping_threshold) == (0.002, 0.15)
+    write_modal_study(usual, tmp_path / "usual.toml")
+    assert "threshold" not in (tmp_path / "usual.toml").read_text(encoding="utf-8")
+
+
 def test_both_places_at_once_are_refused(logs):
     refused(logs, "damping_order = 2\n" + MODES + "damping_order = 3\n" + TEST, "'damping_order'", "give it once")
 
@@ -149,6 +163,9 @@ def test_all_faults_are_said_at_once(logs):
         (MODES + "nonlinear = [9]\n" + TEST, ("mode 9", "from 1 to 4")),
         (MODES + "nonlinear = [1]\n" + TEST, ("rigid-body mode",)),
         (MODES + "stiffness_order = 7\n" + TEST, ("stiffness_order is 7",)),
+        (MODES + "damping_threshold = 0\n" + TEST, ("damping_threshold is 0", "positive share")),
+        (MODES + "frequency_threshold = nan\n" + TEST, ("frequency_threshold is nan",)),
+        (MODES + 'frequency_threshold = "0.2 %"\n' + TEST, ("'frequency_threshold' in [modes]", "give a share")),
         (MODES + TEST + 'use = "truth"\n', ("no test to identify from",)),
         (MODES + TEST + TEST, ("2 tests are called 'beat'",)),
         (MODES + "[channels.case_x]\nfile = 'a.csv'\n" + TEST, ("unknown key 'file'",)),

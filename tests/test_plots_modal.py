@@ -9,10 +9,12 @@ from made_modal import SOFT, appropriation, small_decay, small_modes, small_resu
 
 from opid import plots
 from opid.errors import InputError
+from opid.modal.free_decay import law_of_decays
 from opid.modal.frequency_response import cmif, measured_response, resynthesised
 from opid.modal.interaction import modal_interaction
 from opid.plots.modal_fits import fourier_amplitude
 from opid.plots.style import BLUE, INK, VERMILION
+from opid.signals.recording import Recording
 
 
 @pytest.fixture(scope="module")
@@ -80,11 +82,47 @@ def test_measured_is_black_nonlinear_red_and_linear_blue(result):
     test = result.truth_tests[0]
     whole = plots.truth_test(test, sensors=("lid_x",))[0, 0]
     lines = {line.get_label(): line for line in whole.lines}
-    assert set(lines) == {"measured", "nonlinear", "linear"}
-    np.testing.assert_array_equal(lines["measured"].get_ydata(), test.measured.channel("lid_x"))
-    np.testing.assert_array_equal(lines["linear"].get_ydata(), test.linear.channel("lid_x"))
-    colors = {name: line.get_color() for name, line in lines.items()}
+    # of many samples only how far they go: models as lines, what was measured as an area below them
+    assert lines["linear"].get_ydata().max() == test.linear.channel("lid_x").max()
+    assert lines["linear"].get_ydata().size < 500
+    area = whole.collections[0]
+    assert area.get_datalim(whole.transData).ymax == pytest.approx(test.measured.channel("lid_x").max())
+    assert area.get_zorder() < lines["linear"].get_zorder() < lines["nonlinear"].get_zorder()
+    near = {line.get_label(): line for line in plots.truth_test(test, sensors=("lid_x",))[0, 1].lines}
+    assert set(near["measured"].get_ydata()) <= set(test.measured.channel("lid_x"))
+    colors = {name: line.get_color() for name, line in near.items()}
     assert colors == {"measured": INK, "nonlinear": VERMILION, "linear": BLUE}
+
+
+def test_a_short_truth_test_is_drawn_sample_by_sample(result):
+    test = result.truth_tests[0]
+    short = {name: part.section(0.3, 0.6) for name, part in vars(test).items() if isinstance(part, Recording)}
+    whole = plots.truth_test(replace(test, **short), sensors=("lid_x",))[0, 0]
+    lines = {line.get_label(): line for line in whole.lines}
+    np.testing.assert_array_equal(lines["measured"].get_ydata(), short["measured"].channel("lid_x"))
+
+
+def test_noise_at_small_amplitudes_does_not_rule_the_heights_of_a_decay():
+    decay = small_decay()
+    law = law_of_decays([decay])
+    wide = replace(decay, frequency_std_hz=np.where(decay.amplitude < 1e-6, 50.0, decay.frequency_std_hz))
+    for each in (decay, wide):
+        frequency = plots.free_decay_figure(each, law=law)[0, 1]
+        low, high = frequency.get_ylim()
+        assert low < decay.frequency_hz[0] < law.frequency_low_hz.value < high
+        assert high - low < 2.0
+        assert "law" in [line.get_label() for line in frequency.lines]
+        # the band is there all the same
+        assert frequency.collections[0].get_datalim(frequency.transData).xmin <= 1.01e6 * decay.amplitude.min()
+
+
+def test_thresholds_are_dashed_and_levels_are_whole_numbers(result):
+    grid = plots.level_shift_figures(result.shifts, frequency_threshold=0.002, damping_threshold=0.15)
+    dashed = [line.get_ydata()[0] for line in grid[1, 0].lines if line.get_linestyle() == "--"]
+    assert dashed == pytest.approx([15.0, -15.0])
+    ax = plots.harmonic_shape(modal_interaction(appropriation(3)))
+    plots.figure_of(ax).canvas.draw()
+    assert all(float(tick).is_integer() for tick in ax.get_xticks())
 
 
 def test_the_truth_of_a_simulation_stands_beside_the_fit(result):

@@ -8,6 +8,7 @@ import pytest
 from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 
 from opid.errors import InputError
+from opid.modal.free_decay import law_of_decays
 from opid.modal.result import Comparison
 from opid.report import modal_json, modal_text, read_modal_truth, write_modal_report
 from opid.report.as_json import json_text
@@ -42,7 +43,10 @@ def test_truth_stands_beside_each_coefficient(result):
 
 
 def test_a_joint_without_powers_gives_no_true_coefficients(result):
-    truth = {**TRUTH, "nonlinear": {str(SOFT): {"k": {}, "c": {}}}}
+    joint = {"k": {}, "c": {}}
+    assert modal_text(result, {**TRUTH, "nonlinear": {str(SOFT): joint}}) == modal_text(result)
+    # where another mode has some, the columns stay
+    truth = {**TRUTH, "nonlinear": {str(SOFT): joint, "4": {"k": {"3": 1e9}, "c": {}}}}
     cubic = next(line for line in modal_text(result, truth).splitlines() if line.startswith("k3"))
     assert cubic.split()[-3:] == ["-", "-", "-"]
 
@@ -61,6 +65,35 @@ def test_at_most_eight_sensors_the_worst_first(result):
 def test_what_is_not_determined_is_said(result):
     text = modal_text(replace(result, not_determined="the tests do not move mode 3", fits=(), truth_tests=()))
     assert "Not determined: the tests do not move mode 3" in text
+
+
+def test_the_thresholds_of_the_levels_are_said(result):
+    shown = replace(result, settings=result.settings | {"frequency_threshold": 0.002, "damping_threshold": 0.15})
+    words = "A mode is nonlinear where its frequency shifts by more than 0.2 % or its damping ratio by more than 15 %"
+    assert words in modal_text(shown).replace("\n", " ")
+    assert json.loads(json_text(modal_json(shown)))["settings"]["damping_threshold"] == 0.15
+    assert "A mode is nonlinear where" not in modal_text(replace(shown, shifts=()))
+
+
+def test_the_law_of_free_decays_stands_beside_the_fits_or_in_their_place(result):
+    law = law_of_decays(result.decays)
+    both = replace(result, decay_laws={SOFT: law})
+    assert f"Mode {SOFT} by free decay '{result.decays[0].name}', 60.00 Hz" in modal_text(both, TRUTH)
+    document = json.loads(json_text(modal_json(both)))
+    assert [mode["known_by"] for mode in document["modes"]] == ["forced tests"]
+    told = document["decay_laws"][str(SOFT)]
+    assert told["k"]["1"]["value"] == pytest.approx(law.stiffness[1].value)
+    assert set(told["c"]["1"]) == {"value", "std", "interval95"}
+    assert told["frequency_low_hz"]["value"] == pytest.approx(60.0, abs=0.05)
+    alone = replace(both, fits=())
+    assert f"nonlinear: {SOFT} (by free decays)." in modal_text(alone).replace("\n", " ")
+    entry = json.loads(json_text(modal_json(alone)))["modes"][0]
+    assert set(entry) == set(document["modes"][0])
+    assert (entry["mode"], entry["known_by"], entry["band_hz"]) == (SOFT, "free decays", None)
+    # the correction of k0, as in all modes
+    k0 = float(result.modes.stiffness()[SOFT - 1])
+    assert entry["k"]["1"]["value"] == pytest.approx(law.stiffness[1].value - k0)
+    assert entry["k"]["3"] == told["k"]["3"]
 
 
 def test_json_has_the_schema_and_is_strict(result):

@@ -5,6 +5,7 @@ Heavy imports stand inside the commands, so that help and usage errors come at o
 """
 
 from opid.cli.bench import law
+from opid.cli.decay import decay
 from opid.cli.group import main
 from opid.cli.logs import inspect
 from opid.cli.modal import modal
@@ -12,4 +13,4 @@ from opid.cli.studies import identify
 from opid.cli.virtual_beats import sine_beats
 from opid.cli.virtual_tests import demo, simulate, taxi
 
-__all__ = ["demo", "identify", "inspect", "law", "main", "modal", "simulate", "sine_beats", "taxi"]
+__all__ = ["decay", "demo", "identify", "inspect", "law", "main", "modal", "simulate", "sine_beats", "taxi"]

@@ -9,6 +9,8 @@ import click
 
 from opid.cli.group import end, main, progress, result_name
 
+SHARE = click.FloatRange(min=0, min_open=True)
+
 
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
@@ -19,6 +21,18 @@ from opid.cli.group import end, main, progress, result_name
     "--free-linear/--fixed-linear",
     default=None,
     help="Correct frequency and damping in the fit, or not.  [default: as the study says, or the data]",
+)
+@click.option(
+    "--frequency-threshold",
+    type=SHARE,
+    metavar="X",
+    help="Shift between levels from which a mode is nonlinear.  [default: as the study says, or 0.002, 0.2 %]",
+)
+@click.option(
+    "--damping-threshold",
+    type=SHARE,
+    metavar="X",
+    help="Likewise of its damping ratio.  [default: as the study says, or 0.15, 15 %]",
 )
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."

@@ -33,7 +33,7 @@ def sine_beats(
 ) -> None:
     """Write a series of modal tests of a bolted structure into the directory OUT.
 
-    Impacts at three levels, sine beats at four for each nonlinear mode, and a truth test. Makes modes.npz, the logs,
+    Impacts at three levels, sine beats at several for each nonlinear mode, and a truth test. Makes modes.npz, the logs,
     study.toml for `opid modal`, and truth.json.
     """
     import numpy as np

@@ -10,7 +10,7 @@ from opid.mechanics.shaker import Shaker
 from opid.modal.modes import LinearModes, modes_of_structure
 
 CASE_SHAKER = Shaker(second_harmonic=0.01)
-PLATE_SHAKER = Shaker(armature_kg=0.15, back_emf_n_s_per_m=100.0, second_harmonic=0.02, full_voltage_v=40.0)
+PLATE_SHAKER = Shaker(armature_kg=0.15, back_emf_n_s_per_m=100.0, second_harmonic=0.02, full_voltage_v=70.0)
 """A light armature: at 300 g one of 0.45 kg would take 1300 N to move itself."""
 
 

@@ -127,3 +127,18 @@ def doubts_of_records(study: ModalStudy) -> Iterator[str]:
                     f"{channel.clipped_fraction:.2g} of the samples of {channel.name!r} in test {each.test.name!r} are "
                     "clipped: measure again with a larger range"
                 )
+
+
+def doubts_of_other_shifts(shifts: Sequence[LevelShift], nonlinear: Sequence[int]) -> Iterator[str]:
+    """Yield the modes that shift with the level and are modelled as linear.
+
+    Args:
+        shifts: of the modes with the level; none without level tests.
+        nonlinear: numbers of the modes that are not.
+    """
+    for shift in shifts:
+        if shift.nonlinear and shift.mode not in nonlinear:
+            yield (
+                f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or judge the "
+                "model by tests that hardly move it"
+            )

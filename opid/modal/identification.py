@@ -11,7 +11,13 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.modal.decay_fit import DecayLaw
-from opid.modal.doubts import doubts_of_modes, doubts_of_records, doubts_of_truth_tests, nothing_nonlinear
+from opid.modal.doubts import (
+    doubts_of_modes,
+    doubts_of_other_shifts,
+    doubts_of_records,
+    doubts_of_truth_tests,
+    nothing_nonlinear,
+)
 from opid.modal.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.mode_fit import fit_mode
@@ -19,7 +25,7 @@ from opid.modal.mode_tests import largest_mode, tests_of_mode
 from opid.modal.model import NonlinearModalModel
 from opid.modal.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
-from opid.modal.study import ModalStudy
+from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.modal.truth_test import truth_test
 from opid.signals.tables import refuse
 
@@ -74,9 +80,19 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         shifts=shifts,
         condition_number=condition_number(study.modes),
         auto_mac=modal_assurance(study.modes.shapes),
-        warnings=(*of_records, *doubts_of_modes(study.modes), *doubts, *doubts_of_truth_tests(study, fits), *unstable),
+        warnings=(
+            *of_records,
+            *doubts_of_modes(study.modes),
+            *doubts_of_other_shifts(shifts, nonlinear),
+            *doubts,
+            *doubts_of_truth_tests(study, fits),
+            *unstable,
+        ),
         not_determined="",
-        settings=_settings(study) | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
+        settings=_settings(study)
+        | {name: getattr(study, name) for name in THRESHOLDS}
+        | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
+        decay_laws=of_decays,
     )
 
 
@@ -93,7 +109,7 @@ def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
     if len(tests) < 2:
         return ()
     say("levels")
-    return level_shifts(tests)
+    return level_shifts(tests, frequency_threshold=study.frequency_threshold, damping_threshold=study.damping_threshold)
 
 
 def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[str]]:
@@ -120,6 +136,8 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
                 )
             except NotDeterminedError as error:
                 doubts.append(f"the free decays of mode {mode} give no law: {error}")
+                continue
+            doubts += [f"the free decays of mode {mode} together: {doubt}" for doubt in laws[mode].warnings]
     return tuple(decays), laws, doubts
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import Law
 from opid.modal.coordinates import ModalTest
+from opid.modal.decay_fit import DecayLaw
 from opid.modal.free_decay import Decay
 from opid.modal.level_shifts import LevelShift
 from opid.modal.model import NonlinearModalModel
@@ -174,6 +175,8 @@ class ModalIdentification:
         warnings: what to doubt.
         not_determined: why there is no answer, "" if there is one.
         settings: what it was made with.
+        decay_laws: the law that the free decays of a mode give together, by the number of the mode; the model has it
+            where no forced test moves the mode.
     """
 
     title: str
@@ -190,3 +193,4 @@ class ModalIdentification:
     warnings: tuple[str, ...]
     not_determined: str
     settings: Mapping[str, Any]
+    decay_laws: Mapping[int, DecayLaw] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,9 @@ from opid.signals.tables import refuse
 
 Use = Literal["fit", "truth", "level", "decay"]
 USES: tuple[Use, ...] = get_args(Use)
+
+THRESHOLDS = ("frequency_threshold", "damping_threshold")
+"""Names of the relative shifts from which a mode counts as nonlinear."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,9 @@ class ModalStudy:
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
         damping_order: N_d likewise.
         free_linear: whether k0 and c0 are corrected in the fit; decided by the data where None.
+        frequency_threshold: relative shift of the natural frequency between level tests from which a mode counts as
+            nonlinear, 0.002 for 0.2 %; see `level_shifts`.
+        damping_threshold: likewise of the damping ratio, 0.15 for 15 %.
         source: the study file, if there is one.
 
     Raises:
@@ -59,6 +66,8 @@ class ModalStudy:
     stiffness_order: int | None = None
     damping_order: int | None = None
     free_linear: bool | None = None
+    frequency_threshold: float = 0.002
+    damping_threshold: float = 0.15
     source: Path | None = None
 
     def __post_init__(self) -> None:
@@ -82,6 +91,10 @@ def _faults(study: ModalStudy) -> Iterator[str]:
     for word, order in (("stiffness_order", study.stiffness_order), ("damping_order", study.damping_order)):
         if order is not None and not 1 <= order <= HIGHEST_ORDER:
             yield f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}"
+    for word in THRESHOLDS:
+        share = getattr(study, word)
+        if not (math.isfinite(share) and share > 0):
+            yield f"{word} is {share}, give a positive share, 0.01 for 1 %"
     names = [each.test.name for each in study.tests]
     for name in dict.fromkeys(names):
         if names.count(name) > 1:

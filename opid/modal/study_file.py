@@ -14,7 +14,7 @@ from opid.errors import InputError
 from opid.modal.coordinates import ModalTest, modal_test
 from opid.modal.modes import LinearModes
 from opid.modal.modes_file import read_modes, write_modes
-from opid.modal.study import USES, ModalStudy, StudyTest
+from opid.modal.study import THRESHOLDS, USES, ModalStudy, StudyTest
 from opid.signals.conversion import recording_of
 from opid.signals.files import written_whole
 from opid.signals.log import Log
@@ -45,6 +45,7 @@ _MODEL = {
     "nonlinear": maybe(list, "a list of modes counted from 1, like [7, 11]"),
     "stiffness_order": maybe(int, "a whole number"),
     "damping_order": maybe(int, "a whole number"),
+    **dict.fromkeys(THRESHOLDS, maybe((int, float), "a share, 0.01 for 1 %")),
 }
 """What may stand in [modes] or beside it; so may `free_linear`, which is true or false."""
 _STUDY = {
@@ -77,7 +78,8 @@ def read_modal_study(path: str | os.PathLike[str], *, progress: Say | None = Non
         path: a TOML file with `title`, a table `[modes]` and one table `[[tests]]` for each log. `[modes]` gives `file`
             (npz or CSV, see `read_modes`), `drive_point` (the sensor at whose place the force acts), `nonlinear` (modes
             counted from 1; those that the level tests show where left out), `stiffness_order` and `damping_order`
-            (chosen by cross-validation where left out) and `free_linear` (true or false; decided by the data where left
+            (chosen by cross-validation where left out), `free_linear` (true or false; decided by the data where left
+            out), `frequency_threshold` and `damping_threshold` (of the level tests, shares; 0.002 and 0.15 where left
             out); all but `file` may stand beside the tables as well. A test gives `log` (path beside the study file),
             `force` (its channel; left out of a free decay), `use` ("fit", "truth", "level" or "decay"; "fit" where left
             out, "decay" without a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the
@@ -114,6 +116,7 @@ def read_modal_study(path: str | os.PathLike[str], *, progress: Say | None = Non
         tests.append(StudyTest(test, entry.get("use", "fit" if "force" in entry else "decay"), entry.get("mode")))
     refuse(faults, source)
     nonlinear = tuple(settings.pop("nonlinear") or ())
+    settings = {name: value for name, value in settings.items() if value is not None}
     return ModalStudy(document.get("title", source.stem), linear, nonlinear, tuple(tests), source=source, **settings)
 
 
@@ -296,6 +299,7 @@ def _toml(study: ModalStudy, entries: list[dict[str, Any]]) -> str:
     for name in ("drive_point", "stiffness_order", "damping_order", "free_linear"):
         if getattr(study, name) is not None:
             modes[name] = getattr(study, name)
+    modes |= {name: getattr(study, name) for name in THRESHOLDS if getattr(study, name) != getattr(ModalStudy, name)}
     text = tomli_w.dumps({"title": study.title, "modes": modes})
     for entry in entries:
         text += "\n[[tests]]\n" + tomli_w.dumps(entry)

@@ -31,7 +31,7 @@ Rule = Literal["neighbours", "drive point"]
 IMPACTS = (0.01, 0.1, 0.6)
 """Levels of the hammer: largest acceleration of a nonlinear mode over that of its highest sine beat."""
 
-NEAR_ENOUGH, MOST_TRIES = 0.05, 6
+NEAR_ENOUGH, MOST_TRIES = 0.05, 10
 """How near the peak of the highest level comes to what is asked for, and how many runs that may take."""
 
 SMALL = 1e-3

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from opid.modal.appropriation import Appropriation
 from opid.modal.frequency_response import FrequencyResponse
@@ -68,7 +69,7 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
             ax.plot(_index(appropriation), values, color=color, linestyle=style, label=f"harmonic {harmonic}")
         ax.set_yscale("log")
         ax.set_ylim(bottom=max(1e-6 * float(heights.max()), 0.5 * float(heights[heights > 0].min())))
-        ax.set_xlabel(_LEVEL)
+        _over_levels(ax)
         ax.set_ylabel("acceleration [m/s²]")
         ax.set_title(f"Harmonics at {sensor}")
         thick(ax.legend(loc="best", fontsize=7.5, ncols=2))
@@ -97,7 +98,7 @@ def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
             ax.plot(index, shares[:, mode, harmonic], color=color, label=label)
         ax.axhline(interaction.least_share, color=GREY, linestyle="--", linewidth=1.0, label="share asked for")
         ax.set_ylim(bottom=0)
-        ax.set_xlabel(_LEVEL)
+        _over_levels(ax)
         ax.set_ylabel("share of the fundamental")
         ax.set_title("Interaction" if interaction.flagged else "No interaction")
         thick(ax.legend(loc="best", fontsize=7.5))
@@ -118,7 +119,7 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
         ax.plot(index, interaction.mac_of_others, color=GREY, label="any other mode, at most")
         ax.axhline(interaction.least_assurance, color=INK, linestyle="--", linewidth=1.0, label="asked for")
         ax.set_ylim(0, 1.05)
-        ax.set_xlabel(_LEVEL)
+        _over_levels(ax)
         ax.set_ylabel("MAC")
         ax.set_title(f"Shape of harmonic {interaction.harmonic}")
         thick(ax.legend(loc="best", fontsize=7.5))
@@ -148,6 +149,12 @@ def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float
         ax.set_ylabel("imaginary part [m/s²/N]")
         ax.set_title(f"Response at {response.drive_point}", pad=14)
     return ax
+
+
+def _over_levels(ax: Axes) -> None:
+    """Levels are counted: no ticks between them."""
+    ax.set_xlabel(_LEVEL)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _index(appropriation: Appropriation) -> np.ndarray:

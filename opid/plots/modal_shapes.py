@@ -117,12 +117,20 @@ def mode_indicators(
     return flat
 
 
-def level_shift_figures(shifts: Sequence[LevelShift], axes: Any = None) -> np.ndarray:
+def level_shift_figures(
+    shifts: Sequence[LevelShift],
+    axes: Any = None,
+    *,
+    frequency_threshold: float | None = None,
+    damping_threshold: float | None = None,
+) -> np.ndarray:
     """Draw by how much natural frequency and damping ratio of each mode move from the lowest level to the highest.
 
     Args:
         shifts: one a mode.
         axes: two Axes, or None for a new figure.
+        frequency_threshold: relative shift from which a mode counts as nonlinear: dashed lines; none if left out.
+        damping_threshold: likewise of the damping ratio.
 
     Returns:
         (2, 1) Axes: frequency above, damping below.
@@ -130,8 +138,14 @@ def level_shift_figures(shifts: Sequence[LevelShift], axes: Any = None) -> np.nd
     place = np.arange(len(shifts))
     with house_style():
         grid = panels(axes, 2, height_in=4.2, sharex=True)
-        for ax, name in zip(grid[:, 0], ("frequency", "damping"), strict=True):
+        thresholds = (frequency_threshold, damping_threshold)
+        for ax, name, threshold in zip(grid[:, 0], ("frequency", "damping"), thresholds, strict=True):
             ax.axhline(0, color=INK, linewidth=0.8)
+            for sign in (1, -1) if threshold is not None else ():
+                label = f"threshold ±{100 * (threshold or 0):.3g} %" if sign > 0 else None
+                ax.axhline(sign * 100 * (threshold or 0), color=GREY, linestyle="--", linewidth=0.9, label=label)
+            if threshold is not None:
+                ax.legend(loc="best", fontsize=7.5)
             for x, shift in zip(place, shifts, strict=True):
                 estimate = shift.frequency_shift if name == "frequency" else shift.damping_shift
                 if estimate.value is None:
@@ -144,6 +158,7 @@ def level_shift_figures(shifts: Sequence[LevelShift], axes: Any = None) -> np.nd
             ax.set_ylabel(f"{name} shift [%]")
             ax.grid(False, axis="x")
         grid[1, 0].set_xticks(place, [str(shift.mode) for shift in shifts])
+        grid[1, 0].set_xlim(-0.5, len(shifts) - 0.5)
         grid[1, 0].set_xlabel("mode")
         grid[0, 0].set_title("Nonlinear modes in red, hollow where the levels cannot tell")
     return grid

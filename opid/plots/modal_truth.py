@@ -22,6 +22,9 @@ AROUND = 256
 ROOM = 2.0
 # the spectrum is shown down to this share of its peak
 LEAST_SHOWN = 1e-4
+# points of a curve that stand for many samples or lines, and the fewest that still show its shape
+N_CRESTS = 400
+LEAST_CRESTS = 40
 
 
 def truth_test(
@@ -104,11 +107,18 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
     close = slice(max(peak - reach, 0), peak + reach + 1)
     for values, color, label, order in series:
         settings = {"color": color, "label": label, "zorder": order}
-        whole.plot(time, values, linewidth=0.6, alpha=0.9, **settings)
-        near.plot(time[close], values[close], linewidth=2.6 if label == "measured" else 1.1, **settings)
+        # two curves that agree are told apart as a thin line on a broad one
+        broad = label == "measured"
+        _whole(whole, time, values, 2 * reach // N_PERIODS, settings)
+        near.plot(time[close], values[close], linewidth=2.6 if broad else 1.1, **settings)
         lines, height = fourier_amplitude(values - values.mean(), fs)
         shown = _shown(lines, test.band_hz, height)
-        spectrum.plot(lines[shown], height[shown], linewidth=0.9, **settings)
+        spectrum.plot(
+            *_crests(lines[shown], height[shown]),
+            linewidth=2.2 if broad else 0.9,
+            alpha=0.5 if broad else 1,
+            **settings,
+        )
     for place in nonlinear_hz:
         spectrum.axvline(place, color=GREY, linestyle="--", linewidth=0.8, zorder=0)
     spectrum.set_yscale("log")
@@ -119,6 +129,33 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
     highest = ROOM * max(float(np.abs(values[close]).max()) for values in (measured, test.nonlinear.channel(sensor)))
     near.set_ylim(max(near.get_ylim()[0], -highest), min(near.get_ylim()[1], highest))
     near.locator_params(axis="x", nbins=5)
+
+
+def _whole(ax: Axes, time: np.ndarray, values: np.ndarray, least: int, settings: dict[str, Any]) -> None:
+    """Draw all of a record; of many periods only how far they go, the measured ones as an area, models as lines."""
+    size = max(values.size // N_CRESTS, least)
+    n = values.size // size
+    if n < LEAST_CRESTS:
+        ax.plot(time, values, linewidth=0.6, alpha=0.9, **settings)
+        return
+    blocks = values[: n * size].reshape(n, size)
+    middle = time[size // 2 : n * size : size]
+    low, high = blocks.min(axis=1), blocks.max(axis=1)
+    if settings["label"] == "measured":
+        ax.fill_between(middle, low, high, alpha=0.45, linewidth=0, **settings | {"zorder": 0.5})
+        return
+    for label, edge in ((settings["label"], high), (None, low)):
+        ax.plot(middle, edge, linewidth=1.0, **settings | {"label": label})
+
+
+def _crests(frequency: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The highest of some neighbouring lines where there are many: noise is then a line, and no block."""
+    size = frequency.size // N_CRESTS
+    if size < 2:
+        return frequency, height
+    blocks = height[: size * N_CRESTS].reshape(N_CRESTS, size)
+    places = size * np.arange(N_CRESTS) + blocks.argmax(axis=1)
+    return frequency[places], height[places]
 
 
 def _reach(measured: np.ndarray, peak: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -24,6 +25,7 @@ INK, GREY, PALE = "#222222", "#7A7A7A", "#C4C4C4"
 RUN_COLORS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 SURFACE_MAP, COUNT_MAP = "RdBu_r", "cividis"
 WIDTH_IN = 7.4
+RAISED = str.maketrans("0123456789.n", "⁰¹²³⁴⁵⁶⁷⁸⁹˙ⁿ")
 # points drawn in a scatter: more only make a blot
 N_POINTS = 4000
 
@@ -182,8 +184,9 @@ def pretty(unit: str) -> str:
     >>> pretty("N s^2/m^2")
     'N s²/m²'
     """
-    for written, printed in (("^2", "²"), ("^3", "³"), ("^5", "⁵"), ("^n", "ⁿ"), ("*", "·")):
-        unit = unit.replace(written, printed)
+    # "^2.5" and "^n" with them, for there are no raised points and few letters
+    raised = re.sub(r"\^(\d+(?:\.\d+)?|n)", lambda power: power[1].translate(RAISED), unit)
+    unit = raised.replace("*", "·")
     return unit
 
 

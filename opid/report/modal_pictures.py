@@ -11,6 +11,7 @@ from opid.modal.coordinates import ModalTest
 from opid.modal.free_decay import Decay
 from opid.modal.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
+from opid.modal.study import THRESHOLDS
 from opid.report.modal_tables import Truth, worst_sensors
 from opid.report.page import Draw, Picture
 
@@ -49,15 +50,20 @@ def _pictures(result: ModalIdentification) -> Iterator[Picture]:
             "What the linear modes explain",
             "Complex mode indicator function of the level tests (in colour, the lowest level first) and of the linear "
             "modes (dashed). They should agree at the lowest level; a peak that moves and widens with the level is a "
-            "nonlinear mode.",
+            "nonlinear mode."
+            if result.shifts
+            else "Complex mode indicator function of the linear modes.",
             _draw_indicators,
         )
     if result.shifts:
         yield Picture(
             "level_shifts",
             "Which modes are nonlinear",
-            "Change of natural frequency and damping ratio from the lowest level to the highest, with 95 % intervals.",
-            lambda result, truth: plots.level_shift_figures(result.shifts),
+            "Change of natural frequency and damping ratio from the lowest level to the highest, with 95 % intervals. "
+            "Beyond the thresholds (dashed), by three standard errors, a mode counts as nonlinear.",
+            lambda result, truth: plots.level_shift_figures(
+                result.shifts, **{name: result.settings[name] for name in THRESHOLDS if name in result.settings}
+            ),
         )
     for fit in result.fits:
         yield from _pictures_of_mode(fit)
@@ -65,8 +71,8 @@ def _pictures(result: ModalIdentification) -> Iterator[Picture]:
         yield Picture(
             f"decay_{number}",
             f"Free decay {decay.name}",
-            "The record with the amplitude that was followed, and natural frequency and damping ratio over it. Wiggles "
-            "are noise or a second mode.",
+            "The record with the amplitude that was followed, and natural frequency and damping ratio over it, beside "
+            "those of the law that the decays of this mode give together. Wiggles are noise or a second mode.",
             _draw_decay(decay),
         )
     for number, test in enumerate(result.truth_tests, start=1):
@@ -106,8 +112,9 @@ def _pictures_of_truth_test(number: int, test: TruthTest) -> Iterator[Picture]:
     yield Picture(
         f"truth_test_{number}",
         f"Truth test {test.name}",
-        "No fit has seen this test. Measured (black), nonlinear model (red), linear model (blue) under the measured "
-        "force: the whole record, around its peak, and over frequency, where dashed lines are the nonlinear modes.",
+        "No fit has seen this test. Measured (black, grey), nonlinear model (red), linear model (blue) under the "
+        "measured force: the whole record (of a long one how far it goes), around its peak, and over frequency (of "
+        "many lines the highest neighbours), where dashed lines are the nonlinear modes.",
         lambda result, truth: plots.truth_test(
             test,
             sensors=_shown(result, test),
@@ -125,7 +132,9 @@ def _pictures_of_truth_test(number: int, test: TruthTest) -> Iterator[Picture]:
 def _draw_decay(decay: Decay) -> Draw:
     from opid import plots
 
-    return lambda result, truth: plots.free_decay_figure(decay)
+    return lambda result, truth: plots.free_decay_figure(
+        decay, law=None if decay.mode is None else result.decay_laws.get(decay.mode)
+    )
 
 
 def _draw_indicators(result: ModalIdentification, truth: Truth | None) -> Any:

@@ -9,25 +9,33 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from opid.modal.free_decay import Decay
+from opid.estimate import Estimate
+from opid.modal.decay_fit import DecayLaw
 from opid.modal.result import SCHEMA, ForceCurve, ModalIdentification, ModeFit, TruthTest
+from opid.modal.study import THRESHOLDS
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import columns
+from opid.report.decay_report import coefficients, decay_fields
 from opid.report.directory import write_together
 from opid.report.modal_pictures import modal_pictures
 from opid.report.modal_tables import (
     Truth,
     basis,
+    by_decays_alone,
     coefficient_rows,
-    decay_table,
     doubts_of,
-    mode_table,
-    shift_table,
+    tables,
     truth_table,
     truth_test_head,
-    unit_of,
+    with_coefficients,
 )
 from opid.report.page import rendered
+
+FORCED_ONLY = (
+    *("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass", "force_curves"),
+    *("frequency_at_hz", "damping_at"),
+)
+"""Keys of a mode in result.json that are null where only free decays show it."""
 
 
 def modal_json(result: ModalIdentification) -> dict[str, Any]:
@@ -40,7 +48,11 @@ def modal_json(result: ModalIdentification) -> dict[str, Any]:
         `schema`, `title`, `drive_point`, `condition_number`, `auto_mac`, `modes` (one a nonlinear mode, with `k` and
         `c` {power: {value, std, interval95}}, `band_hz`, `force_curves` and the fields of `ModeFit`), `linear_modes`
         {frequency_hz, damping_ratio}, `truth_tests` [{name, band_hz, sensors {name: the fields of `Comparison`}}],
-        `level_shifts`, `decays`, `warnings`, `not_determined`, `settings`.
+        `level_shifts`, `decays`, `decay_laws` {mode: {`k`, `c`, `frequency_low_hz`, `damping_low`, ...}}, `warnings`,
+        `not_determined`, `settings`. A mode that only free decays show stands in `modes` with the same keys, after the
+        others: `known_by` is "free decays" instead of "forced tests", `k` and `c` are those of `decay_laws` (power 1 as
+        for all `modes` the correction of k0 and c0; in `decay_laws` and `decays` it is k0 and c0 itself), `tests` are
+        its decays, and what only forced tests give (`band_hz`, `force_curves`, `modal_mass`, ...) is null.
     """
     return plain(
         {
@@ -49,14 +61,18 @@ def modal_json(result: ModalIdentification) -> dict[str, Any]:
             "drive_point": result.drive_point,
             "condition_number": result.condition_number,
             "auto_mac": result.auto_mac,
-            "modes": [_mode(fit) for fit in result.fits],
+            "modes": [
+                *(_mode(fit) for fit in result.fits),
+                *(_mode_of_decays(result, mode) for mode in by_decays_alone(result)),
+            ],
             "linear_modes": {
                 "frequency_hz": result.modes.frequency_hz,
                 "damping_ratio": result.modes.damping_ratio,
             },
             "truth_tests": [_truth_test(test) for test in result.truth_tests],
             "level_shifts": [asdict(shift) for shift in result.shifts],
-            "decays": [_decay(decay) for decay in result.decays],
+            "decays": [decay_fields(decay) for decay in result.decays],
+            "decay_laws": {str(mode): _decay_law(law) for mode, law in sorted(result.decay_laws.items())},
             "warnings": result.warnings,
             "not_determined": result.not_determined,
             "settings": result.settings,
@@ -90,16 +106,17 @@ def write_modal_report(
     for picture in pictures:
         say(f"figure {picture.name}")
         images[picture.name] = png(figure_of(picture.draw(result, truth)))
+    known = with_coefficients(truth)
     page = rendered(
         "modal.html.jinja",
         images,
         title=result.title or "Nonlinear modal model",
         result=result,
-        truth=truth,
+        truth=known,
         basis=basis(result),
-        tables=[table for table in (mode_table(result), shift_table(result), decay_table(result)) if len(table) > 1],
-        columns=columns(truth),
-        rows=coefficient_rows(result, truth),
+        tables=tables(result),
+        columns=columns(known),
+        rows=coefficient_rows(result, known),
         truth_tests=[
             (truth_test_head(test), truth_table(test, first=result.drive_point)) for test in result.truth_tests
         ],
@@ -119,15 +136,13 @@ def _mode(fit: ModeFit) -> dict[str, Any]:
     """One nonlinear mode; `k` and `c` by power, as the paper calls them."""
     return {
         "mode": fit.mode,
+        "known_by": "forced tests",
         "frequency_hz": fit.frequency_hz,
         "damping_ratio": fit.damping_ratio,
         "stiffness_order": fit.stiffness_order,
         "damping_order": fit.damping_order,
         "free_linear": fit.free_linear,
-        "k": {str(power): asdict(estimate) for power, estimate in fit.stiffness.items()},
-        "c": {str(power): asdict(estimate) for power, estimate in fit.damping.items()},
-        "units": {f"k{power}": unit_of("k", power) for power in fit.stiffness}
-        | {f"c{power}": unit_of("c", power) for power in fit.damping},
+        **coefficients(fit.stiffness, fit.damping),
         "band_hz": fit.band_hz,
         "n_lines": fit.n_lines,
         "residual_share": fit.residual_share,
@@ -146,6 +161,46 @@ def _mode(fit: ModeFit) -> dict[str, Any]:
     }
 
 
+def _mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
+    """A mode that only free decays show, with the keys of the others; null is what forced tests alone give."""
+    law, place = result.decay_laws[mode], result.modes.place(mode)
+    stiffness = dict(law.stiffness) | {1: _less(law.stiffness[1], float(result.modes.stiffness()[place]))}
+    damping = dict(law.damping) | {1: _less(law.damping[1], float(result.modes.damping()[place]))}
+    return {
+        "mode": mode,
+        "known_by": "free decays",
+        "frequency_hz": result.modes.frequency_hz[place],
+        "damping_ratio": result.modes.damping_ratio[place],
+        "stiffness_order": max(law.stiffness),
+        "damping_order": max(law.damping),
+        "free_linear": True,
+        **coefficients(stiffness, damping),
+        **dict.fromkeys(FORCED_ONLY),
+        "tests": [decay.name for decay in result.decays if decay.mode == mode],
+        "orders": [],
+        "warnings": law.warnings,
+    }
+
+
+def _less(estimate: Estimate, given: float) -> Estimate:
+    """An estimate of k0 or c0 as the correction of the one that is given."""
+    return Estimate() if estimate.value is None else Estimate.normal(estimate.value - given, estimate.std)
+
+
+def _decay_law(law: DecayLaw) -> dict[str, Any]:
+    """The law that the free decays of a mode give together."""
+    return {
+        **coefficients(law.stiffness, law.damping),
+        "frequency_low_hz": asdict(law.frequency_low_hz),
+        "damping_low": asdict(law.damping_low),
+        "amplitude": law.amplitude,
+        "frequency_hz": law.frequency_hz,
+        "damping_ratio": law.damping_ratio,
+        "misfit": law.misfit,
+        "warnings": law.warnings,
+    }
+
+
 def _curve(curve: ForceCurve, along: str) -> dict[str, Any]:
     values = {"force": curve.force, "low": curve.low, "high": curve.high, "linear": curve.linear}
     return {along: curve.position, **values}
@@ -159,24 +214,9 @@ def _truth_test(test: TruthTest) -> dict[str, Any]:
 def _command(result: ModalIdentification) -> str:
     """The command that gives this result."""
     source = result.settings.get("study")
-    orders = "".join(
-        f" --{name.replace('_', '-')} {result.settings[name]}"
-        for name in ("stiffness_order", "damping_order")
-        if isinstance(result.settings.get(name), int)
+    settings = "".join(
+        f" --{name.replace('_', '-')} {result.settings[name]:g}"
+        for name in ("stiffness_order", "damping_order", *(THRESHOLDS if result.shifts else ()))
+        if result.settings.get(name) is not None
     )
-    return f"opid modal {shlex.quote(str(source or 'STUDY.toml'))}{orders}"
-
-
-def _decay(decay: Decay) -> dict[str, Any]:
-    """A free decay without its record."""
-    kept = (
-        *("name", "mode", "amplitude", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std"),
-        *("amplitude_unit", "start_s", "stop_s", "residual_share", "law_misfit", "warnings"),
-    )
-    return {
-        **{name: getattr(decay, name) for name in kept},
-        "frequency_low_hz": asdict(decay.frequency_low_hz),
-        "damping_low": asdict(decay.damping_low),
-        "k": {str(power): asdict(estimate) for power, estimate in decay.stiffness.items()},
-        "c": {str(power): asdict(estimate) for power, estimate in decay.damping.items()},
-    }
+    return f"opid modal {shlex.quote(str(source or 'STUDY.toml'))}{settings}"

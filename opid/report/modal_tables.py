@@ -14,6 +14,7 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.report.as_text import Row, aligned, columns, estimate_row, table_lines, wrapped
+from opid.report.modal_units import unit_of
 
 TRUTH_SCHEMA = "opid.modal-truth/1"
 MOST_SENSORS = 8
@@ -32,11 +33,12 @@ def modal_text(result: ModalIdentification, truth: Truth | None = None) -> str:
     parts = [result.title or "Nonlinear modal model", "", *wrapped(basis(result)), ""]
     if result.not_determined:
         parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    for table in (mode_table(result), shift_table(result), decay_table(result)):
-        if len(table) > 1:
-            parts += [*aligned(table, n_left=1), ""]
-    if result.fits:
-        parts += [*table_lines(coefficient_rows(result, truth), columns(truth)), ""]
+    for table, note in tables(result):
+        parts += [*aligned(table, n_left=1), *wrapped(note), ""]
+    known = with_coefficients(truth)
+    rows = coefficient_rows(result, known)
+    if rows:
+        parts += [*table_lines(rows, columns(known)), ""]
     for test in result.truth_tests:
         shown = truth_table(test, most=MOST_SENSORS, first=result.drive_point)
         parts += [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1)]
@@ -54,11 +56,46 @@ def basis(result: ModalIdentification) -> str:
     """
     modes = result.modes
     rigid = modes.n_modes - int(np.count_nonzero(modes.elastic))
-    fitted = ", ".join(str(fit.mode) for fit in result.fits) or "none"
+    known = [str(fit.mode) for fit in result.fits] + [f"{mode} (by free decays)" for mode in by_decays_alone(result)]
     at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
     return (
         f"{modes.n_modes} modes ({rigid} rigid), {len(modes.sensors)} sensors{at}; condition number of the shapes "
-        f"{result.condition_number:.3g}; nonlinear: {fitted}."
+        f"{result.condition_number:.3g}; nonlinear: {', '.join(known) or 'none'}."
+    )
+
+
+def by_decays_alone(result: ModalIdentification) -> list[int]:
+    """Return the modes that no forced test moves and whose law comes from their free decays.
+
+    Args:
+        result: the identification.
+    """
+    fitted = {fit.mode for fit in result.fits}
+    return [mode for mode in sorted(result.decay_laws) if mode not in fitted]
+
+
+def tables(result: ModalIdentification) -> list[tuple[list[tuple[str, ...]], str]]:
+    """Return the tables of modes, level shifts and free decays that have something in them, each with a note below.
+
+    Args:
+        result: the identification.
+    """
+    noted = ((mode_table(result), ""), (shift_table(result), thresholds(result)), (decay_table(result), ""))
+    return [(table, note) for table, note in noted if len(table) > 1]
+
+
+def thresholds(result: ModalIdentification) -> str:
+    """Return the sentence that says from which shift on a mode counts as nonlinear.
+
+    Args:
+        result: the identification.
+    """
+    frequency, damping = (result.settings.get(name) for name in ("frequency_threshold", "damping_threshold"))
+    if frequency is None or damping is None:
+        return ""
+    return (
+        f"A mode is nonlinear where its frequency shifts by more than {100 * frequency:.3g} % or its damping ratio by "
+        f"more than {100 * damping:.3g} %, by three standard errors."
     )
 
 
@@ -140,7 +177,9 @@ def doubts_of(result: ModalIdentification) -> list[str]:
         result: the identification.
     """
     of_fits = [text for fit in result.fits for text in fit.warnings]
-    of_decays = [f"free decay {decay.name!r}: {text}" for decay in result.decays for text in decay.warnings]
+    of_decays = [
+        f"free decay {decay.name!r} of mode {decay.mode}: {text}" for decay in result.decays for text in decay.warnings
+    ]
     return list(dict.fromkeys([*result.warnings, *of_fits, *of_decays]))
 
 
@@ -151,7 +190,18 @@ def coefficient_rows(result: ModalIdentification, truth: Truth | None = None) ->
         result: the identification.
         truth: as in truth.json, or None.
     """
-    return [row for fit in result.fits for row in _rows_of(fit, truth)]
+    of_fits = [row for fit in result.fits for row in _rows_of(fit, truth)]
+    of_decays = [row for mode in sorted(result.decay_laws) for row in _rows_of_decays(result, mode, truth)]
+    return of_fits + of_decays
+
+
+def with_coefficients(truth: Truth | None) -> Truth | None:
+    """Return the truth if it has coefficients to compare with; joints that are no power laws have none.
+
+    Args:
+        truth: as in truth.json, or None.
+    """
+    return truth if truth and any(law["k"] or law["c"] for law in truth["nonlinear"].values()) else None
 
 
 def truth_test_head(test: TruthTest) -> str:
@@ -202,24 +252,6 @@ def worst_sensors(test: TruthTest) -> list[str]:
     return sorted(test.sensors, key=lambda name: -test.sensors[name].nrmse_nonlinear)
 
 
-def unit_of(letter: str, power: int) -> str:
-    """Return the unit of a coefficient, (N/kg^1/2) / (m kg^1/2)^n or (N/kg^1/2) / (m/s kg^1/2)^n, in short.
-
-    Args:
-        letter: "k" or "c".
-        power: n.
-
-    >>> unit_of("k", 3), unit_of("c", 2), unit_of("k", 1)
-    ('N/(m^3 kg^2)', 'N s^2/(m^2 kg^1.5)', 'N/(m kg)')
-    """
-
-    def raised(name: str, exponent: float) -> str:
-        return name if exponent == 1 else f"{name}^{exponent:g}"
-
-    seconds = f" {raised('s', power)}" if letter == "c" else ""
-    return f"N{seconds}/({raised('m', power)} {raised('kg', (power + 1) / 2)})"
-
-
 def read_modal_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read the truth.json of a simulated modal test.
 
@@ -261,10 +293,25 @@ def _rows_of(fit: ModeFit, truth: Truth | None) -> Iterator[Row]:
             yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
 
 
+def _rows_of_decays(result: ModalIdentification, mode: int, truth: Truth | None) -> Iterator[Row]:
+    """What the free decays of a mode give together; k1 and c1 are k0 and c0 themselves."""
+    law = result.decay_laws[mode]
+    names = [decay.name for decay in result.decays if decay.mode == mode]
+    many = f"{len(names)} free decays together" if len(names) > 1 else f"free decay {names[0]!r}" if names else "decays"
+    yield Row(f"Mode {mode} by {many}, {law.frequency_low_hz.value or 0:.2f} Hz: k1 and c1 are k0 and c0")
+    true = truth["nonlinear"].get(str(mode), {}) if truth else {}
+    for letter, estimates in (("k", law.stiffness), ("c", law.damping)):
+        for power, estimate in sorted(estimates.items()):
+            known = true.get(letter)
+            value = float(known.get(str(power), 0.0)) if known and power > 1 else None
+            yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
+
+
 def _lowest(estimates: tuple[Estimate, ...]) -> float | None:
     """The value of the lowest level that has one."""
     return next((each.value for each in estimates if each.value is not None), None)
 
 
 def _percent(shift: Estimate, *, digits: int) -> str:
-    return "-" if shift.value is None else f"{100 * shift.value:+.{digits}f} %"
+    # no -0
+    return "-" if shift.value is None else f"{round(100 * shift.value, digits) + 0.0:+.{digits}f} %"

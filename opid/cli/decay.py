@@ -1,0 +1,79 @@
+"""Frequency and damping over amplitude of a free decay: `opid decay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import main, progress
+from opid.errors import InputError
+
+if TYPE_CHECKING:
+    from opid.signals.recording import Recording
+
+
+@main.command()
+@click.argument("log", type=click.Path(path_type=Path), metavar="LOG")
+@click.option("--channel", required=True, metavar="NAME", help="Acceleration, velocity or displacement, by its unit.")
+@click.option("--unit", metavar="UNIT", help="Of the channel (g, m/s^2, mm/s, ...), whatever the log says.")
+@click.option("--near", type=float, metavar="HZ", help="Frequency of the mode.  [default: the highest peak]")
+@click.option("--start", type=float, metavar="S", help="Start of the decay, s from the first sample.  [default: found]")
+@click.option("--stop", type=float, metavar="S", help="Its end, s from the first sample.  [default: found]")
+@click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, 1 is linear.  [default: found]")
+@click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, 1 is linear.  [default: found]")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figure.")
+def decay(log: Path, out: Path | None, **settings: Any) -> None:
+    """Follow a free decay: frequency and damping over amplitude, and the law of the mode.
+
+    From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
+    """
+    from opid.modal.free_decay import QUANTITIES, UNITS, free_decay, law_of_decays
+    from opid.report.decay_report import decay_text, write_decay_report
+    from opid.report.directory import require_directory
+
+    target = None if out is None else require_directory(out)
+    orders = {name: settings[name] for name in ("stiffness_order", "damping_order")}
+    told = {"log": str(log), **settings}
+    with progress() as say:
+        say("the record")
+        record = _record(log, settings["channel"], settings["unit"], UNITS)
+        say("the decay")
+        found = free_decay(
+            record.samples[:, 0],
+            fs=record.fs,
+            quantity=QUANTITIES[UNITS.index(record.channels[0].unit)],
+            near_hz=settings["near"],
+            start_s=settings["start"],
+            stop_s=settings["stop"],
+            name=settings["channel"],
+            **orders,
+        )
+        page = None
+        if target is not None:
+            law = None if found.law is None else law_of_decays([found], **orders)
+            page = write_decay_report(found, target, told, law=law, progress=say)
+    click.echo(decay_text(found, told))
+    if page is not None:
+        click.echo(f"Report: {page} (open it in a browser)")
+
+
+def _record(log: Path, channel: str, unit: str | None, units: tuple[str, ...]) -> Recording:
+    """The channel of a log in SI units; refused where these are none of a motion."""
+    from opid.signals.conversion import recording_of
+    from opid.signals.log_settings import ChannelSettings
+    from opid.signals.logs import open_log
+
+    opened = open_log(log)
+    track, column = opened.find(channel)
+    if unit is None and track.channels[column].unit is None:
+        raise InputError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
+    record = recording_of(opened, channels={channel: ChannelSettings(channel, unit=unit)})
+    if record.channels[0].unit not in units:
+        raise InputError(
+            f"channel {channel!r} of {log} is in {record.channels[0].unit}: a free decay is followed in an "
+            "acceleration, a velocity or a displacement; choose such a channel, or give the unit of its numbers, like "
+            "--unit g"
+        )
+    return record

@@ -1,0 +1,132 @@
+"""`opid decay` as a user drives it: what it writes, what it says, and with which status it ends."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+
+from opid import cli
+from opid.signals.units import STANDARD_GRAVITY
+
+FS, FREQUENCY, ZETA = 2048.0, 60.0, 0.004
+OMEGA = 2 * np.pi * FREQUENCY
+K0, C0, K3, C2 = OMEGA**2, 2 * ZETA * OMEGA, -5e10, 8.0
+ORDERS = ("--stiffness-order", 3, "--damping-order", 2)
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    assert done.exit_code == status, done.output
+    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+    assert len(lines) == 1
+    for word in words:
+        assert word in lines[0]
+
+
+def rate(_, state):
+    q, v = state
+    return v, -(K0 * q + C0 * v + K3 * q**3 + C2 * v * abs(v))
+
+
+def written(path, columns):
+    table = np.stack(list(columns.values()), axis=1)
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """Rest, then the free decay of a mode from 0.7 mm, as several sensors see it with 0.5 % noise."""
+    time = np.arange(round(4 * FS)) / FS
+    found = solve_ivp(rate, (0, time[-1]), (7e-4, 0.0), t_eval=time, method="DOP853", rtol=1e-9, atol=1e-13)
+    q, v = np.hstack([np.zeros((2, 1000)), found.y])
+    rng = np.random.default_rng(0)
+    noisy = [x + 0.005 * x.std() * rng.standard_normal(x.size) for x in (q, v, rate(0, (q, v))[1])]
+    columns = {
+        "time [s]": np.arange(q.size) / FS,
+        "az [g]": noisy[2] / STANDARD_GRAVITY,
+        "vz [mm/s]": 1e3 * noisy[1],
+        "z [mm]": 1e3 * noisy[0],
+        "raw": noisy[2] / STANDARD_GRAVITY,
+        "bridge [V]": noisy[2],
+    }
+    return written(tmp_path_factory.mktemp("decay") / "hit.csv", columns)
+
+
+def holds(estimate, truth):
+    """Whether a value is as near to the truth as its standard deviation says, and that is near."""
+    return abs(estimate["value"] - truth) < 4 * estimate["std"] < 0.2 * abs(truth)
+
+
+def test_the_law_is_found_and_reported(log, tmp_path):
+    out = tmp_path / "result"
+    done = opid("decay", log, "--channel", "az", *ORDERS, "--out", out)
+    assert (done.exit_code, done.stderr) == (0, "")
+    for words in ("Free decay: 'az' in hit.csv", "largest", "law, at zero", "per unit mass", "k3"):
+        assert words in done.stdout
+    assert max(map(len, done.stdout.splitlines()[:-1])) <= 80
+    assert f"Report: {out / 'report.html'}" in done.stdout
+    result = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    assert (result["schema"], result["amplitude_unit"]) == ("opid.decay/1", "m")
+    assert holds(result["k"]["3"], K3)
+    assert holds(result["c"]["2"], C2)
+    assert holds(result["frequency_low_hz"], FREQUENCY)
+    assert holds(result["damping_low"], ZETA)
+    assert result["units"]["k3"] == "1/(s^2 m^2)"
+    lengths = {len(result[name]) for name in ("amplitude", "frequency_hz", "frequency_std_hz", "damping_ratio")}
+    assert lengths == {len(result["damping_std"])}
+    assert result["amplitude"] == sorted(result["amplitude"], reverse=True)
+    # harmonic linearisation in closed form
+    expected = np.sqrt(K0 + 0.75 * K3 * result["amplitude"][0] ** 2) / (2 * np.pi)
+    assert abs(result["frequency_hz"][0] - expected) < 0.05
+    assert result["settings"]["channel"] == "az"
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 1
+    assert "http" not in page
+    assert f"opid decay {log} --channel az --stiffness-order 3 --damping-order 2" in page
+    assert (out / "decay.png").read_bytes()[1:4] == b"PNG"
+
+
+@pytest.mark.parametrize(("channel", "more"), [("vz", ()), ("z", ()), ("raw", ("--unit", "g"))])
+def test_velocity_displacement_and_a_unit_that_is_told_give_the_same(log, tmp_path, monkeypatch, channel, more):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+    done = opid("decay", log, "--channel", channel, "--near", 60, *more, *ORDERS, "--out", tmp_path)
+    assert done.exit_code == 0
+    result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert holds(result["k"]["3"], K3)
+    assert holds(result["c"]["2"], C2)
+
+
+def test_a_stretch_may_be_given_and_nothing_is_written_without_out(log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = opid("decay", log, "--channel", "az", "--start", 0.8, "--stop", 2.5)
+    assert done.exit_code == 0
+    assert "From 0.7998 to 2.4" in done.stdout
+    assert "Report" not in done.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_grows_ends_with_status_1(tmp_path):
+    time = np.arange(4096) / 1024.0
+    growing = np.exp(1.2 * time) * np.sin(2 * np.pi * 40 * time)
+    path = written(tmp_path / "flutter.csv", {"time [s]": time, "az [m/s^2]": growing})
+    refused(opid("decay", path, "--channel", "az", "--out", tmp_path / "out"), "decay", status=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_input_ends_with_status_2(log, tmp_path):
+    refused(opid("decay", log, "--channel", "ay"), "there is no channel 'ay'")
+    refused(opid("decay", log, "--channel", "raw"), "'raw'", "states no unit", "--unit g")
+    refused(opid("decay", log, "--channel", "bridge"), "'bridge'", "is in V", "--unit g")
+    refused(opid("decay", log, "--channel", "az", "--unit", "furlong"), "furlong")
+    refused(opid("decay", log, "--channel", "az", "--near", -5), "-5")
+    refused(opid("decay", log, "--channel", "az", "--start", 3, "--stop", 1), "3")
+    refused(opid("decay", tmp_path / "none.csv", "--channel", "az"), "none.csv")
+    refused(opid("decay", log, "--channel", "az", "--out", log), "is no directory")
+    assert opid("decay", log).exit_code == 2
