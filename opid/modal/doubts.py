@@ -139,6 +139,6 @@ def doubts_of_other_shifts(shifts: Sequence[LevelShift], nonlinear: Sequence[int
     for shift in shifts:
         if shift.nonlinear and shift.mode not in nonlinear:
             yield (
-                f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or judge the "
-                "model by tests that hardly move it"
+                f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or judge "
+                "the model by tests that hardly move it"
             )
