@@ -38,7 +38,7 @@ def plate(levels_v, **build):
 
 @pytest.mark.parametrize("ratio", [1.99, 2.02])
 def test_the_coupled_plate_is_flagged(ratio):
-    appropriation = plate(np.geomspace(8.0, 31.0, 5), ratio=ratio)
+    appropriation = plate(np.geomspace(20.0, 32.0, 5), ratio=ratio)
     found = modal_interaction(appropriation)
     assert appropriation.locked.all()
     assert found.flagged
