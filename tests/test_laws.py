@@ -212,7 +212,16 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     (package / "__init__.py").touch()
     source = Path(opid.mechanics.__file__).parent
     shutil.copy(source.parent / "errors.py", package / "errors.py")
-    for name in ("__init__", "kinds", "laws", "steps", "prediction_steps", "prediction_of_one", "kernels"):
+    for name in (
+        "__init__",
+        "kinds",
+        "laws",
+        "steps",
+        "prediction_steps",
+        "backbone_steps",
+        "prediction_of_one",
+        "kernels",
+    ):
         shutil.copy(source / f"{name}.py", package / "mechanics" / f"{name}.py")
     code = (
         "import numpy as np\n"

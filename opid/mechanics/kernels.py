@@ -19,8 +19,8 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from opid.errors import InputError
+from opid.mechanics import backbone_steps, prediction_of_one, prediction_steps, steps
 from opid.mechanics import kinds as kinds_module
-from opid.mechanics import prediction_of_one, prediction_steps, steps
 from opid.mechanics.kinds import BUILT_IN, LAWS, Kind
 from opid.mechanics.laws import FloatArray, Law
 
@@ -51,12 +51,38 @@ _PARTS = (
     "_corrected_covariance",
     "_balanced",
     "_upper",
+    "_power_forces",
+    "_weighted_sum",
+    "_motion_of_joint",
+    "_add_term",
+    "_transformed_forces",
+    "_receptance",
+    "_fill",
+    "_eliminate",
+    "_newton",
+    "_predict",
+    "_remember",
+    "_march",
+    "_shapes",
 )
 # sums that may be taken in any order, several numbers at once
-_SUMS = ("_slider_force", "_dot", "_dot_of_two")
-# called once a run
-_ONCE = ("_places", "_upper")
-_KERNELS = ("_force_many", "_structure_steps", "_predictions", "_predictions_of_one")
+_SUMS = ("_slider_force", "_dot", "_dot_of_two", "_weighted_sum", "_motion_of_joint")
+# called once a run, or so long that a call is nothing beside them
+_ONCE = (
+    "_places",
+    "_upper",
+    "_newton",
+    "_shapes",
+    "_power_forces",
+    "_transformed_forces",
+    "_receptance",
+    "_fill",
+    "_eliminate",
+    "_predict",
+    "_remember",
+    "_march",
+)
+_KERNELS = ("_force_many", "_structure_steps", "_predictions", "_predictions_of_one", "_backbones")
 
 
 def law_arrays(*laws: Law) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
@@ -106,6 +132,17 @@ def runge_kutta_4(codes: NDArray[np.int64]) -> Any:
         codes: of the terms of all joints' laws, as `law_arrays` gives them.
     """
     return _kernel("_structure_steps", codes)
+
+
+def backbones(codes: NDArray[np.int64]) -> Any:
+    """Return the compiled Newton's method for backbones, `opid.mechanics.backbone_steps._backbones`.
+
+    It takes (system, sensors, harmonics, law, transform, amplitudes), as `opid.mechanics.backbones` makes them.
+
+    Args:
+        codes: of the terms of all joints' laws, as `law_arrays` gives them.
+    """
+    return _kernel("_backbones", codes)
 
 
 def predictions(
@@ -207,7 +244,7 @@ def _compiled(kinds: tuple[Kind, ...]) -> dict[str, Any]:
     numba renews its cache when the file of a kernel changes, but not when kinds.py does, or another file with functions
     that are compiled in: the digest in the name of the kernels keeps old code apart.
     """
-    modules = (prediction_of_one, prediction_steps, steps)
+    modules = (backbone_steps, prediction_of_one, prediction_steps, steps)
     names: dict[str, Any] = {name: value for module in modules for name, value in vars(module).items()}
     names["_evaluate"] = _evaluation(kinds)
     sources = "".join(inspect.getsource(module) for module in (kinds_module, *modules, sys.modules[__name__]))

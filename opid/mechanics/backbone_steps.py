@@ -1,0 +1,375 @@
+"""Newton's method for a backbone, condensed on the joints, as plain functions of numbers and arrays.
+
+Nothing here is called as it stands: `opid.mechanics.kernels` compiles it, and puts in `_evaluate`, the choice of kinds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def _evaluate(code, z, v, a, b):  # type: ignore[no-untyped-def]
+    """Stands for what `_evaluation` returns."""
+    raise NotImplementedError
+
+
+# the relative step after which Newton's method stops: the error it leaves is about its square
+_SMALL_STEP = 1e-8
+_MOST_ITERATIONS = 12
+# how often a step of the amplitude is halved before a point is given up
+_MOST_HALVINGS = 8
+# shares of the eigenvalue and of the extensions by which a point may lie beside its prediction: farther off it may be
+# on another branch, and smaller steps are taken
+_FARTHEST = 0.05
+_FARTHEST_EXTENSION = 0.2
+# keeps powers of |z| finite at z = 0
+_LEAST_TRAVEL = 1e-30
+
+
+def _power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
+    """First harmonic of sums of c |z|^(p-1) z for one harmonic: c beta_p |z|^(p-1) z, and its slope."""
+    first_rows, last_rows, _, powers, values, factors = law
+    for j in range(force.shape[1]):
+        travel = abs(z[j])
+        total, by_z = 0.0, 0.0
+        for row in range(first_rows[j], last_rows[j]):
+            power = float(powers[row])
+            if powers[row] == 3:
+                stiffness = travel * travel
+            elif powers[row] == 2:
+                stiffness = travel
+            elif powers[row] == 4:
+                stiffness = travel * travel * travel
+            elif powers[row] == 5:
+                stiffness = travel * travel * (travel * travel)
+            else:
+                power = values[sample, row, 1]
+                stiffness = max(travel, _LEAST_TRAVEL) ** (power - 1.0)
+            stiffness *= factors[sample, row]
+            total += stiffness * z[j]
+            by_z += power * stiffness
+        force[0, j] = total
+        slope[j, 0, 0] = by_z
+
+
+def _weighted_sum(weights, row, values):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for t in range(values.size):
+        total += weights[row, t] * values[t]
+    return total
+
+
+def _motion_of_joint(z, n_joints, j, cosines, motion):  # type: ignore[no-untyped-def]
+    for t in range(motion.size):
+        total = 0.0
+        for k in range(cosines.shape[0]):
+            total += z[k * n_joints + j] * cosines[k, t]
+        motion[t] = total
+
+
+def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: ignore[no-untyped-def]
+    """Add one term of a law at all times of a period; the powers apart, which are taken several at once."""
+    for t in range(motion.size):
+        z = motion[t]
+        if power == 3:
+            tangent = amplitude * z * z
+        elif power == 2:
+            tangent = amplitude * abs(z)
+        elif power == 4:
+            tangent = amplitude * abs(z) * z * z
+        elif power == 5:
+            tangent = amplitude * z * z * z * z
+        else:
+            shape, by_z, _, _, _ = _evaluate(code, z, 0.0, a, b)
+            force[t] += amplitude * shape
+            slope[t] += amplitude * by_z
+            continue
+        force[t] += tangent * z
+        slope[t] += power * tangent
+
+
+def _transformed_forces(law, sample, transform, z, force, slope, work):  # type: ignore[no-untyped-def]
+    """Harmonics of the forces, and their slopes by the harmonics of the extensions, from times of a period."""
+    first_rows, last_rows, codes, powers, values, _ = law
+    cosines, weights, products = transform
+    motion, force_then, slope_then = work
+    n_harmonics, n_joints = force.shape
+    for j in range(n_joints):
+        _motion_of_joint(z, n_joints, j, cosines, motion)
+        for t in range(motion.size):
+            force_then[t] = 0.0
+            slope_then[t] = 0.0
+        for row in range(first_rows[j], last_rows[j]):
+            amplitude, a, b = values[sample, row, 0], values[sample, row, 1], values[sample, row, 2]
+            _add_term(codes[row], powers[row], amplitude, a, b, motion, force_then, slope_then)
+        for k in range(n_harmonics):
+            force[k, j] = _weighted_sum(weights, k, force_then)
+            for other in range(n_harmonics):
+                slope[j, k, other] = _weighted_sum(products, k * n_harmonics + other, slope_then)
+
+
+def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[no-untyped-def]
+    """Sums over modes of products / (l_i - h^2 l), and of products / (l_i - h^2 l)^2."""
+    for c in range(once.size):
+        once[c] = 0.0
+        twice[c] = 0.0
+    for i in range(eigenvalue.size):
+        inverse = 1.0 / (eigenvalue[i] - square * at)
+        squared = inverse * inverse
+        for c in range(once.size):
+            once[c] += products[i, c] * inverse
+            twice[c] += products[i, c] * squared
+
+
+def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  # type: ignore[no-untyped-def]
+    """Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
+
+    The target mode's q is put in from the sensor's equation, q = (A + r F_1) / phi_m(a), r = sum phi_i(a) psi_i /
+    (l_i - l): no singularity at its own resonance.
+    """
+    own, own_joints, others, others_products, eigenvalue, products = system
+    n_harmonics, n_joints = force.shape
+    n = y.size
+    at = y[n - 1]
+    for row in range(n):
+        for column in range(n):
+            matrix[row, column] = 0.0
+    for k in range(n_harmonics):
+        square = float(harmonics[k] * harmonics[k])
+        first = harmonics[k] == 1
+        if first:
+            _receptance(others, others_products, square, at, once, twice)
+        else:
+            _receptance(eigenvalue, products, square, at, once[: n_joints * n_joints], twice[: n_joints * n_joints])
+        for j in range(n_joints):
+            row = k * n_joints + j
+            value = y[row]
+            by_eigenvalue = 0.0
+            for i in range(n_joints):
+                value += once[j * n_joints + i] * force[k, i]
+                by_eigenvalue += twice[j * n_joints + i] * force[k, i]
+                for other in range(n_harmonics):
+                    matrix[row, other * n_joints + i] = once[j * n_joints + i] * slope[i, k, other]
+            matrix[row, row] += 1.0
+            matrix[row, n - 1] = square * by_eigenvalue
+            matrix[row, n] = value - own_joints[j] * amplitude / own[1] if first else value
+        if first:
+            seen, seen_slope, pushed = amplitude, 0.0, 0.0
+            for i in range(n_joints):
+                seen += once[n_joints * n_joints + i] * force[k, i]
+                seen_slope += twice[n_joints * n_joints + i] * force[k, i]
+                pushed += own_joints[i] * force[k, i]
+                by_force = (own[0] / at - 1.0) * once[n_joints * n_joints + i] / own[1] + own_joints[i] / at
+                for other in range(n_harmonics):
+                    matrix[n - 1, other * n_joints + i] = by_force * slope[i, k, other]
+            # over the eigenvalue, so that all rows are of one size
+            matrix[n - 1, n] = (own[0] / at - 1.0) * seen / own[1] + pushed / at
+            matrix[n - 1, n - 1] = (-seen / at + (own[0] / at - 1.0) * seen_slope) / own[1]
+
+
+def _eliminate(matrix):  # type: ignore[no-untyped-def]
+    """Solve in place, with pivots; the solution is the last column. False where the matrix is singular."""
+    n = matrix.shape[0]
+    for step in range(n):
+        pivot = step
+        for row in range(step + 1, n):
+            if abs(matrix[row, step]) > abs(matrix[pivot, step]):
+                pivot = row
+        if not abs(matrix[pivot, step]) > 0.0:
+            return False
+        if pivot != step:
+            for column in range(step, n + 1):
+                matrix[step, column], matrix[pivot, column] = matrix[pivot, column], matrix[step, column]
+        inverse = 1.0 / matrix[step, step]
+        for row in range(step + 1, n):
+            factor = matrix[row, step] * inverse
+            for column in range(step + 1, n + 1):
+                matrix[row, column] -= factor * matrix[step, column]
+    for step in range(n - 1, -1, -1):
+        for column in range(step + 1, n):
+            matrix[step, n] -= matrix[step, column] * matrix[column, n]
+        matrix[step, n] /= matrix[step, step]
+    return True
+
+
+def _newton(system, harmonics, law, sample, transform, amplitude, share, y, rooms):  # type: ignore[no-untyped-def]
+    """Move y to a solution for a share of the law and leave its forces in the rooms; False where there is none near."""
+    force, slope, once, twice, matrix, work, moved = rooms
+    n = y.size
+    predicted = y[n - 1]
+    done = False
+    for k in range(n - 1):
+        moved[k] = 0.0
+    for _ in range(_MOST_ITERATIONS):
+        # without times of a period there is the closed form
+        if work[0].size == 0:
+            _power_forces(law, sample, y, force, slope)
+        else:
+            _transformed_forces(law, sample, transform, y, force, slope, work)
+        if share != 1.0:
+            for j in range(force.shape[1]):
+                for k in range(force.shape[0]):
+                    force[k, j] *= share
+                    for other in range(force.shape[0]):
+                        slope[j, k, other] *= share
+        if done:
+            # of the first harmonic alone: an interaction may change the others at once
+            farthest, size = 0.0, 0.0
+            for k in range(n - 1):
+                if harmonics[k // force.shape[1]] == 1:
+                    farthest = max(farthest, abs(moved[k]))
+                    size = max(size, abs(y[k]))
+            near = abs(y[n - 1] - predicted) <= _FARTHEST * abs(predicted)
+            return near and farthest <= _FARTHEST_EXTENSION * size
+        _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix)
+        if not _eliminate(matrix):
+            return False
+        step, size = 0.0, 0.0
+        for k in range(n - 1):
+            y[k] -= matrix[k, n]
+            moved[k] += matrix[k, n]
+            step = max(step, abs(matrix[k, n]))
+            size = max(size, abs(y[k]))
+        y[n - 1] -= matrix[n - 1, n]
+        # written so that nan is no success
+        if not abs(y[n - 1] - predicted) < abs(predicted):
+            return False
+        done = step <= _SMALL_STEP * size and abs(matrix[n - 1, n]) <= _SMALL_STEP * y[n - 1]
+    return False
+
+
+def _predict(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-untyped-def]
+    """Extrapolate z / A and the eigenvalue by the polynomial through the last (at most three) points."""
+    for k in range(y.size):
+        y[k] = 0.0
+    for known in range(n_known):
+        weight = 1.0
+        for other in range(n_known):
+            if other != known:
+                weight *= (place - places[other]) / (places[known] - places[other])
+        for k in range(y.size):
+            y[k] += weight * ratios[known, k]
+    for k in range(y.size - 1):
+        y[k] *= amplitude
+
+
+def _remember(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-untyped-def]
+    """Put a point in front of the others and return how many there are."""
+    for known in range(min(n_known, 2), 0, -1):
+        places[known] = places[known - 1]
+        for k in range(y.size):
+            ratios[known, k] = ratios[known - 1, k]
+    places[0] = place
+    for k in range(y.size - 1):
+        ratios[0, k] = y[k] / amplitude
+    ratios[0, y.size - 1] = y[y.size - 1]
+    return min(n_known + 1, 3)
+
+
+def _march(system, harmonics, law, sample, transform, known, n_known, goal, held, y, rooms):  # type: ignore[no-untyped-def]
+    """Go from the last known point to a goal, in smaller steps where needed, and return how many points are known.
+
+    The goal is an amplitude or, where an amplitude is held (not 0), a share of the law. 0 where it is not reached: then
+    the known points stay as they were.
+    """
+    places, ratios, trial_places, trial_ratios = known
+    for point in range(n_known):
+        trial_places[point] = places[point]
+        for k in range(y.size):
+            trial_ratios[point, k] = ratios[point, k]
+    last, n_trial, halvings = places[0], n_known, 0
+    step = goal - last
+    while last < goal:
+        # the last step ends on the goal itself
+        target = goal if last + step >= goal * (1.0 - 1e-12) else last + step
+        # points that lie close together tell little about one far from them
+        near = target - last <= last - trial_places[n_trial - 1]
+        amplitude, share = (target, 1.0) if held == 0.0 else (held, target)
+        _predict(trial_places, trial_ratios, n_trial if near else 1, target, amplitude, y)
+        if _newton(system, harmonics, law, sample, transform, amplitude, share, y, rooms):
+            n_trial = _remember(trial_places, trial_ratios, n_trial, target, amplitude, y)
+            last = target
+        else:
+            step *= 0.5
+            halvings += 1
+            if halvings > _MOST_HALVINGS:
+                return 0
+    for point in range(n_trial):
+        places[point] = trial_places[point]
+        for k in range(y.size):
+            ratios[point, k] = trial_ratios[point, k]
+    return n_trial
+
+
+def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[no-untyped-def]
+    """First harmonic at all sensors."""
+    own, _, others, _, _, _ = system
+    own_sensors, others_sensors, others_joints, at_sensor = sensors
+    n_joints = force.shape[1]
+    q = amplitude
+    for s in range(seen.size):
+        seen[s] = 0.0
+    for i in range(others.size):
+        pushed = 0.0
+        for j in range(n_joints):
+            pushed += others_joints[i, j] * force[first, j]
+        pushed /= others[i] - y[y.size - 1]
+        q += at_sensor[i] * pushed
+        for s in range(seen.size):
+            seen[s] -= others_sensors[i, s] * pushed
+    q /= own[1]
+    for s in range(seen.size):
+        seen[s] += own_sensors[s] * q
+
+
+def _backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: ignore[no-untyped-def]
+    """Eigenvalue, shapes and extensions (harmonic by harmonic) of all samples at all amplitudes, which grow."""
+    own, own_joints, _, others_products, _, _ = system
+    n_samples, n_points, n_joints = law[4].shape[0], amplitudes.size, own_joints.size
+    n_harmonics, n_times = transform[0].shape
+    n = n_harmonics * n_joints + 1
+    eigenvalue = np.full((n_samples, n_points), np.nan)
+    shapes = np.full((n_samples, n_points, sensors[0].size), np.nan)
+    extension = np.full((n_samples, n_points, n - 1), np.nan)
+    force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
+    once, twice = np.empty(others_products.shape[1]), np.empty(others_products.shape[1])
+    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
+    rooms = (force, slope, once, twice, np.empty((n, n + 1)), work, np.empty(n))
+    y, seen = np.empty(n), np.empty(sensors[0].size)
+    places, ratios = np.empty(3), np.empty((3, n))
+    known = (places, ratios, np.empty(3), np.empty((3, n)))
+    first = 0
+    for k in range(n_harmonics):
+        first = k if harmonics[k] == 1 else first
+    n_known = 1
+    for sample in range(n_samples):
+        begun = False
+        for point in range(n_points):
+            amplitude, reached = amplitudes[point], 0
+            # the second way, by shares of the law, is for laws with a stiffness at rest: there the curve does not begin
+            # in the linear mode
+            for way in range(1 if begun else 2):
+                if not begun:
+                    n_known = 1
+                    places[0] = 0.0
+                    for k in range(n - 1):
+                        ratios[0, k] = 0.0
+                    for j in range(n_joints):
+                        ratios[0, first * n_joints + j] = own_joints[j] / own[1]
+                    ratios[0, n - 1] = own[0]
+                goal, held = (amplitude, 0.0) if way == 0 else (1.0, amplitude)
+                reached = _march(system, harmonics, law, sample, transform, known, n_known, goal, held, y, rooms)
+                if reached > 0:
+                    n_known = reached if way == 0 else 1
+                    places[0] = amplitude
+                    begun = True
+                    break
+            if reached == 0:
+                continue
+            _shapes(system, sensors, amplitude, y, force, first, seen)
+            eigenvalue[sample, point] = y[n - 1]
+            for s in range(seen.size):
+                shapes[sample, point, s] = seen[s]
+            for k in range(n - 1):
+                extension[sample, point, k] = y[k]
+    return eigenvalue, shapes, extension

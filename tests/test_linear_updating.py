@@ -1,0 +1,284 @@
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import integrate, sparse, stats
+
+from opid.errors import InputError
+from opid.updating.linear_updating import linear_data, log_likelihood, log_posterior, update_linear
+from opid.updating.maximum import maximum_a_posteriori
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.model_class import Prior
+from opid.updating.reduction import lowest_modes, modal_assurance
+from opid.updating.ritz import ritz_model, ritz_modes
+from opid.updating.structure import AffineStructure
+from opid.updating.surrogate import UPDATED, wing_engine_structure
+
+TRUTH = np.array(list(UPDATED.values()))
+COV = {7: 4e-3, 8: 6e-3}
+PRIORS = {name: Prior("uniform", 0.1, 2.0) for name in UPDATED}
+COUNTS = {7: 14, 8: 5}
+
+
+@cache
+def wing():
+    return wing_engine_structure()
+
+
+@cache
+def wing_model():
+    return ritz_model(wing(), box=dict.fromkeys(UPDATED, (0.1, 2.0)), modes=(7, 8))
+
+
+@cache
+def true_modes():
+    eigenvalue, shapes = lowest_modes(wing().mass, wing().stiffness_at(UPDATED), 8)
+    return eigenvalue, shapes[wing().sensor_places]
+
+
+def measured(rng, *, counts=COUNTS, cov=COV, shape_std=0.01, hardening=1e-4):
+    """Curves of the wing with offsets of their own in eigenvalue and shape, hardening with the square of amplitude."""
+    eigenvalue, shapes = true_modes()
+    curves = []
+    for mode, n_sets in counts.items():
+        level = np.linspace(1.0, 20.0, 12)
+        for k in range(n_sets):
+            shape = shapes[:, mode - 1] / np.linalg.norm(shapes[:, mode - 1])
+            shape = shape + shape_std * rng.standard_normal(shape.size)
+            value = eigenvalue[mode - 1] * (1 + cov[mode] * rng.standard_normal()) * (1 + hardening * level**2)
+            amplitude = 2e-4 * level[:, None] * shape
+            name = f"mode {mode}, {k}"
+            curves.append(MeasuredBackbone(name, mode, "10", np.sqrt(value) / (2 * np.pi), amplitude, wing().sensors))
+    return curves
+
+
+def two_springs(sensors=("a", "b")):
+    """Two masses, two springs to a wall and between: closed form modes."""
+    wall, between = np.diag([400.0, 400.0]), 300.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    none = sparse.csr_matrix((2, 2))
+    return AffineStructure(np.eye(2), none, {"wall": wall, "between": between}, ("a", "b"), sensors, {})
+
+
+def curve(mode, frequency_hz, shape, *, name="one", sensors=("a", "b")):
+    level = np.array([1.0, 2.0, 3.0])
+    return MeasuredBackbone(name, mode, sensors[0], np.full(3, frequency_hz), 1e-3 * np.outer(level, shape), sensors)
+
+
+def test_ritz_vectors_give_the_modes_of_the_full_structure():
+    model = wing_model()
+    assert model.n_vectors < 30
+    assert model.worst < 1e-8
+    theta = np.exp(np.random.default_rng(3).uniform(np.log(0.1), np.log(2.0), (5, 2)))
+    eigenvalue, shapes = ritz_modes(model, theta)
+    assert eigenvalue.shape == (5, 8)
+    assert shapes.shape == (5, 14, 8)
+    for row, factors in enumerate(theta):
+        exact, full = lowest_modes(wing().mass, wing().stiffness_at(dict(zip(model.names, factors, strict=True))), 8)
+        np.testing.assert_allclose(eigenvalue[row, 6:], exact[6:], rtol=2e-8)
+        assert (eigenvalue[row, 6:] >= exact[6:] * (1 - 1e-9)).all()
+        for mode in (6, 7):
+            assert modal_assurance(full[wing().sensor_places, mode], shapes[row, :, mode]) > 1 - 1e-8
+
+
+def test_ritz_vectors_of_a_small_structure_are_exact():
+    model = ritz_model(two_springs(), box={"between": (0.5, 2.0)}, modes=[2])
+    assert model.names == ("between",)
+    eigenvalue, shapes = ritz_modes(model, [[0.5], [1.0], [5.0]])
+    np.testing.assert_allclose(eigenvalue, [[400, 700], [400, 1000], [400, 3400]], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(shapes), np.sqrt(0.5), rtol=1e-12)
+
+
+def test_the_error_of_a_shape_is_one_less_the_mac():
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        one, other = rng.standard_normal((2, 14))
+        unit, model = one / np.linalg.norm(one), other / np.linalg.norm(other)
+        error = unit - (unit @ model) * model  # eq. (4) with its a_m
+        assert error @ error == pytest.approx(1 - modal_assurance(one, other), abs=1e-14)
+
+
+def test_the_likelihood_is_that_of_normal_errors():
+    curves = [curve(2, 5.0, [1.0, -1.1]), curve(2, 5.1, [1.0, -0.8], name="two"), curve(1, 3.2, [1.0, 0.9])]
+    data = linear_data(two_springs(), curves, cov=0.05, weights={1: 2.0})
+    model = ritz_model(two_springs(), box={"wall": (0.5, 2.0), "between": (0.5, 2.0)}, modes=[1, 2])
+    theta = np.array([[1.0, 1.0], [0.9, 1.2]])
+    found = log_likelihood(data, model, theta)
+    for row, (wall, between) in enumerate(theta):
+        truth = {1: (400 * wall, np.array([1, 1])), 2: (400 * wall + 600 * between, np.array([1, -1]))}
+        expected = 0.0
+        for each in curves:
+            weight = 2.0 if each.mode == 1 else 1.0
+            value, shape = truth[each.mode]
+            expected += stats.norm.logpdf(each.eigenvalue[0], value, weight * 0.05 * each.eigenvalue[0])
+            angle = np.sqrt(1 - modal_assurance(each.amplitude[0], shape))
+            expected += stats.norm.logpdf(angle, 0, weight * np.sqrt(2) * 0.05)  # eq. (6); one free entry of two
+        assert found[row] == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_unknown_scatter_is_integrated_out():
+    values = [5.0, 5.1, 4.95, 5.02]
+    curves = [curve(2, hz, [1.0, -1.0 - 0.02 * k], name=str(k)) for k, hz in enumerate(values)]
+    model = ritz_model(two_springs(), box={"wall": (0.5, 2.0)}, modes=[2])
+    theta = np.array([[0.95], [1.05]])
+    found = log_likelihood(linear_data(two_springs(), curves, cov="inferred", shape_std=0.05), model, theta)
+
+    def at(cov):
+        return log_likelihood(linear_data(two_springs(), curves, cov=cov, shape_std=0.05), model, theta)
+
+    for row in range(2):
+        total = integrate.quad(lambda log_cov, row=row: np.exp(at(np.exp(log_cov))[row]), np.log(1e-3), np.log(20.0))[0]
+        assert found[row] == pytest.approx(np.log(total), abs=1e-3)
+
+
+def test_scatter_is_that_of_the_curves():
+    rng = np.random.default_rng(8)
+    curves = measured(rng, counts={7: 400}, shape_std=0.003)
+    (data,) = linear_data(wing(), curves, shape_std="scatter")
+    np.testing.assert_allclose(data.eigenvalue_std / data.eigenvalue, COV[7], rtol=0.15)
+    assert data.shape_std == pytest.approx(0.003, rel=0.1)
+    (paper,) = linear_data(wing(), curves)
+    assert paper.shape_std == pytest.approx(np.sqrt(14) * paper.eigenvalue_std[0] / paper.eigenvalue[0], rel=1e-12)
+
+
+def test_sensors_may_be_some_of_the_structure_in_any_order():
+    rng = np.random.default_rng(2)
+    full = measured(rng, counts={7: 6})
+    pick = [9, 2, 12]
+    some = [
+        MeasuredBackbone(c.name, 7, "10", c.frequency_hz, c.amplitude[:, pick], tuple(c.sensors[k] for k in pick))
+        for c in full
+    ]
+    (data,) = linear_data(wing(), some, cov=0.01)
+    np.testing.assert_array_equal(data.rows, pick)
+    assert np.isfinite(log_likelihood([data], wing_model(), TRUTH)).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_known_parameters_are_recovered(seed):
+    rng = np.random.default_rng(seed)
+    found = update_linear(wing(), measured(rng), priors=PRIORS, rng=rng, n_samples=250, n_warm_up=50)
+    std = np.array([found.estimates[name].std for name in found.names])
+    # the scatter of five curves is known poorly
+    assert (np.abs(found.best - TRUTH) < 4 * std).all()
+    assert 0.003 < std[0] < 0.03
+    assert 1e-4 < std[1] < 2e-3
+    for row, hz in zip(found.modes, (14.65, 17.71), strict=True):
+        assert row.updated_hz == pytest.approx(hz, rel=5e-3)
+        assert row.updated_mac > max(row.initial_mac, 0.997)
+    first = found.modes[0]
+    assert first.initial_hz == pytest.approx(22.5, abs=0.05)
+    assert 0.7 < first.initial_mac < 0.9
+    assert found.samples.shape == (1000, 2)
+    assert found.diagnostics.r_hat < 1.2
+    assert found.estimates["E_steel"].interval95[0] < found.best[1] < found.estimates["E_steel"].interval95[1]
+
+
+def test_the_same_seed_gives_the_same_posterior():
+    once, again = (
+        update_linear(
+            two_springs(),
+            [curve(1, 3.2, [1, 1]), curve(2, 5.0, [1, -1])],
+            priors={"wall": Prior("lognormal", 1.0, 0.3), "between": Prior("normal", 1.0, 0.3)},
+            cov=0.02,
+            rng=np.random.default_rng(7),
+        )
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(once.samples, again.samples)
+    assert not once.warnings
+
+
+def covered(cov, shape_std, n_seeds, *, counts=COUNTS):
+    """Share of seeds whose standardised errors lie within 1.96, by parameter, with the curvature at the maximum."""
+    hits = []
+    for seed in range(n_seeds):
+        curves = measured(np.random.default_rng(seed), counts=counts, hardening=1e-6)
+        density = log_posterior(linear_data(wing(), curves, cov=cov, shape_std=shape_std), wing_model(), PRIORS)
+        peak = maximum_a_posteriori(density, TRUTH, support=[(0.1, 2.0)] * 2, tolerance=1e-6)
+        hits.append(np.abs(peak.theta - TRUTH) < 1.96 * np.sqrt(np.diag(peak.covariance)))
+    return np.mean(hits, axis=0)
+
+
+def test_intervals_of_known_noise_cover_the_truth():
+    share = covered(COV, 0.01, 40)
+    assert (share > 0.84).all()  # three standard deviations below 0.95
+
+
+def test_more_curves_make_the_posterior_narrower():
+    widths = []
+    for factor in (1, 4):
+        counts = {mode: factor * n for mode, n in COUNTS.items()}
+        data = linear_data(wing(), measured(np.random.default_rng(4), counts=counts), cov=COV)
+        peak = maximum_a_posteriori(log_posterior(data, wing_model(), PRIORS), TRUTH, tolerance=1e-6)
+        widths.append(np.sqrt(np.diag(peak.covariance)))
+    np.testing.assert_allclose(widths[0] / widths[1], 2.0, rtol=0.2)
+
+
+def test_what_is_to_be_doubted_is_told():
+    curves = [curve(2, 5.0, [1, -1]), curve(2, 5.02, [1, -1.02], name="two"), curve(2, 5.01, [1, -1], name="three")]
+    priors = {"wall": Prior("uniform", 0.2, 0.5), "between": Prior("uniform", 0.2, 0.6)}
+    found = update_linear(two_springs(), curves, priors=priors, rng=np.random.default_rng(1))
+    told = " | ".join(found.warnings)
+    assert "wall presses against the upper end 0.5" in told
+    assert "not mixed" not in told
+    assert "between presses against the upper end 0.6" in told
+    assert "scatter of mode 2 is estimated from 3 curves" in told
+    assert "the updated mode 2 lies at" in told
+    assert "error that its parameters cannot mend" in told
+
+
+def test_lowest_points_that_are_nonlinear_are_told():
+    rng = np.random.default_rng(1)
+    found = update_linear(
+        wing(), measured(rng, hardening=0.02), priors=PRIORS, rng=rng, n_samples=50, n_warm_up=10, n_chains=2
+    )
+    assert any("lowest points of mode 7 lie" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("curves", "settings", "message"),
+    [
+        ([], {}, "no backbone is given"),
+        ([curve(1, 3.0, [1, 1])], {}, "mode 1 has one backbone, which has no scatter: give cov"),
+        ([curve(1, 3.0, [1, 1]), curve(1, 3.0, [1, 1.1], name="b")], {}, "begin at the same frequency: give cov"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.0}, "cov of mode 1 is 0.0: give a positive number"),
+        ([curve(1, 3.0, [1, 1])], {"cov": {3: 0.1}}, "cov names mode 3, of which there is no backbone"),
+        ([curve(1, 3.0, [1, 1])], {"cov": "guess"}, "cov is 'guess'"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "weights": {1: -1.0}}, "the weight of mode 1 is -1.0"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": "paper?"}, "shape_std is 'paper"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": "scatter"}, "no scatter between curves: give shape_std"),
+        ([curve(1, 3.0, [1, 1], sensors=("a", "c"))], {"cov": 0.1}, "has the sensor 'c', which the structure does not"),
+        ([curve(1, 3.0, [1], sensors=("a",))], {"cov": 0.1, "shape_std": 0.1}, "one sensor, which makes no shape"),
+        (
+            [curve(1, 3.0, [1, 1]), curve(1, 3.1, [1, 1], name="b", sensors=("b", "a"))],
+            {},
+            "'one' and 'b' of mode 1 have different sensors",
+        ),
+    ],
+)
+def test_bad_data_are_told(curves, settings, message):
+    with pytest.raises(InputError, match=message):
+        linear_data(two_springs(), curves, **settings)
+
+
+@pytest.mark.parametrize(
+    ("priors", "message"),
+    [
+        ({"wal": Prior()}, "there is a prior for 'wal', which is no parameter: did you mean 'wall'"),
+        ({"wall": Prior("uniform", -2.0, -1.0)}, "prior of 'wall' allows nothing above 0"),
+        ({}, "no parameter is to vary"),
+    ],
+)
+def test_bad_priors_are_told(priors, message):
+    with pytest.raises(InputError, match=message):
+        update_linear(two_springs(), [curve(1, 3.0, [1, 1])], priors=priors, cov=0.1, rng=np.random.default_rng(1))
+
+
+def test_modes_and_boxes_that_cannot_be_are_told():
+    with pytest.raises(InputError, match=r"modes are \[3\]: give numbers from 1 to 2"):
+        ritz_model(two_springs(), box={"wall": (0.5, 2.0)}, modes=[3])
+    with pytest.raises(InputError, match="to vary from 0 to 2: give positive ends"):
+        ritz_model(two_springs(), box={"wall": (0.0, 2.0)}, modes=[1])
+    model = ritz_model(two_springs(), box={"wall": (0.5, 2.0)}, modes=[1])
+    with pytest.raises(InputError, match="give one column for each of 1 parameters"):
+        ritz_modes(model, np.ones((3, 2)))

@@ -1,0 +1,202 @@
+import gzip
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.io import mmwrite, savemat
+
+from opid.errors import InputError
+from opid.updating.matrices_file import read_structure, write_structure
+from opid.updating.structure import AffineStructure
+
+N_DOF = 6
+DOFS = tuple(f"{node} UX" for node in range(1, N_DOF + 1))
+SENSORS = ("1 UX", "6 UX")
+JOINTS = {"link": ("2 UX", "5 UX")}
+
+
+def chain(stiffness):
+    """Springs between neighbours, the first to a wall."""
+    full = np.diag(stiffness + np.append(stiffness[1:], 0.0))
+    return full - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
+
+
+SOFT = chain(np.array([100.0, 0, 0, 0, 0, 0]))
+PART = chain(np.array([0.0, 200, 300, 400, 500, 600]))
+MASS = np.diag(np.arange(1.0, N_DOF + 1))
+
+
+def keys(**changes):
+    found = {"mass": MASS, "stiffness": SOFT, "part_E": PART, "dofs": np.array(DOFS), "sensors": np.array(SENSORS)}
+    found |= {"joints": np.array([["link", "2 UX", "5 UX"]])} | changes
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def npz(path, **changes):
+    file = path / "structure.npz"
+    np.savez(file, **keys(**changes))
+    return file
+
+
+def same(found, truth):
+    for name in ("mass", "stiffness"):
+        assert abs(getattr(found, name) - getattr(truth, name)).max() == 0.0
+    assert found.parts.keys() == truth.parts.keys()
+    assert all(abs(found.parts[name] - truth.parts[name]).max() == 0.0 for name in truth.parts)
+    assert (found.dofs, found.sensors, dict(found.joints)) == (truth.dofs, truth.sensors, dict(truth.joints))
+
+
+@pytest.fixture
+def truth():
+    return AffineStructure(MASS, SOFT, {"E": PART}, DOFS, SENSORS, JOINTS)
+
+
+def test_what_is_written_is_read_back(tmp_path, truth):
+    write_structure(tmp_path / "a.npz", truth)
+    same(read_structure(tmp_path / "a.npz"), truth)
+    bare = AffineStructure(MASS, SOFT + PART, {}, DOFS, SENSORS)
+    write_structure(tmp_path / "b.npz", bare)
+    same(read_structure(str(tmp_path / "b.npz")), bare)
+
+
+def test_dense_npz(tmp_path, truth):
+    same(read_structure(npz(tmp_path)), truth)
+
+
+def test_matlab_sparse_and_full_with_cells_and_character_matrices(tmp_path, truth):
+    cells = np.array(DOFS, dtype=object)
+    joints = np.array([["link", "2 UX", "5 UX"]], dtype=object)
+    held = {"mass": sparse.csc_matrix(MASS), "stiffness": SOFT, "part_E": sparse.csc_matrix(PART)}
+    savemat(tmp_path / "a.mat", held | {"dofs": cells, "sensors": np.array(SENSORS), "joints": joints})
+    same(read_structure(tmp_path / "a.mat"), truth)
+
+
+@pytest.mark.parametrize("symmetry", ["general", "symmetric"])
+def test_a_file_for_each_matrix(tmp_path, truth, symmetry):
+    (tmp_path / "dofs.txt").write_text("\n".join(DOFS) + "\n")
+    mmwrite(tmp_path / "m.mtx", sparse.coo_matrix(MASS), symmetry=symmetry)
+    mmwrite(tmp_path / "plain.mtx", sparse.coo_matrix(PART), symmetry=symmetry)
+    (tmp_path / "k.mtx.gz").write_bytes(gzip.compress((tmp_path / "plain.mtx").read_bytes()))
+    sparse.save_npz(tmp_path / "k0.npz", sparse.csc_matrix(SOFT))
+    files = {"mass": tmp_path / "m.mtx", "stiffness": tmp_path / "k0.npz", "part_E": tmp_path / "k.mtx.gz"}
+    settings = {"sensors": SENSORS, "joints": {"link": ["2 UX", "5 UX"]}, "dofs": tmp_path / "dofs.txt"}
+    same(read_structure(files, **settings), truth)
+    np.save(tmp_path / "m.npy", MASS)
+    same(read_structure(files | {"mass": tmp_path / "m.npy"}, **settings), truth)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "".join(f"{label.replace(' ', ',')}\n" for label in DOFS)),
+        ("b.csv", "node,direction\n" + "".join(f"{label.replace(' ', ', ')}\n" for label in DOFS)),
+        ("c.csv", "number,DOF\n" + "".join(f"{k},{label}\n" for k, label in enumerate(DOFS))),
+        ("d.csv", "\ufeffdof\n" + "".join(f"{label}\r\n" for label in DOFS)),
+        ("e.txt", "".join(f"{label}  \n\n" for label in DOFS)),
+    ],
+)
+def test_labels_from_text_and_csv(tmp_path, truth, name, text):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    same(read_structure(npz(tmp_path, dofs=None), dofs=tmp_path / name), truth)
+
+
+def test_without_labels_they_are_numbers(tmp_path):
+    found = read_structure(npz(tmp_path, dofs=None, sensors=np.array([1, 6]), joints=np.array([[1, 2, 5]])))
+    assert found.dofs == ("1", "2", "3", "4", "5", "6")
+    assert found.sensors == ("1", "6")
+    assert found.joints["1"] == ("2", "5")
+
+
+def test_what_is_told_goes_before_what_the_file_says(tmp_path):
+    found = read_structure(npz(tmp_path), sensors=["3 UX"], joints={})
+    assert found.sensors == ("3 UX",)
+    assert not found.joints
+
+
+def test_parts_that_are_not_updated_join_the_stiffness(tmp_path):
+    file = npz(tmp_path, part_other=2 * PART)
+    assert list(read_structure(file).parts) == ["E", "other"]
+    assert list(read_structure(file, parameters=["other", "E"]).parts) == ["other", "E"]
+    found = read_structure(file, parameters=["E"])
+    assert list(found.parts) == ["E"]
+    np.testing.assert_allclose(found.stiffness.toarray(), SOFT + 2 * PART)
+    np.testing.assert_allclose(read_structure(file, parameters=[]).stiffness.toarray(), SOFT + 3 * PART)
+
+
+def one_sided(matrix):
+    return np.tril(matrix)
+
+
+BAD = [
+    ({"mass": None}, "there is no matrix 'mass': known are 'stiffness', 'part_E'"),
+    ({"mass": None, "maas": MASS}, "there is no matrix 'mass': did you mean 'maas'"),
+    ({"stifness": SOFT, "stiffness": None}, "'stifness' is no matrix that is known: did you mean 'stiffness'"),
+    ({"stiffness": None, "part_E": None}, "neither a matrix 'stiffness' nor a part_NAME"),
+    ({"part_E": one_sided(PART)}, "stiffness part 'E' matrix is not symmetric: export the whole matrix"),
+    ({"mass": one_sided(MASS) + np.eye(N_DOF, k=-1)}, "mass matrix is not symmetric"),
+    ({"stiffness": SOFT[:5, :5]}, r"'stiffness' has shape \(5, 5\) and 'mass' \(6, 6\)"),
+    ({"part_E": PART[:4]}, r"'part_E' has shape \(4, 6\): give a square matrix"),
+    ({"mass": np.where(MASS == 3, 0, MASS)}, "mass of '3 UX' is not positive"),
+    ({"mass": MASS + 9 * (np.eye(N_DOF, k=1) + np.eye(N_DOF, k=-1))}, "mass matrix is not positive"),
+    ({"part_E": -PART}, "stiffness matrix is not positive"),
+    ({"mass": MASS * 1j}, "'mass' holds no real numbers"),
+    ({"mass": np.where(MASS == 3, np.nan, MASS)}, "entries that are not finite"),
+    ({"sensors": np.array(["1 UX", "7 UX"])}, "sensor names the degree of freedom '7 UX', which is not there: did you"),
+    ({"sensors": None}, "no sensor is named"),
+    ({"joints": np.array([["link", "2 UX", "5 UY"]])}, "joint 'link' names the degree of freedom '5 UY'"),
+    ({"joints": np.array([["link", "2 UX", "2 UX"]])}, "between '2 UX' and itself"),
+    ({"joints": np.array([["link", "2 UX"]])}, r"the joint 'link' lies between \['2 UX'\]: name two"),
+    ({"joints": np.array([["a", "2 UX", "5 UX"], ["a", "1 UX", "5 UX"]])}, "the joint 'a' stands twice"),
+    ({"dofs": np.array(DOFS[:5])}, "names 5 degrees of freedom, the matrices have 6"),
+    ({"dofs": np.array([*DOFS[:5], "1 UX"])}, "'1 UX' stands twice"),
+    ({"dofs": np.array(DOFS, dtype=object)}, "holds pickled objects, which are never opened"),
+    ({"part_E": None, "part_E_indptr": np.arange(7)}, "the sparse matrix 'part_E' lacks part_E_data"),
+    (
+        {"mass": None, "mass_data": np.ones(6), "mass_indices": np.full(6, 9), "mass_indptr": np.arange(7)},
+        "the pieces of 'mass' are no sparse matrix",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD)
+def test_bad_matrices_are_told(tmp_path, changes, message):
+    with pytest.raises(InputError, match=message):
+        read_structure(npz(tmp_path, **changes))
+
+
+def test_bad_files_are_told(tmp_path):
+    (tmp_path / "cut.npz").write_bytes(npz(tmp_path).read_bytes()[:200])
+    (tmp_path / "text.mat").write_text("no MATLAB file at all" * 20)
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(600))
+    (tmp_path / "m.mtx").write_text("%%MatrixMarket matrix coordinate real general\n2 2 1\n5 5 1.0\n")
+    (tmp_path / "m.xls").write_text("1")
+    for source, message in [
+        (tmp_path / "none.npz", "there is no file"),
+        (tmp_path / "cut.npz", "cannot be read"),
+        (tmp_path / "text.mat", "cannot be read"),
+        (tmp_path / "new.mat", "version 7.3: save it with '-v7'"),
+        (tmp_path / "m.mtx", "holds one matrix: give a file for each"),
+        (tmp_path / "m.xls", "no format that is known: give .npz, .mat"),
+        ({"mass": tmp_path / "m.xls"}, "no format that is known for a matrix"),
+        ({"mass": tmp_path / "m.mtx"}, "cannot be read"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            read_structure(source)
+
+
+def test_bad_labels_and_names_are_told(tmp_path):
+    file = npz(tmp_path)
+    (tmp_path / "few.csv").write_text("1 UX\n")
+    (tmp_path / "holes.csv").write_text("number,dof\n1\n")
+    (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\xfa")
+    for settings, message in [
+        ({"dofs": tmp_path / "few.csv"}, "few.csv names 1 degrees of freedom, the matrices have 6"),
+        ({"dofs": tmp_path / "holes.csv"}, "lines without the column 'dof'"),
+        ({"dofs": tmp_path / "binary.txt"}, "cannot be read as text"),
+        ({"dofs": tmp_path / "gone.txt"}, "there is no file"),
+        ({"parameters": ["e"]}, "no matrix 'part_e' for the parameter 'e'"),
+        ({"sensors": "1 UX"}, "sensors is the text '1 UX': give a list"),
+        ({"joints": {"link": "2 UX"}}, "joint 'link' lies between"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            read_structure(file, **settings)
