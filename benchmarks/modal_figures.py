@@ -197,7 +197,7 @@ def appropriation(seed: int, **structure: float) -> Figures:
         f"levels locked, of {N_LEVELS}": float(sum(locked)),
         "longest time to lock, s": max(level.lock_time_s for level in done.levels),
         "interaction flagged": float(found.flagged),
-        "flagged from level": float("nan") if found.first_level is None else float(found.first_level + 1),
+        "flagged from level": float("nan") if found.first_level is None else float(found.first_level),
     }
 
 

@@ -53,5 +53,5 @@ def softening(modes=ONE, mode=1):
 
 def beats(model, rng, levels=(4.0, 13.0, 26.0, 44.0), **settings):
     """Return tests at several levels, peak force in N."""
-    names = (f"{level:g} N" for level in levels)
-    return [measured(model, beat(level), rng, name=name, **settings) for level, name in zip(levels, names, strict=True)]
+    rate = settings.get("fs", FS)
+    return [measured(model, beat(level, fs=rate), rng, name=f"{level:g} N", **settings) for level in levels]

@@ -6,17 +6,20 @@ from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ZETA, beat, beats, me
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import rig_run
+from opid.modal import mode_tests
 from opid.modal.case_studies import case_study_2
 from opid.modal.coordinates import modal_test
 from opid.modal.identification import identify_modes
+from opid.modal.mode_fit import fit_mode
 from opid.modal.mode_tests import band_of_mode, largest_mode
-from opid.modal.mode_tests import tests_of_mode as told_by
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.modal.modes import LinearModes
 from opid.modal.other_modes import doubts_of_other_modes
 from opid.modal.power_law import power_law
+from opid.modal.span import MOST_SHARE, WARNED_SHARE, doubts_of_shapes, faults_of_shapes, outside_shapes
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Channel, Recording
+from opid.signals.resampling import resampled
 
 LEVELS = (5.0, 16.0, 33.0, 55.0)
 ORDERS = {"stiffness_order": 3, "damping_order": 3}
@@ -58,11 +61,12 @@ def test_tests_are_given_to_the_mode_that_they_move(two_modes):
     fits = [each for each in two_modes if each.use == "fit"]
     assert largest_mode(fits[0].test, (2, 3)) == 3
     assert largest_mode(fits[-1].test, (2, 3)) == 2
+    assert mode_tests.tests_of_mode(fits, 4, (2, 3, 4)) == ()
     # nobody's own tests: those that move it at all
-    assert told_by(fits, 4, (2, 3, 4))
+    assert mode_tests.tests_beside(fits, 4)
     named = [replace(each, mode=2) for each in fits]
-    assert len(told_by(named, 2, (2, 3))) == len(fits)
-    assert told_by(named, 3, (2, 3)) == ()
+    assert len(mode_tests.tests_of_mode(named, 2, (2, 3))) == len(fits)
+    assert mode_tests.tests_of_mode(named, 3, (2, 3)) == ()
 
 
 def test_the_band_ends_before_the_neighbours(two_modes):
@@ -117,13 +121,67 @@ def test_the_thresholds_of_the_study_decide_which_modes_are_nonlinear(two_modes)
     assert [shift.mode for shift in found.shifts if shift.nonlinear] == [3]
     assert found.settings["frequency_threshold"] == 0.002
     blunt = {"frequency_threshold": 0.5, "damping_threshold": 5.0}
-    with pytest.raises(NotDeterminedError, match="none of 3 modes shifts"):
-        identify_modes(study([*levels, *fits], (), **ORDERS, **blunt))
+    nothing = identify_modes(study([*levels, *fits], (), **ORDERS, **blunt))
+    assert nothing.not_determined.startswith("none of 3 modes shifts")
+    assert len(nothing.shifts) == 3
+
+
+def test_levels_alone_give_the_shifts_and_say_what_is_missing(two_modes):
+    levels = [replace(each, use="level", mode=None) for each in two_modes[:4:3]]
+    found = identify_modes(study(levels, ()))
+    assert [shift.mode for shift in found.shifts if shift.nonlinear] == [3]
+    assert found.not_determined.startswith('no test has use = "fit" or "decay", which mode(s) 3 need')
+    assert not found.fits
+
+
+def test_a_turned_and_an_exchanged_sensor_are_named():
+    rng = np.random.default_rng(9)
+    sensors = tuple("abcdefgh")
+    right = replace(FOUR, shapes=rng.standard_normal((8, 4)) * 0.4, sensors=sensors)
+    test = measured(softening(right, 3), beat(40.0), rng)
+    band = (100.0, 140.0)
+    assert outside_shapes(test, band)[0] < 0.01
+    for row, words in ((3, "with the sign of 'd' turned"), (6, "with the sign of 'g' turned")):
+        turned = right.shapes * np.where(np.arange(8) == row, -1.0, 1.0)[:, None]
+        share, cause = outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
+        assert share > 0.1
+        assert cause.startswith(words)
+    exchanged = replace(right, shapes=right.shapes[[0, 4, 2, 3, 1, 5, 6, 7]])
+    share, cause = outside_shapes(replace(test, modes=exchanged), band)
+    assert cause.startswith("with 'b' and 'e' exchanged")
+    assert WARNED_SHARE < share < MOST_SHARE
+    wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
+    (told,) = doubts_of_shapes(wrong, 3, band)
+    assert "cannot be made of the shapes: with 'b' and 'e' exchanged it would be 0 %" in told
+    many = replace(right, shapes=right.shapes[::-1])
+    (told,) = faults_of_shapes(replace(test, modes=many), 3, band)
+    assert "check the order, signs and units of the sensors" in told
+
+
+def test_a_correction_stays_with_the_linear_properties_it_was_found_with():
+    own = LinearModes(
+        FOUR.frequency_hz * [1, 1, 1.001, 1], FOUR.damping_ratio * [1, 1, 1.05, 1], FOUR.shapes, FOUR.sensors
+    )
+    tests = [replace(test, modes=own) for test in beats(softening(FOUR, 3), np.random.default_rng(7), LEVELS)]
+    found = identify_modes(study([StudyTest(test) for test in tests], **ORDERS, free_linear=True))
+    assert found.model.modes.frequency_hz[2] == pytest.approx(FREQUENCY, rel=1e-12)
+    assert any("the model keeps the study's" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("fs", [480.0, 720.0])
+def test_powers_do_not_fold_back_at_low_rates(fs):
+    fine = beats(softening(FOUR, 3), np.random.default_rng(8), LEVELS, fs=7200.0)
+    tests = [
+        modal_test(resampled(test.recording, fs), FOUR, name=test.name, force="force", drive_point="a") for test in fine
+    ]
+    fit = fit_mode(tests, 3, **ORDERS, free_linear=False)
+    assert abs(fit.stiffness[3].value / K3 - 1) < 0.01
+    assert any("does not hold the third harmonic" in warning for warning in fit.warnings)
 
 
 def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
     fits = [replace(each, mode=3) for each in two_modes[:4]]
-    with pytest.raises(InputError, match=r"mode 4: .*puts no energy into|mode 4: .*no test moves"):
+    with pytest.raises(InputError, match=r"mode 4: .*moves mode 4 more than the others"):
         identify_modes(study(fits, (3, 4), **ORDERS))
     quiet = [replace(each, use="level", mode=None) for each in two_modes[:1]]
     with pytest.raises(NotDeterminedError, match="no mode is named as nonlinear"):

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
 
+from opid.errors import InputError
 from opid.estimate import Estimate
+from opid.modal.decay_fit import DecayLaw
 from opid.modal.equation import mode_lines
 from opid.modal.level_shifts import LevelShift
-from opid.modal.modes import LARGEST_CONDITION, LinearModes, condition_number
-from opid.modal.modes_file import looks_unit_normalised
+from opid.modal.modes import LARGEST_CONDITION, LinearModes, condition_number, with_sensors
+from opid.modal.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.restoring_fit import Coefficients
-from opid.modal.result import ForceCurve, ModeFit
+from opid.modal.result import ForceCurve, ModeFit, TruthTest
 from opid.modal.study import ModalStudy
 from opid.signals.health import inspect
 
@@ -25,6 +27,9 @@ MOST_OF_CURVE = 0.3
 
 MOST_UNEXPLAINED = 0.5
 """Of the modal force: what a fit may leave before it is doubted."""
+
+MOST_MISSED = 0.3
+"""Of the motion of a sensor, rms, that the model may miss in a truth test before it is said."""
 
 BEYOND = 1.1
 """Times the largest amplitude fitted: a truth test that goes further asks the polynomials to extrapolate."""
@@ -45,8 +50,8 @@ def doubts_of_fit(
     value, std = float(mass.value or 0.0), float(mass.std or 0.0)
     if abs(value - 1) > max(WARNED_MASS, 4 * std):
         yield (
-            f"mode {mode}: the tests show a modal mass of {value:.3f} +- {std:.3f} where 1 is expected: the scale of "
-            "its shape or of the force is off, and with it the amplitudes"
+            f"mode {mode}: the tests show a modal mass of {value:.3g} +- {std:.1g} where 1 is expected: the "
+            "scale of its shape or of the force is off, or the drive point is another, and with it the amplitudes"
         )
     for word, curve in (("stiffness", curve_k), ("damping", curve_c)):
         if not curve.force.any():
@@ -84,19 +89,40 @@ def doubts_of_modes(modes: LinearModes) -> Iterator[str]:
         yield f"the shapes do not look mass-normalised: {looks}"
 
 
-def doubts_of_truth_tests(study: ModalStudy, fits: Sequence[ModeFit]) -> Iterator[str]:
-    """Yield the truth tests that go beyond the amplitudes that were fitted.
+def doubts_of_truth_tests(
+    study: ModalStudy, fits: Sequence[ModeFit], of_decays: Mapping[int, DecayLaw], done: Sequence[TruthTest]
+) -> Iterator[str]:
+    """Yield the truth tests that go beyond the amplitudes that were fitted, and those that the model fails.
 
     Args:
         study: with its tests.
         fits: of its nonlinear modes.
+        of_decays: laws of free decays, by the number of the mode.
+        done: the truth tests with their figures.
     """
-    for each, fit in product(study.of_use("truth"), fits):
-        times = mode_lines(each.test, fit.mode, fit.band_hz).largest_q / fit.stiffness_curve.position[-1]
+    reached = {fit.mode: (fit.stiffness_curve.position[-1], fit.band_hz) for fit in fits}
+    for mode in of_decays.keys() - reached.keys():
+        natural = float(study.modes.frequency_hz[mode - 1])
+        reached[mode] = (float(of_decays[mode].amplitude.max()), (0.8 * natural, 1.2 * natural))
+    for each, (mode, (largest, band)) in product(study.of_use("truth"), reached.items()):
+        try:
+            times = mode_lines(each.test, mode, band).largest_q / largest
+        except InputError as error:
+            yield f"how far truth test {each.test.name!r} moves mode {mode} cannot be told: {error}"
+            continue
         if times > BEYOND:
             yield (
-                f"truth test {each.test.name!r} moves mode {fit.mode} {times:.2g} times as far as the tests it was "
+                f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests it was "
                 "fitted to: there its force is an extrapolation"
+            )
+    for test in done:
+        missed = {name: figures.nrmse_nonlinear for name, figures in test.sensors.items()}
+        worst = max(missed, key=lambda name: missed[name])
+        median = float(np.median(list(missed.values())))
+        if missed[worst] > MOST_MISSED:
+            yield (
+                f"truth test {test.name!r}: the nonlinear model misses {100 * missed[worst]:.0f} % of the motion of "
+                f"{worst!r} (median of all sensors {100 * median:.0f} %): do not use it there before you know why"
             )
 
 
@@ -115,18 +141,46 @@ def nothing_nonlinear(shifts: Sequence[LevelShift]) -> str:
 
 
 def doubts_of_records(study: ModalStudy) -> Iterator[str]:
-    """Yield the channels that are clipped.
+    """Yield what is wrong with the records: sensors that are missing, channels that are clipped.
 
     Args:
         study: with its tests.
     """
     for each in study.tests:
-        for channel in inspect(each.test.recording, thorough=False).channels:
-            if channel.clipped_fraction > 0:
-                yield (
-                    f"{channel.clipped_fraction:.2g} of the samples of {channel.name!r} in test {each.test.name!r} are "
-                    "clipped: measure again with a larger range"
-                )
+        test = each.test
+        missing = [sensor for sensor in test.modes.sensors if sensor not in test.recording.names]
+        if missing:
+            used = with_sensors(test.modes, [sensor for sensor in test.modes.sensors if sensor not in missing])
+            yield (
+                f"test {test.name!r} lacks {len(missing)} of {len(test.modes.sensors)} sensors "
+                f"({', '.join(repr(name) for name in missing[:6])}): its modes are filtered with the condition number "
+                f"{condition_number(used):.1f}"
+            )
+        channels = inspect(test.recording, thorough=False).channels
+        clipped = {channel.name: channel.clipped_fraction for channel in channels if channel.clipped_fraction > 0}
+        if clipped:
+            worst = max(clipped, key=lambda name: clipped[name])
+            others = f" and {len(clipped) - 1} more channel(s)" if len(clipped) > 1 else ""
+            yield (
+                f"{100 * clipped[worst]:.2g} % of the samples of {worst!r}{others} in test {test.name!r} are clipped: "
+                "measure again with a larger range"
+            )
+    if len(study.of_use("level")) == 1:
+        yield 'there is one test with use = "level": levels are compared from two on'
+
+
+def require_modes(modes: LinearModes) -> None:
+    """Refuse linear modes whose damping is in percent.
+
+    Args:
+        modes: the modes.
+
+    Raises:
+        InputError: they look so.
+    """
+    percent = looks_in_percent(modes)
+    if percent:
+        raise InputError(f"{percent}: give shares of critical damping, 0.004 for 0.4 %")
 
 
 def doubts_of_other_shifts(shifts: Sequence[LevelShift], nonlinear: Sequence[int]) -> Iterator[str]:

@@ -25,6 +25,9 @@ LOWEST, HARMONICS = 0.6, 3.5
 """The motion is kept between these multiples of the natural frequency, the third harmonic with all of its width. A
 short beat is wide: what is cut off at half-way to the neighbours would be missing in q^3, and k3 wrong by percents."""
 
+SAMPLES_A_PERIOD = 24
+"""Of the mode, at which powers are taken: of a record at four a period the third harmonic of q^3 folds onto it."""
+
 QUIETEST = 1e-7
 """Of the largest line: no noise is taken for lower, so that simulated tests without noise have weights, too."""
 
@@ -110,10 +113,11 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         )
     kept_hz = _kept(float(test.modes.frequency_hz[place]), band_hz)
     q, v = _motion(fft.rfft(acceleration), frequency, kept_hz, acceleration.size)
-    fade = tukey(acceleration.size, min(1.0, 2 * taper_s * test.fs / acceleration.size))
+    fade = _fade(acceleration.size, taper_s * test.fs)
     of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * force)
     k0, c0 = float(test.modes.stiffness()[place]), float(test.modes.damping()[place])
-    stiffness, damping = (_powers(motion, fade)[inside] for motion in (q, v))
+    finer = int(np.ceil(SAMPLES_A_PERIOD * test.modes.frequency_hz[place] / test.fs))
+    stiffness, damping = (_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
     linear = c0 * damping[:, 0] + k0 * stiffness[:, 0]
     noise_a, noise_f = (_noise_level(each, frequency, test) for each in (of_acceleration, of_force))
     return ModeLines(
@@ -163,9 +167,19 @@ def _motion(
     return fft.irfft(velocity / j_omega, n), fft.irfft(velocity, n)
 
 
-def _powers(motion: FloatArray, fade: FloatArray) -> ComplexArray:
-    size = np.abs(motion)
-    return np.stack([fft.rfft(fade * motion * size ** (n - 1)) for n in range(1, HIGHEST_ORDER + 1)], axis=1)
+def _fade(n: int, taper: float) -> FloatArray:
+    return tukey(n, min(1.0, 2 * taper / n))
+
+
+def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
+    """Transforms of the powers, taken of a motion made finer: their harmonics must not fold back onto the mode."""
+    n = motion.size
+    spectrum = np.zeros(finer * n // 2 + 1, dtype=np.complex128)
+    spectrum[: n // 2 + 1] = fft.rfft(motion)
+    fine = finer * fft.irfft(spectrum, finer * n) if finer > 1 else motion
+    size, fade = np.abs(fine), _fade(fine.size, finer * taper)
+    powers = (fft.rfft(fade * fine * size ** (n_power - 1)) for n_power in range(1, HIGHEST_ORDER + 1))
+    return np.stack([each[: n // 2 + 1] / finer for each in powers], axis=1)
 
 
 def _noise_level(spectrum: ComplexArray, frequency: FloatArray, test: ModalTest) -> float:

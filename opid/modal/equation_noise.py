@@ -58,7 +58,9 @@ def noise_scores(
     through = [fft.rfft(tangent[:, None] * of_force, axis=0) for tangent in (c, k)]
     integrated = np.where(kept, through[0] / backward + through[1] / backward**2, 0.0)
     of_inertia = of_force + fft.irfft(integrated, n, axis=0)
-    return (lines.noise_force**2 * of_force.T @ of_force + lines.noise_inertia**2 * of_inertia.T @ of_inertia) / n
+    noise = lines.noise_force**2 * of_force.T @ of_force + lines.noise_inertia**2 * of_inertia.T @ of_inertia
+    # the levels were read from lines of the faded record
+    return noise / np.sum(lines.fade**2)
 
 
 def tangents(lines: ModeLines, powers_k: Powers, powers_c: Powers, value: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,11 +17,12 @@ from opid.modal.doubts import (
     doubts_of_records,
     doubts_of_truth_tests,
     nothing_nonlinear,
+    require_modes,
 )
 from opid.modal.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.mode_fit import fit_mode
-from opid.modal.mode_tests import largest_mode, tests_of_mode
+from opid.modal.mode_tests import largest_mode, tests_beside, tests_of_mode
 from opid.modal.model import NonlinearModalModel
 from opid.modal.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
@@ -44,27 +45,18 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
 
     Raises:
         InputError: shapes that cannot filter modes, or tests that cannot be used; everything is said at once.
-        NotDeterminedError: no mode is named as nonlinear and the level tests show none.
+        NotDeterminedError: no mode is named as nonlinear and there are no levels to compare. Where levels were compared
+            the result has them, and says in `not_determined` why there is no law.
     """
     say = progress or (lambda step: None)
+    require_modes(study.modes)
     shifts = _shifts(study, say)
-    nonlinear = study.nonlinear or nonlinear_modes(shifts)
-    if not nonlinear:
+    nonlinear = study.nonlinear or tuple(sorted({*nonlinear_modes(shifts), *_named(study)}))
+    if not nonlinear and not shifts:
         raise NotDeterminedError(nothing_nonlinear(shifts))
     study = replace(study, nonlinear=nonlinear)
     decays, of_decays, doubts = _decays(study, say)
-    fits, faults = [], []
-    for mode in nonlinear:
-        say(f"mode {mode}")
-        tests = tests_of_mode(study.of_use("fit"), mode, nonlinear)
-        if not tests and mode in of_decays:
-            continue
-        try:
-            fits.append(fit_mode(tests, mode, **_settings(study)))
-        except InputError as error:
-            faults.append(f"mode {mode}: {error}")
-    refuse(faults, study.source)
-    model = model_of(study.modes, fits, of_decays)
+    fits, more = _fits(study, of_decays, doubts, say)
     say("the records")
     of_records = list(doubts_of_records(study))
     truth_tests, unstable = _truth_tests(study, fits, of_decays, say)
@@ -73,8 +65,8 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         modes=study.modes,
         drive_point=study.drive_point,
         tests=tuple(each.test for each in study.tests),
-        fits=tuple(fits),
-        model=model,
+        fits=fits,
+        model=model_of(study.modes, fits, of_decays),
         truth_tests=truth_tests,
         decays=decays,
         shifts=shifts,
@@ -85,15 +77,60 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             *doubts_of_modes(study.modes),
             *doubts_of_other_shifts(shifts, nonlinear),
             *doubts,
-            *doubts_of_truth_tests(study, fits),
+            *more,
+            *doubts_of_truth_tests(study, fits, of_decays, truth_tests),
             *unstable,
         ),
-        not_determined="",
+        not_determined=_not_determined(study, shifts),
         settings=_settings(study)
         | {name: getattr(study, name) for name in THRESHOLDS}
         | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
         decay_laws=of_decays,
     )
+
+
+def _named(study: ModalStudy) -> set[int]:
+    """Modes that tests are said to be for."""
+    return {each.mode for each in study.of_use("fit", "decay") if each.mode is not None}
+
+
+def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
+    """Why there is no law at all: nothing to fit, or nothing that shifts."""
+    if study.nonlinear and study.of_use("fit", "decay"):
+        return ""
+    if not study.nonlinear:
+        return nothing_nonlinear(shifts)
+    modes = ", ".join(str(mode) for mode in study.nonlinear)
+    return f'no test has use = "fit" or "decay", which mode(s) {modes} need: give sine beats or free decays'
+
+
+def _fits(
+    study: ModalStudy, of_decays: Mapping[int, DecayLaw], of_failed: Sequence[str], say: Say
+) -> tuple[tuple[ModeFit, ...], list[str]]:
+    """The fits of the modes that forced tests move, and what to doubt about the choice of tests."""
+    fits, faults, doubts = [], [], []
+    given = study.of_use("fit")
+    for mode in study.nonlinear if study.of_use("fit", "decay") else ():
+        say(f"mode {mode}")
+        tests = tests_of_mode(given, mode, study.nonlinear)
+        if not tests and mode in of_decays:
+            continue
+        if not tests and (tests := tests_beside(given, mode)):
+            names = ", ".join(repr(test.name) for test in tests)
+            doubts.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
+        try:
+            fits.append(fit_mode(tests, mode, **_settings(study)))
+        except InputError as error:
+            failed = "; ".join(each for each in of_failed if f"of mode {mode}:" in each)
+            faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))
+    refuse(faults, study.source)
+    doubts += [
+        f"mode {fit.mode} has corrections of frequency and damping that were found with other linear properties than "
+        "those of the study: the model keeps the study's"
+        for fit in fits
+        if (1 in fit.stiffness or 1 in fit.damping) and not corrects(fit, study.modes)
+    ]
+    return tuple(fits), doubts
 
 
 def _settings(study: ModalStudy) -> dict[str, Any]:
@@ -116,7 +153,7 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
     """Free decays of the nonlinear modes, the law that each mode's decays give together, and what failed."""
     decays: list[Decay] = []
     doubts = []
-    for each in study.of_use("decay"):
+    for each in study.of_use("decay") if study.nonlinear else ():
         mode = each.mode or largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
@@ -144,7 +181,9 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
 def model_of(
     modes: LinearModes, fits: Sequence[ModeFit], of_decays: Mapping[int, DecayLaw] | None = None
 ) -> NonlinearModalModel:
-    """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode.
+    """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode they belong to.
+
+    A correction found with other linear properties (tests may have modes of their own) is left aside.
 
     Args:
         modes: all modes, linear.
@@ -155,14 +194,27 @@ def model_of(
     stiffness, damping = modes.stiffness(), modes.damping()
     laws = {fit.mode: fit.law for fit in fits}
     for fit in fits:
-        stiffness[fit.mode - 1] += _first(fit.stiffness)
-        damping[fit.mode - 1] += _first(fit.damping)
+        if corrects(fit, modes):
+            stiffness[fit.mode - 1] += _first(fit.stiffness)
+            damping[fit.mode - 1] += _first(fit.damping)
     for mode in free.keys() - laws.keys():
         laws[mode] = free[mode].law
         stiffness[mode - 1], damping[mode - 1] = _first(free[mode].stiffness), _first(free[mode].damping)
     omega = np.sqrt(np.maximum(stiffness, 0.0))
     ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
     return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
+
+
+def corrects(fit: ModeFit, modes: LinearModes) -> bool:
+    """Whether the corrections of a fit belong to the linear properties that these modes have.
+
+    Args:
+        fit: of one mode.
+        modes: all modes.
+    """
+    place = fit.mode - 1
+    given = (modes.frequency_hz[place], modes.damping_ratio[place])
+    return bool(np.allclose(given, (fit.frequency_hz, fit.damping_ratio), rtol=1e-9, atol=0.0))
 
 
 def _first(coefficients: Mapping[int, Estimate]) -> float:

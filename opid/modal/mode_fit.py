@@ -12,10 +12,12 @@ from opid.modal.coordinates import ModalTest
 from opid.modal.doubts import doubts_of_fit
 from opid.modal.equation import ModeLines, mode_lines
 from opid.modal.mode_tests import WIDEST, band_of_mode, doubts_of_test, faults_of_test
+from opid.modal.modes_file import looks_unit_normalised
 from opid.modal.order_search import linear_is_off, search_orders
 from opid.modal.other_modes import doubts_of_other_modes
 from opid.modal.restoring_fit import Coefficients, fit_coefficients, linearised, modal_mass, power_curve
 from opid.modal.result import ForceCurve, ModeFit, OrderRung
+from opid.modal.span import doubts_of_shapes, faults_of_shapes
 from opid.signals.recording import FloatArray
 from opid.signals.tables import refuse
 
@@ -28,12 +30,15 @@ ROUGH_ORDER = 3
 MASS_RANGE = (0.5, 2.0)
 """Modal mass that tests may show: outside, shapes or force are in another unit and nothing fitted would hold."""
 
-UNITS_OF_FORCE = {
-    "lbf taken for N": 0.2248,
-    "kgf taken for N": 0.10197,
-    "kN taken for N": 0.001,
-    "N taken for lbf": 4.448,
+UNITS = {
+    "a force in lbf taken for N": 0.2248,
+    "a force in kgf taken for N, or accelerations in m/s^2 taken for g,": 0.10197,
+    "a force in kN taken for N": 0.001,
+    "a force in N taken for lbf": 4.448,
+    "accelerations in g taken for m/s^2": 9.80665,
+    "a force in N taken for kN": 1000.0,
 }
+"""Mistakes and the modal mass that they show."""
 
 
 def fit_mode(
@@ -62,11 +67,12 @@ def fit_mode(
             cannot have, or orders too high for the tests.
     """
     if not tests:
-        raise InputError(f"no test moves mode {mode}: give one that does, or name it with mode = {mode}")
+        raise InputError(f'no test with use = "fit" moves mode {mode} more than the others: give one, or free decays')
     band = _band(tests, mode, taper_s) if band_hz is None else band_hz
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
     pairs = list(zip(tests, lines, strict=True))
     refuse([fault for test, own in pairs for fault in faults_of_test(test, own, mode, band, taper_s)], None)
+    refuse([fault for test in tests for fault in faults_of_shapes(test, mode, band)], None)
     mass = modal_mass(lines)
     _require_mass(mass, mode, tests[0])
     free = bool(free_linear)
@@ -80,6 +86,7 @@ def fit_mode(
     found = fit_coefficients(lines, stiffness_order=n_s, damping_order=n_d, free_linear=free)
     doubts = [doubt for test, own in pairs for doubt in doubts_of_test(test, own, mode, band, taper_s)]
     loudest, _ = max(pairs, key=lambda pair: pair[1].largest_q)
+    doubts += doubts_of_shapes(loudest, mode, band)
     doubts += doubts_of_other_modes(loudest, mode, band)
     return _mode_fit(mode, tests, lines, band, found, (n_s, n_d), free, mass, rungs, doubts)
 
@@ -180,8 +187,14 @@ def _require_mass(mass: Estimate, mode: int, test: ModalTest) -> None:
     value, std = float(mass.value or 0.0), float(mass.std or 0.0)
     if MASS_RANGE[0] <= value <= MASS_RANGE[1] or abs(value - 1) < 4 * std:
         return
-    unit = next((name for name, factor in UNITS_OF_FORCE.items() if abs(value / factor - 1) < 0.1), "")
-    guess = f" (as {unit} would give)" if unit else ""
+    if value < 0:
+        raise InputError(
+            f"the tests show a modal mass of {value:.3g}: force and accelerations have opposite signs, or sensors are "
+            "exchanged; give sign = -1 for the force, or for all accelerations, in [channels]"
+        )
+    unit = next((name for name, factor in UNITS.items() if abs(value / factor - 1) < 0.05), "")
+    looks = looks_unit_normalised(test.modes)
+    guess = (f" (as {unit} would give)" if unit else "") + (f" ({looks})" if looks else "")
     raise InputError(
         f"the tests show a modal mass of {value:.3g} where mass-normalised shapes and a force in N give 1{guess}: "
         f"check the unit and scale of the force, or multiply the shape of mode {mode} by {abs(value) ** -0.5:.4g}"

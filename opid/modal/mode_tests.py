@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft
 
 from opid.modal.coordinates import ModalTest
-from opid.modal.equation import ModeLines, modal_motion
+from opid.modal.equation import HARMONICS, ModeLines, modal_motion
 from opid.modal.modes import LinearModes
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
@@ -33,12 +33,11 @@ LEAST_SIGNAL = 3.0
 """Force in the band over its noise, rms: with less there is no energy in it."""
 
 SHARE_OF_LARGEST = 0.1
-"""A test that names no mode tells about the mode that it moves most, and where no test does so, those tell that reach
-this share of the largest amplitude."""
+"""A mode without tests of its own is fitted to those that reach this share of its largest amplitude."""
 
 
 def tests_of_mode(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]) -> tuple[ModalTest, ...]:
-    """Return the tests that tell about a mode: those that name it, and those that move it more than the other modes.
+    """Return the tests of a mode: those that name it, and those that move it more than the other nonlinear modes.
 
     Args:
         tests: those to fit.
@@ -47,12 +46,20 @@ def tests_of_mode(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int
     """
     named = [each.test for each in tests if each.mode == mode]
     free = [each.test for each in tests if each.mode is None]
-    chosen = named + [test for test in free if largest_mode(test, nonlinear) == mode]
-    if not chosen and free:
-        energies = [_energy(test, mode) for test in free]
-        reached = [energy >= SHARE_OF_LARGEST**2 * max(energies) for energy in energies]
-        chosen = [test for test, far in zip(free, reached, strict=True) if far]
-    return tuple(chosen)
+    return tuple(named + [test for test in free if largest_mode(test, nonlinear) == mode])
+
+
+def tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
+    """Return the tests of other modes that move a mode that has none of its own, the strongest and those near it.
+
+    Args:
+        tests: those to fit.
+        mode: number of the mode, from 1.
+    """
+    free = [each.test for each in tests if each.mode is None]
+    energies = [_energy(test, mode) for test in free]
+    least = SHARE_OF_LARGEST**2 * max(energies, default=0.0)
+    return tuple(test for test, energy in zip(free, energies, strict=True) if energy >= least > 0)
 
 
 def largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
@@ -128,6 +135,12 @@ def doubts_of_test(
     left, word = _left_over(test, lines, mode, band_hz)
     if WARNED_LEFT < left <= MOST_LEFT and not taper_s:
         yield f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record longer"
+    natural = test.modes.frequency_hz[test.modes.place(mode)]
+    if test.fs / 2 < HARMONICS * natural:
+        yield (
+            f"test {test.name!r} at {test.fs:g} Hz does not hold the third harmonic of mode {mode}: the powers "
+            f"miss some thousandths; record at {2 * HARMONICS * natural:.0f} Hz or more"
+        )
 
 
 def _energy(test: ModalTest, mode: int) -> float:
@@ -148,7 +161,8 @@ def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
         low = max(low, natural - TO_NEIGHBOUR * (natural - below.max()))
     if above.size:
         high = min(high, natural + TO_NEIGHBOUR * (above.min() - natural))
-    return float(min(low, natural - own)), float(max(high, natural + own))
+    low, high = min(low, natural - own), max(high, natural + own)
+    return float(max(low, 0.1 * natural)), float(min(high, 3 * natural))
 
 
 def _spectrum(test: ModalTest, mode: int) -> tuple[FloatArray, FloatArray]:
@@ -165,9 +179,10 @@ def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[floa
     _, velocity = modal_motion(test, mode, band_hz)
     period = test.fs / test.modes.frequency_hz[test.modes.place(mode)]
     n = max(round(5 * period), velocity.size // 100, 8)
+    first = max(round(period), 8)  # an impact may come early
     # what the noise of the band's lines makes of any sample
     noise = 2 * np.sum((lines.noise_inertia / (2 * np.pi * lines.frequency_hz)) ** 2) / velocity.size**2
-    begin, end = (float(np.sqrt(2 * max(np.mean(part**2) - noise, 0.0))) for part in (velocity[:n], velocity[-n:]))
+    begin, end = (float(np.sqrt(2 * max(np.mean(part**2) - noise, 0.0))) for part in (velocity[:first], velocity[-n:]))
     largest = float(np.abs(velocity).max()) or 1.0
     if end >= begin:
         return end / largest, "ends"

@@ -105,9 +105,14 @@ def _faults(study: ModalStudy) -> Iterator[str]:
             yield f"test {name!r} has the use {each.use!r}, give one of {', '.join(USES)}"
         if each.use in ("truth", "level") and each.test.force is None:
             yield f"test {name!r} is for {each.use!r} and has no force, name its channel"
+        if each.test.drive_point not in (None, study.drive_point):
+            drives = f"{each.test.drive_point!r} and the study at {study.drive_point!r}"
+            yield f"test {name!r} is driven at {drives}, name one"
         if each.use == "fit" and each.test.force is None:
             yield f'test {name!r} has no force, name its channel or give use = "decay" for a free decay'
-        if each.mode is not None and each.mode not in study.nonlinear and study.nonlinear:
+        if each.mode is not None and not 1 <= each.mode <= study.modes.n_modes:
+            yield f"test {name!r} is for mode {each.mode}, modes are counted from 1 to {study.modes.n_modes}"
+        elif each.mode is not None and each.mode not in study.nonlinear and study.nonlinear:
             yield f"test {name!r} is for mode {each.mode}, which is none of nonlinear = {list(study.nonlinear)}"
         if each.test.modes.n_modes != study.modes.n_modes:
             yield (

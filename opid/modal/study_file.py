@@ -10,7 +10,7 @@ from typing import Any
 
 import tomli_w
 
-from opid.errors import InputError
+from opid.errors import InputError, nearest
 from opid.modal.coordinates import ModalTest, modal_test
 from opid.modal.modes import LinearModes
 from opid.modal.modes_file import read_modes, write_modes
@@ -34,6 +34,7 @@ from opid.signals.tables import (
     refuse,
     table_faults,
 )
+from opid.signals.units import to_si
 
 Say = Callable[[str], None]
 
@@ -101,6 +102,7 @@ def read_modal_study(path: str | os.PathLike[str], *, progress: Say | None = Non
     linear = modes.get(document["modes"]["file"])
     if linear is not None:
         faults += _drive_point_faults(document, settings["drive_point"], linear)
+        faults += _channel_faults(document, linear)
     refuse(faults, source)
     assert linear is not None  # or it would have been refused
     how, channels = _reading(document, source)
@@ -215,6 +217,17 @@ def _drive_point_faults(document: Document, drive_point: str | None, modes: Line
     return []
 
 
+def _channel_faults(document: Document, modes: LinearModes) -> list[str]:
+    """A slip in the name of a sensor would leave the sensor out without a word."""
+    forces = [entry["force"] for entry in document["tests"] if "force" in entry]
+    known = [*modes.sensors, *dict.fromkeys(forces)]
+    return [
+        f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
+        for name in document.get("channels", {})
+        if name not in known
+    ]
+
+
 def _reading(document: Document, source: Path) -> tuple[LogSettings, dict[str, ChannelSettings]]:
     """How the logs are to be read, and what their channels mean."""
     try:
@@ -234,6 +247,11 @@ def _test(
 ) -> ModalTest:
     log = open_log(directory / entry["log"], how)
     force = entry.get("force")
+    if force is None and "use" not in entry and (seen := _force_seen(log)):
+        raise InputError(
+            f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
+            "if nothing acts in the stretch that is used"
+        )
     wanted = _wanted(log, modes, force, channels)
     recording = recording_of(log, how, channels=wanted, start_s=entry.get("start_s"), stop_s=entry.get("stop_s"))
     _require_alive(recording, modes)
@@ -251,7 +269,26 @@ def _wanted(
             f"{', '.join(map(repr, log.names[:4]))}: say in [channels] which is which"
         )
     names += [force] if force is not None else []
-    return {name: channels.get(name, ChannelSettings(name)) for name in names}
+    wanted = {name: channels.get(name, ChannelSettings(name)) for name in names}
+    places: dict[tuple[int, int], str] = {}
+    for name, settings in wanted.items():
+        track, column = log.find(settings.channel)
+        other = places.setdefault((id(track), column), name)
+        if other != name:
+            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")
+    return wanted
+
+
+def _force_seen(log: Log) -> str:
+    """Name of a channel that is stated in a unit of force, "" if there is none."""
+    for track in log.tracks:
+        for channel in track.channels:
+            try:
+                if channel.unit and to_si(channel.unit)[1] == "N":
+                    return channel.name
+            except InputError:
+                continue  # a unit nobody knows is told when the channel is used
+    return ""
 
 
 def _require_alive(recording: Recording, modes: LinearModes) -> None:
@@ -260,7 +297,7 @@ def _require_alive(recording: Recording, modes: LinearModes) -> None:
         samples = recording.channel(name)
         if name in modes.sensors and samples.min() == samples.max():
             raise InputError(
-                f"sensor {name!r} is mute, all samples lie at {samples[0]:.4g} m/s^2: leave its channel out of the log"
+                f"sensor {name!r} is mute, all samples lie at {samples[0]:.4g} m/s^2: leave its row out of the shapes"
             )
 
 

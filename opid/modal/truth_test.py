@@ -16,11 +16,15 @@ from opid.signals.recording import FloatArray, Recording
 ABOVE_MODES = 1.25
 """Times the highest natural frequency: what is faster belongs to modes that the models do not have."""
 
+BELOW_MODES = 0.3
+"""Times the lowest elastic one: what is slower is offset and drift of the sensors."""
+
 
 def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
     """Return measured, nonlinear and linear accelerations side by side, with peak ratio and NRMSE a sensor.
 
-    Both models are driven by the measured force. All three are compared below 1.25 times the highest natural frequency.
+    Both models are driven by the measured force. All three are compared from 0.3 times
+    the lowest to 1.25 times the highest natural frequency of elastic modes.
     NRMSE is the rms of the error over the rms of the measurement.
 
     Args:
@@ -45,8 +49,13 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
         ) from error
     linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
     top = ABOVE_MODES * float(test.modes.frequency_hz.max())
-    band = (0.0, top) if top < 0.5 * test.fs else None
-    measured, nonlinear, linear = (_kept(each, sensors, top) for each in (test.recording, nonlinear, linear))
+    elastic = test.modes.frequency_hz[test.modes.elastic]
+    low = BELOW_MODES * float(elastic.min()) if elastic.size else 0.0
+    band = (low, min(top, 0.5 * test.fs))
+    measured, nonlinear, linear = (_kept(each, sensors, band) for each in (test.recording, nonlinear, linear))
+    dead = [sensor for sensor in sensors if not measured.channel(sensor).any()]
+    if dead:
+        raise InputError(f"sensor {dead[0]!r} of test {test.name!r} is zero throughout: leave its channel out")
     comparisons = {
         sensor: comparison(measured.channel(sensor), nonlinear.channel(sensor), linear.channel(sensor))
         for sensor in sensors
@@ -72,12 +81,12 @@ def comparison(measured: FloatArray, nonlinear: FloatArray, linear: FloatArray) 
     )
 
 
-def _kept(recording: Recording, sensors: list[str], top_hz: float) -> Recording:
-    """Some channels below a frequency, without delay."""
+def _kept(recording: Recording, sensors: list[str], band_hz: tuple[float, float]) -> Recording:
+    """Some channels within a band, without delay."""
     samples = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
-    if top_hz < 0.5 * recording.fs:
-        spectrum = fft.rfft(samples, axis=0)
-        spectrum[fft.rfftfreq(len(samples), 1 / recording.fs) > top_hz] = 0.0
-        samples = fft.irfft(spectrum, len(samples), axis=0)
+    spectrum = fft.rfft(samples, axis=0)
+    frequency = fft.rfftfreq(len(samples), 1 / recording.fs)
+    spectrum[(frequency < band_hz[0]) | (frequency > band_hz[1])] = 0.0
+    samples = fft.irfft(spectrum, len(samples), axis=0)
     channels = tuple(recording.channels[recording.index(sensor)] for sensor in sensors)
     return replace(recording, samples=samples, channels=channels)
