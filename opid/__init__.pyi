@@ -29,9 +29,12 @@ from .identify.transmissibility import (
     transmissibility_without_force,
 )
 from .identify.whiteness import whiteness
+from .mechanics.backbones import backbone, backbone_family
 from .mechanics.bolted_structures import component_assembly, fixture_and_plate
+from .mechanics.continuation import continued_backbone
 from .mechanics.driven import Interface, driven_response, half_steps
 from .mechanics.hysteresis import Sliders, iwan
+from .mechanics.jointed_modes import JointedModes, jointed_modes
 from .mechanics.kinds import Kind, Parameter
 from .mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from .mechanics.laws import LAWS, Law, default_law, law
@@ -65,7 +68,16 @@ from .modal.result import ModalIdentification, ModeFit
 from .modal.study import ModalStudy, StudyTest
 from .modal.study_file import read_modal_study, write_modal_study
 from .modal.truth_test import truth_test
-from .report import bench_text, modal_text, result_text, write_bench_report, write_modal_report, write_report
+from .report import (
+    bench_text,
+    modal_text,
+    result_text,
+    updating_text,
+    write_bench_report,
+    write_modal_report,
+    write_report,
+    write_updating_report,
+)
 from .signals.exchange import (
     frame_of,
     recording_from_frame,
@@ -82,6 +94,19 @@ from .signals.recording import Channel, Recording, recording_from_arrays
 from .signals.resampling import on_common_clock, resampled
 from .signals.segments import sound_segments, taxi_segment
 from .signals.spectra import cross_spectra, transmissibility
+from .updating.arviz_export import to_inference_data
+from .updating.identification import update_study
+from .updating.linear_updating import update_linear
+from .updating.matrices_file import read_structure, write_structure
+from .updating.measured import MeasuredBackbone
+from .updating.model_class import ModelClass, Prior
+from .updating.reduction import craig_bampton, reduce
+from .updating.result import Updating
+from .updating.structure import AffineStructure
+from .updating.study import UpdatingStudy
+from .updating.study_file import read_updating_study, write_updating_study
+from .updating.surrogate import wing_engine_structure
+from .updating.virtual_backbones import synthetic_backbones, virtual_backbones
 
 __version__: str
 __all__: list[str]

@@ -10,7 +10,22 @@ from opid.cli.group import main
 from opid.cli.logs import inspect
 from opid.cli.modal import modal
 from opid.cli.studies import identify
+from opid.cli.update import update
+from opid.cli.virtual_backbones import backbones
 from opid.cli.virtual_beats import sine_beats
 from opid.cli.virtual_tests import demo, simulate, taxi
 
-__all__ = ["decay", "demo", "identify", "inspect", "law", "main", "modal", "simulate", "sine_beats", "taxi"]
+__all__ = [
+    "backbones",
+    "decay",
+    "demo",
+    "identify",
+    "inspect",
+    "law",
+    "main",
+    "modal",
+    "simulate",
+    "sine_beats",
+    "taxi",
+    "update",
+]

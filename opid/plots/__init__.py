@@ -23,8 +23,13 @@ from opid.plots.modal_truth import truth_test, truth_test_figures
 from opid.plots.runs import accelerations, integration, recording
 from opid.plots.spectra import equation_residual, transmissibilities
 from opid.plots.style import figure_of, house_style, png
+from opid.plots.updating_backbones import measured_backbones, predicted_backbones
+from opid.plots.updating_classes import ForceBand, joint_forces, log_evidences
+from opid.plots.updating_linear import linear_updating, reduction_figure
+from opid.plots.updating_posteriors import parameter_samples, running_moments
 
 __all__ = [
+    "ForceBand",
     "accelerations",
     "auto_mac",
     "backbone",
@@ -43,18 +48,26 @@ __all__ = [
     "health_picture",
     "house_style",
     "integration",
+    "joint_forces",
     "law_curves",
     "law_ladder",
     "level_shift_figures",
+    "linear_updating",
+    "log_evidences",
+    "measured_backbones",
     "modal_harmonics",
     "modal_orders",
     "mode_indicators",
     "mode_restoring_force",
     "model_ladder",
+    "parameter_samples",
     "png",
+    "predicted_backbones",
     "recording",
+    "reduction_figure",
     "restoring_force_map",
     "restoring_force_surface",
+    "running_moments",
     "sensor_harmonics",
     "sine_beats",
     "slices",

@@ -3,7 +3,7 @@
 `result_text` is what the terminal shows, `result_json` what other programs read, `write_report` both with the figures;
 `bench_text`, `bench_json` and `write_bench_report` are the same for the law of a test bench; `health_text` and
 `health_json` tell what is wrong with logs; `modal_text`, `modal_json` and `write_modal_report` are for nonlinear modal
-models.
+models, `updating_text`, `updating_json` and `write_updating_report` for Bayesian updating.
 """
 
 from opid.report.as_json import result_json
@@ -15,6 +15,9 @@ from opid.report.modal_field_test import write_modal_field_test
 from opid.report.modal_report import modal_json, write_modal_report
 from opid.report.modal_tables import modal_text, read_modal_truth
 from opid.report.page import write_report
+from opid.report.updating_field_test import updating_truth_json, write_updating_field_test
+from opid.report.updating_report import updating_json, write_updating_report
+from opid.report.updating_tables import read_updating_truth, updating_text
 
 __all__ = [
     "bench_json",
@@ -25,12 +28,18 @@ __all__ = [
     "modal_text",
     "read_modal_truth",
     "read_truth",
+    "read_updating_truth",
     "result_json",
     "result_text",
     "truth_json",
+    "updating_json",
+    "updating_text",
+    "updating_truth_json",
     "write_bench_report",
     "write_field_test",
     "write_modal_field_test",
     "write_modal_report",
     "write_report",
+    "write_updating_field_test",
+    "write_updating_report",
 ]

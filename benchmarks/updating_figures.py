@@ -1,0 +1,203 @@
+"""The figures of merit of Bayesian updating from backbones, as a Markdown table.
+
+Run `python benchmarks/updating_figures.py`; in parts `--rows classes,coverage --seeds 30 --jobs 2`. Seeds count from 0
+and none is dropped. The synthetic sets are those of `synthetic_backbones` on the wing-engine structure, 14 curves of
+its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" errors have offsets of 0.35 % a curve and
+0.1 % a point, "small" ones those of a virtual measurement (0.05 and 0.15 % a curve, 0.01 % a point). The linear error
+of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli").
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from multiprocessing import get_context
+from time import perf_counter, process_time
+
+# before numpy is loaded, here and in every process that this one starts
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+from tqdm import tqdm
+
+from opid.mechanics.jointed_modes import JointedModes
+from opid.updating.likelihood import BackboneData, backbone_data, log_likelihood
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
+from opid.updating.reduction import reduce
+from opid.updating.surrogate import wing_engine_structure
+from opid.updating.virtual_backbones import synthetic_backbones
+
+FACTORS = (0.88, 0.31)
+THETA = 1.58
+WIDE, BOTH = Prior("uniform", 0.0, 10.0), Prior("uniform", -10.0, 10.0)
+# Song Table 3, in N and m
+CLASSES = (
+    ModelClass("class 1", ("quadratic_stiffness",), (2.16e5,), (WIDE,)),
+    ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (WIDE,)),
+    ModelClass("class 3", ("quartic_stiffness",), (3e10,), (WIDE,)),
+    ModelClass("class 4", ("cubic_stiffness", "quartic_stiffness"), (8.84e7, -2.7e9), (WIDE, BOTH)),
+    ModelClass("class 5", ("cubic_stiffness", "quintic_stiffness"), (7.48e7, -8.4e11), (WIDE, BOTH)),
+)
+TRUTH = CLASSES[1]
+ERRORS = {
+    "large": {"offset_share": 0.0035, "point_noise": 0.001},
+    "small": {},
+}
+HARMONICS = {"paper": (1,), "literal": (1,), "independent": (1, 3), "recommended": (1, 3)}
+
+Figures = dict[str, float]
+SYSTEMS: dict[tuple[float, float], JointedModes] = {}
+
+
+def system(aluminium: float = FACTORS[0], steel: float = FACTORS[1]) -> JointedModes:
+    """The reduced wing-engine structure, made once in a process for the nominal factors."""
+    key = (aluminium, steel)
+    if key == FACTORS and key in SYSTEMS:
+        return SYSTEMS[key]
+    structure = wing_engine_structure()
+    made = reduce(structure, dict(zip(structure.parts, key, strict=True)))
+    if key == FACTORS:
+        SYSTEMS[key] = made
+    return made
+
+
+def backbones(seed: int, errors: str, linear: str = "mode") -> tuple[MeasuredBackbone, ...]:
+    """A synthetic set; the linear error is one of each modal frequency, of both moduli, or none."""
+    rng = np.random.default_rng(seed)
+    true, share = system(), 0.004 if linear == "mode" else 0.0
+    if linear == "moduli":
+        # 0.8 % of a modulus is 0.4 % of a frequency
+        true = system(*(float(factor) * (1 + 0.008 * rng.standard_normal()) for factor in FACTORS))
+    return synthetic_backbones(true, TRUTH, (THETA,), rng=rng, linear_error=share, **ERRORS[errors])
+
+
+def prepared(measured: tuple[MeasuredBackbone, ...], form: str) -> BackboneData:
+    return backbone_data(system(), measured, form=form, harmonics=HARMONICS[form])  # type: ignore[arg-type]
+
+
+def classes(seed: int, form: str, errors: str) -> Figures:
+    data = prepared(backbones(seed, errors), form)
+    found = [update_class(data, each, rng=np.random.default_rng(seed), n_samples=2200) for each in CLASSES]
+    evidence = np.array([each.log_evidence for each in found])
+    figures = {"class 2 first": float(np.argmax(evidence) == 1)}
+    figures |= {f"log evidence of class {k + 1} less class 2": evidence[k] - evidence[1] for k in (0, 2, 3, 4)}
+    return figures
+
+
+def grid_posterior(data: BackboneData) -> tuple[np.ndarray, np.ndarray]:
+    """theta of class 2 and its posterior, by evaluation on ever narrower grids: no chance in it."""
+    centre, half = THETA, 0.5
+    for _ in range(4):
+        theta = np.linspace(max(centre - half, 0.0), centre + half, 81)
+        value = log_likelihood(data, TRUTH, theta[:, None])
+        share = np.exp(value - value.max())
+        share /= share.sum()
+        centre = float(share @ theta)
+        half = 6 * max(float(np.sqrt(share @ (theta - centre) ** 2)), half / 60)
+    return theta, share
+
+
+def coverage(seed: int, form: str, errors: str, linear: str) -> Figures:
+    data = prepared(backbones(seed, errors, linear), form)
+    theta, share = grid_posterior(data)
+    mean = float(share @ theta)
+    level = float(np.interp(THETA, theta, np.cumsum(share) - share / 2))
+    return {
+        "95 % interval holds": float(0.025 <= level <= 0.975),
+        "error of theta, %": 100 * (mean / THETA - 1),
+        "standard deviation of theta, %": 100 * float(np.sqrt(share @ (theta - mean) ** 2)) / THETA,
+    }
+
+
+def bands(seed: int, form: str, errors: str) -> Figures:
+    measured = backbones(seed, errors)
+    data = prepared(measured, form)
+    found = update_class(data, TRUTH, rng=np.random.default_rng(seed), n_samples=2200)
+    both = predict(data, found, measured, rng=np.random.default_rng(seed))
+    return {f"measured points within the 95 % band, mode {band.mode}": band.coverage for band in both}
+
+
+def evidence(seed: int, form: str, errors: str) -> Figures:
+    data = prepared(backbones(seed, errors), form)
+    figures = {}
+    for each in (CLASSES[1], CLASSES[3]):
+        found = update_class(
+            data, each, rng=np.random.default_rng(seed), evidences=("quadrature", "laplace", "transitional")
+        )
+        exact, laplace, stages = found.evidences
+        score = (stages.log_evidence - exact.log_evidence) / stages.std
+        figures[f"{each.name}: Laplace less quadrature"] = laplace.log_evidence - exact.log_evidence
+        figures[f"{each.name}: transitional less quadrature"] = stages.log_evidence - exact.log_evidence
+        figures[f"{each.name}: transitional within two of its standard deviations"] = float(abs(score) <= 2)
+    return figures
+
+
+def times(seed: int, form: str) -> Figures:
+    data = prepared(backbones(seed, "large"), form)
+    update_class(data, CLASSES[1], rng=np.random.default_rng(0), n_samples=1000)  # compiles
+    cpu, wall = process_time(), perf_counter()
+    found = [update_class(data, each, rng=np.random.default_rng(seed)) for each in CLASSES]
+    return {
+        "five classes x 5500 samples with evidence, CPU s": process_time() - cpu,
+        "the same, wall s": perf_counter() - wall,
+        "effective samples, least": min(each.diagnostics.effective_samples for each in found),
+    }
+
+
+Row = tuple[Callable[..., Figures], tuple[object, ...], int]
+FORMS = ("recommended", "paper", "independent")
+ROWS: dict[str, Row] = {
+    **{f"classes {form} {errors}": (classes, (form, errors), 30)
+       for form in ("paper", "literal", "recommended") for errors in ERRORS},
+    **{f"coverage {form} {errors} {linear}": (coverage, (form, errors, linear), 200)
+       for form in FORMS for errors in ERRORS for linear in ("mode", "moduli", "none")},
+    **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
+    **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
+    **{f"times {form}": (times, (form,), 3) for form in FORMS[:2]},
+}  # fmt: skip
+
+
+def one(job: tuple[str, int]) -> tuple[str, Figures | str]:
+    name, seed = job
+    make, given, _ = ROWS[name]
+    try:
+        return name, make(seed, *given)
+    except Exception as error:
+        return name, f"seed {seed}: {type(error).__name__}: {error}"
+
+
+def lines(name: str, found: list[Figures]) -> Iterator[str]:
+    for key in found[0]:
+        values = np.array([each[key] for each in found])
+        shown = f"{np.mean(values):.4g} | {np.std(values):.3g} | {values.min():.4g} | {values.max():.4g}"
+        yield f"| {name} | {key} | {shown} | {values.size} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", default="", help="beginnings of the names of rows, with commas; all where left out")
+    parser.add_argument("--seeds", type=int, help="how many, whatever the row asks for")
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    wanted = tuple(part for part in args.rows.split(",") if part)
+    names = [name for name in ROWS if not wanted or name.startswith(wanted)]
+    system()
+    failures = []
+    print("| row | figure | mean | std | least | most | sets |\n|---|---|---|---|---|---|---|", flush=True)
+    with get_context("fork").Pool(args.jobs) as pool:
+        for name in names:
+            jobs = [(name, seed) for seed in range(args.seeds or ROWS[name][2])]
+            ran = tqdm(pool.imap_unordered(one, jobs), name, len(jobs), disable=not sys.stderr.isatty())
+            results = [found for _, found in ran]
+            failures += [f"{name}, {found}" for found in results if isinstance(found, str)]
+            good = [found for found in results if not isinstance(found, str)]
+            for line in lines(name, good) if good else ():
+                print(line, flush=True)
+    print("\n".join(failures))
+
+
+if __name__ == "__main__":
+    main()

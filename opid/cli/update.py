@@ -1,0 +1,76 @@
+"""Bayesian updating and class selection from backbones: `opid update`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import end, main, progress, result_name
+
+if TYPE_CHECKING:
+    from opid.updating.reduction import ReductionErrors
+    from opid.updating.result import Updating
+    from opid.updating.study import UpdatingStudy
+
+N_COMPARED = 20
+"""Modes of the reduced structure that are compared with those of the whole one."""
+
+
+@main.command()
+@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
+@click.option(
+    "--form",
+    type=click.Choice(("recommended", "paper", "literal", "independent")),
+    help="Of the likelihood, whatever the study says.",
+)
+@click.option(
+    "--sampler",
+    type=click.Choice(("adaptive", "metropolis", "transitional", "ensemble")),
+    help="Of the posterior, whatever the study says.",
+)
+@click.option("--samples", type=click.IntRange(min=1000), metavar="N", help="Of each class, whatever the study says.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of the sampling, whatever the study says.")
+@click.option(
+    "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
+)
+def update(study: Path, out: Path | None, truth: Path | None, **settings: Any) -> None:
+    """Update a structure with nonlinear joints from its backbones, and tell which law the joints have.
+
+    First the linear parameters from the lowest points, then the coefficients of every candidate law with their
+    intervals, the evidence of each law, and the backbones that the best one predicts. The report goes to a new folder
+    here, called after the study.
+    """
+    from dataclasses import replace
+
+    from opid.report import read_updating_truth, updating_text, write_updating_report
+    from opid.report.directory import require_directory
+    from opid.updating.identification import update_study
+    from opid.updating.study_file import read_updating_study
+
+    target = require_directory(out or Path(f"{result_name(study)}_result"))
+    known = None if truth is None else read_updating_truth(truth)
+    given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
+    with progress() as say:
+        tests = replace(read_updating_study(study, progress=say), **given)
+        result = update_study(tests, progress=say)
+        errors = _reduction(tests, result)
+        page = write_updating_report(result, target, known, reduction=errors, progress=say)
+    click.echo(updating_text(result, known))
+    click.echo(f"Report: {page} (open it in a browser)")
+    end(result)
+
+
+def _reduction(study: UpdatingStudy, result: Updating) -> ReductionErrors | None:
+    """How the reduced structure differs from the whole one; None where there was nothing to reduce."""
+    from opid.updating.reduction import craig_bampton, reduction_errors
+    from opid.updating.structure import AffineStructure
+
+    if not isinstance(study.structure, AffineStructure):
+        return None
+    linear = result.linear
+    factors = {} if linear is None else {n: float(v) for n, v in zip(linear.names, linear.best, strict=True)}
+    reduced = craig_bampton(study.structure, factors, n_modes=study.n_internal)
+    return reduction_errors(study.structure, reduced, min(N_COMPARED, reduced.n_dof), factors=factors)

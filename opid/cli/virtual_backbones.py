@@ -1,0 +1,136 @@
+"""Virtual backbones of the wing-engine structure: `opid simulate backbones`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from opid.cli.group import progress
+from opid.cli.virtual_tests import simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from opid.mechanics.jointed_modes import JointedModes
+    from opid.updating.measured import MeasuredBackbone
+    from opid.updating.model_class import ModelClass
+
+DRIVE, DAMPING_RATIO = "7", 0.003
+"""Where the shaker acts, as in the paper, and the damping of every mode."""
+
+
+@simulate.command("backbones")
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option(
+    "--by",
+    type=click.Choice(("synthetic", "continuation")),
+    default="synthetic",
+    show_default=True,
+    help="synthetic: harmonic balance and drawn errors; continuation: a controlled shaker test, simulated in time.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the errors.")
+@click.option("--true-class", type=click.IntRange(1, 5), default=2, show_default=True, help="Of the paper's five laws.")
+@click.option("--points", type=click.IntRange(min=3), default=20, show_default=True, help="Of each curve.")
+@click.option(
+    "--curves",
+    type=click.IntRange(min=1),
+    nargs=2,
+    default=(14, 5),
+    show_default=True,
+    help="Of either mode, at most; in a controlled test one for each sensor that reaches quadrature.",
+)
+@click.option(
+    "--linear-error",
+    type=click.FloatRange(min=0),
+    default=0.4,
+    show_default=True,
+    metavar="%",
+    help="Of the linear frequencies of a synthetic set, standard deviation.",
+)
+def backbones(
+    out: Path, by: str, seed: int, true_class: int, points: int, curves: tuple[int, int], linear_error: float
+) -> None:
+    """Write backbones of the wing-engine structure, with known truth, into the directory OUT.
+
+    Makes structure.npz (nominal matrices with two factors to update), one CSV file a curve, study.toml for
+    `opid update` with the five classes of the paper, and truth.json.
+    """
+    import numpy as np
+
+    from opid.report import updating_truth_json, write_updating_field_test
+    from opid.report.directory import require_directory
+    from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
+    from opid.updating.reduction import reduce
+    from opid.updating.study import UpdatingStudy
+    from opid.updating.study_file import FACTOR_PRIOR
+    from opid.updating.surrogate import UPDATED, wing_engine_structure
+    from opid.updating.virtual_backbones import synthetic_backbones
+
+    require_directory(out)
+    settings = {"by": by, "seed": seed, "true_class": true_class, "points": points, "curves": list(curves)}
+    settings |= {"linear_error_percent": linear_error} if by == "synthetic" else {"damping_ratio": DAMPING_RATIO}
+    true = PAPER_CLASSES[true_class - 1]
+    theta = PAPER_THETA[true.name]
+    with progress() as say:
+        say("the structure")
+        structure = wing_engine_structure()
+        system = reduce(structure, UPDATED)
+        rng = np.random.default_rng(seed)
+        if by == "synthetic":
+            measured = synthetic_backbones(
+                system, true, theta, rng=rng, n_curves=curves, n_points=points, linear_error=linear_error / 100
+            )
+        else:
+            measured = _by_continuation(system, true, theta, rng, points, curves, say)
+        study = UpdatingStudy(
+            f"Virtual backbones of a wing-engine structure, seed {seed}", structure, measured, PAPER_CLASSES,
+            parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), seed=seed,
+        )  # fmt: skip
+        say("the files")
+        told = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
+        truth = updating_truth_json(true.law(theta), UPDATED, structure=told, settings=settings)
+        path = write_updating_field_test(study, out, truth=truth)
+    click.echo(f"{len(measured)} backbones: {told}")
+    click.echo(f"Next: opid update {path} --truth {out / 'truth.json'}")
+
+
+def _by_continuation(
+    system: JointedModes,
+    true: ModelClass,
+    theta: tuple[float, ...],
+    rng: np.random.Generator,
+    points: int,
+    curves: tuple[int, int],
+    say: Callable[[str], None],
+) -> tuple[MeasuredBackbone, ...]:
+    from opid.errors import NotDeterminedError
+    from opid.mechanics.quadrature_curves import Specimen
+    from opid.updating.virtual_backbones import AMPLITUDE_M, BENDING_MODES, virtual_backbones
+
+    specimen = Specimen(system, true.law(theta), DAMPING_RATIO, DRIVE)
+    measured: list[MeasuredBackbone] = []
+    for mode, amplitude, wanted in zip(BENDING_MODES, AMPLITUDE_M, curves, strict=True):
+        reached, reason = 0, ""
+        # the pylons move most, and reach quadrature first
+        for sensor in reversed(system.sensors):
+            if reached == wanted:
+                break
+            say(f"mode {mode}: quadrature at sensor {sensor}, {reached} of {wanted} curves")
+            try:
+                measured += virtual_backbones(
+                    specimen, rng=rng, modes=(mode,), amplitude_m=(amplitude,), n_points=points, sensors=(sensor,)
+                )
+            except NotDeterminedError as error:
+                reason = str(error)
+                continue  # as in the paper, where 9 of 14 sensors do not reach it in the second mode
+            reached += 1
+        if not reached:
+            raise NotDeterminedError(
+                f"no sensor reaches quadrature in mode {mode}, the last: {reason}; more --points make smaller steps",
+                tuple(measured),
+            )
+    return tuple(measured)

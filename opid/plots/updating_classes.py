@@ -1,0 +1,139 @@
+"""Figures that compare model classes: their log evidences, the forces that they make of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from opid.plots.style import GREY, INK, RUN_COLORS, house_style, panels, thick
+from opid.signals.recording import FloatArray
+from opid.updating.result import ClassPosterior, Updating
+
+__all__ = ["ForceBand", "joint_forces", "log_evidences"]
+
+_METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
+# from here on the axis of the evidences is logarithmic
+_LINEAR_TO = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBand:
+    """Force of one class over the extension of the joints.
+
+    Args:
+        name: of the class.
+        force: (n,) at the mean of the parameters, N.
+        low: (n,) lower end of the 95 % band, N.
+        high: (n,) upper end, N.
+    """
+
+    name: str
+    force: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def log_evidences(result: Updating, ax: Any = None) -> Axes:
+    """Draw the log evidence of every class, by every method, less that of the best class.
+
+    Args:
+        result: of the updating.
+        ax: one Axes, or None for a new figure.
+    """
+    classes = result.classes
+    best = max((each.log_evidence for each in classes if np.isfinite(each.log_evidence)), default=0.0)
+    named: set[str] = set()
+    with house_style():
+        ax = panels(ax, 1, height_in=1.4 + 0.42 * len(classes))[0, 0]
+        lowest = 0.0
+        for row, each in enumerate(classes):
+            color = RUN_COLORS[1] if each.model_class.name == result.best_class else RUN_COLORS[0]
+            for evidence in each.evidences:
+                marker, label = _METHODS.get(evidence.method, ("d", evidence.method))
+                offset = evidence.log_evidence - best
+                if not np.isfinite(offset):
+                    continue
+                lowest = min(lowest, offset - 2 * evidence.std)
+                ax.errorbar(
+                    offset, row, xerr=2 * evidence.std or None, color=color, marker=marker, linestyle="none",
+                    markersize=6, markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
+                    label="_" if label in named else label,
+                )  # fmt: skip
+                named.add(label)
+        _as_differences(ax, lowest)
+        ax.axvline(0, color=GREY, linewidth=0.9, zorder=0)
+        ax.set_yticks(range(len(classes)), [_class_label(each) for each in classes])
+        ax.set_ylim(len(classes) - 0.5, -0.5)
+        ax.set_xlabel("log evidence less that of the best class (± 2 standard deviations)")
+        if named:
+            # above the axes: a class may lie anywhere within
+            ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named), fontsize=8)
+    return ax
+
+
+def joint_forces(
+    extension: FloatArray,
+    bands: Sequence[ForceBand],
+    *,
+    best: str,
+    truth: FloatArray | None = None,
+    reached: Mapping[int, float] | None = None,
+    ax: Any = None,
+) -> Axes:
+    """Draw the nonlinear force of every class over the extension that the tests reached.
+
+    Args:
+        extension: (n,) m.
+        bands: one a class.
+        best: name of the best class, which alone has its band drawn.
+        truth: (n,) force of a simulation, N.
+        reached: extension that the tests of each mode reached, m, by its number.
+        ax: one Axes, or None for a new figure.
+    """
+    x = 1e3 * extension
+    with house_style():
+        ax = panels(ax, 1, height_in=3.8)[0, 0]
+        for number, band in enumerate(bands):
+            color = RUN_COLORS[number % len(RUN_COLORS)]
+            chosen = band.name == best
+            width, style = (2.2, "-") if chosen else (1.2, "--")
+            ax.plot(x, band.force, color=color, linewidth=width, linestyle=style, label=band.name, zorder=2 + chosen)
+            if chosen:
+                ax.fill_between(x, band.low, band.high, color=color, alpha=0.25, linewidth=0, label="its 95 % band")
+        if truth is not None:
+            ax.plot(x, truth, color=INK, linestyle=":", linewidth=2.2, label="truth", zorder=5)
+        for mode, place in (reached or {}).items():
+            ax.axvline(1e3 * place, color=GREY, linestyle=":", linewidth=1.0)
+            ax.annotate(
+                f"mode {mode}", (1e3 * place, 1), (-3, -3), xycoords=("data", "axes fraction"),
+                textcoords="offset points", rotation=90, ha="right", va="top", fontsize=8, color=INK,
+            )  # fmt: skip
+        ax.set_xlim(float(x[0]), float(x[-1]))
+        ax.set_xlabel("extension of a joint [mm]")
+        ax.set_ylabel("nonlinear force [N]")
+        thick(ax.legend(loc="upper left", fontsize=8))
+    return ax
+
+
+def _class_label(each: ClassPosterior) -> str:
+    kinds = " + ".join(kind.removesuffix("_stiffness").replace("_", " ") for kind in each.model_class.kinds)
+    return each.model_class.name if each.model_class.name == kinds else f"{each.model_class.name}: {kinds}"
+
+
+def _as_differences(ax: Axes, lowest: float) -> None:
+    """Linear near the best class and logarithmic beyond, with plain numbers."""
+    if lowest > -3 * _LINEAR_TO:
+        ax.set_xlim(min(1.15 * lowest, -1.0), max(-0.06 * lowest, 0.3))
+        return
+    ax.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=1.5)
+    ax.set_xlim(2 * lowest, 4)
+    decades = [_LINEAR_TO * 10**power * step for power in range(1, 12) for step in (1, 3)]
+    ticks = [0, -2, -5, -10, -30, *(-each for each in decades if each < -2 * lowest)]
+    ax.xaxis.set_major_locator(FixedLocator(ticks))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−")))
+    ax.xaxis.set_minor_locator(NullLocator())

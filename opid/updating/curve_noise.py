@@ -1,0 +1,203 @@
+"""Errors of several curves of one quantity: of all, of each curve, of each point; their levels integrated out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.signals.recording import FloatArray
+
+RATIOS = np.geomspace(0.03, 100.0, 24)
+"""Standard deviations of a curve's offset, in units of that of a point, over which the likelihood is integrated."""
+
+STEP = float(np.log(RATIOS[1] / RATIOS[0]))
+
+WIDE = 2.0
+"""Times the expected offset is the scale of the half normal prior of rho sigma."""
+
+OWN_WEIGHT = 0.5
+"""Shape of the inverse gamma prior of the variance of a point: half a degree of freedom, as much as one point."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveNoise:
+    """Measured curves with their errors, in coordinates in which the covariance is diagonal.
+
+    The error of point j of curve c is  b_0 + b_1 h_j  +  o_c + p_c (h_j - mean h of c)  +  e_cj: what all curves have
+    in common, with a Gaussian prior; the offset of a curve, of standard deviation rho sigma; its growth, of a fixed
+    multiple of sigma; the noise of a point, of standard deviation sigma. h is how far the quantity has grown by the
+    nonlinearity. Were the growths as free as the offsets, the curves of a wrong law would all be given the slope that
+    the law lacks.
+
+    Args:
+        data: (n_coordinates, n_channels) measured, rotated.
+        model: (n_coordinates, n_nodes) takes the model's values at its nodes to the same coordinates.
+        outside: (n_channels,) square of what no model and no offset reaches.
+        n_points: points in all.
+        shrink: (n_coordinates, n_ratios) inverse of the variance in units of sigma^2, for each ratio rho.
+        common: (n_coordinates, 2 n_ratios) generalised least squares of b_0, then b_1, for each ratio.
+        precision: (3, n_ratios) of b in units of 1 / sigma^2: of b_0, between both, of b_1.
+        constant: (n_ratios,) what depends on neither model nor data.
+        common_variance: prior variance of b_0, and of b_1 in its own unit.
+        common_scale: unit of b_1.
+        own_growth: standard deviation of p_c over sigma.
+        expected: (n_channels,) scale of the prior of sigma^2.
+        offset: expected rho sigma.
+    """
+
+    data: FloatArray
+    model: FloatArray
+    outside: FloatArray
+    n_points: int
+    shrink: FloatArray
+    common: FloatArray
+    precision: FloatArray
+    constant: FloatArray
+    common_variance: float
+    common_scale: float
+    own_growth: float
+    expected: FloatArray
+    offset: float
+
+
+def curve_noise(
+    values: FloatArray,
+    between: FloatArray,
+    curve: NDArray[np.int64],
+    growth: FloatArray,
+    *,
+    common_std: float,
+    common_growth: float,
+    own_growth: float,
+    offset: float,
+    expected: float,
+) -> CurveNoise:
+    """Return the noise model of some curves; channels have offsets and noise levels of their own.
+
+    Args:
+        values: (n_points, n_channels) measured.
+        between: (n_points, n_nodes) takes values at the nodes of the model to the points.
+        curve: (n_points,) number of the curve of each point, from 0.
+        growth: (n_points,) h, 0 in the linear range.
+        common_std: prior standard deviation of the error b_0 that all curves share.
+        common_growth: prior standard deviation of b_1 in units of `common_std`; 0 for none.
+        own_growth: standard deviation of p_c over sigma.
+        offset: standard deviation of a curve's offset that is expected.
+        expected: standard deviation of a point's noise that is expected.
+    """
+    offsets = np.eye(int(curve[-1]) + 1)[curve]
+    centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))
+    # offsets and growths of all curves stand at right angles, so that every ratio has the same basis
+    own = np.concatenate([offsets, offsets * centred[:, None]], axis=1)
+    square = (own**2).sum(axis=0)
+    seen = square > 1e-12 * len(values)
+    left = own[:, seen] / np.sqrt(square[seen])
+    rest = between - left @ (left.T @ between)
+    other, size, _ = np.linalg.svd(rest, full_matrices=False)
+    basis = np.concatenate([left, other[:, size > 1e-9 * np.linalg.norm(between)]], axis=1)
+    of_offsets, of_growths = np.zeros((2, basis.shape[1]))
+    n_curves = offsets.shape[1]
+    of_offsets[:n_curves] = square[:n_curves]
+    of_growths[n_curves : left.shape[1]] = square[n_curves:][seen[n_curves:]]
+    shrink = 1 / (1 + np.outer(of_offsets, RATIOS**2) + own_growth**2 * of_growths[:, None])
+    # a slope without a prior width would make the matrices singular: it is left out by a width of next to nothing
+    scale = np.array([1.0, max(common_growth, 1e-6)])
+    together = basis.T @ (np.stack([np.ones_like(growth), growth], axis=1) * scale)
+    precision = np.einsum("ka,kg,kb->gab", together, shrink, together)
+    common = np.linalg.solve(precision, np.einsum("ka,kg->gak", together, shrink))
+    n_points = len(values)
+    constant = 0.5 * np.log(shrink).sum(axis=0) - 0.5 * np.linalg.slogdet(precision)[1] + np.log(STEP)
+    rotated = basis.T @ values
+    outside = ((values - basis @ rotated) ** 2).sum(axis=0)
+    return CurveNoise(
+        rotated, basis.T @ between, outside, n_points, shrink, common.transpose(2, 1, 0).reshape(len(shrink), -1),
+        precision[:, [0, 0, 1], [0, 1, 1]].T, constant,
+        common_std**2, float(scale[1]), own_growth,
+        np.full(values.shape[1], OWN_WEIGHT * expected**2), offset,
+    )  # fmt: skip
+
+
+def log_marginal(noise: CurveNoise, model: FloatArray) -> FloatArray:
+    """Return the logarithm of the density of the measured curves given the model, (n,), all errors integrated out.
+
+    Given the ratio rho, sigma^2 has an inverse gamma prior and is integrated in closed form, and so is b, whose prior
+    is laid over its posterior under a flat one taken as Gaussian (right but for terms of 1 / n_points). The ratio is
+    summed over a grid that is even in its logarithm, for each channel by itself.
+
+    Args:
+        noise: the measured curves.
+        model: (n, n_nodes, n_channels) of the model.
+    """
+    from scipy.special import gammaln
+
+    each, _, _ = _by_ratio(noise, model)
+    shape = _shape(noise)
+    constant = OWN_WEIGHT * np.log(noise.expected) + gammaln(shape) - gammaln(OWN_WEIGHT)
+    constant = constant - 0.5 * noise.n_points * np.log(2 * np.pi)
+    # scipy's logsumexp takes ten times as long for so few numbers
+    top = each.max(axis=2)
+    total = top + np.log(np.exp(each - top[..., None]).sum(axis=2))
+    return (total + constant).sum(axis=-1)
+
+
+def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return errors of a further curve of the first channel, (n, n_new), drawn given the measured ones.
+
+    For each row of the model a ratio, a noise level and the common errors are drawn from their posterior, then the
+    offset of a new curve and the noise of its points: what is to be added to the model's values.
+
+    Args:
+        noise: the measured curves.
+        model: (n, n_nodes, n_channels) of the model, one row a draw.
+        growth: (n, n_new) h of the new points.
+        rng: source of chance.
+    """
+    each, common, rate = (part[:, 0] for part in _by_ratio(noise, model))
+    n = len(each)
+    place = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
+    rows = np.arange(n)
+    sigma2 = rate[rows, place] / rng.gamma(_shape(noise), size=n)
+    p, q, r = noise.precision[:, place] / sigma2
+    flat = np.stack([p, q, q, r], axis=-1).reshape(n, 2, 2)
+    pull = np.einsum("nab,nb->na", flat, common[rows, :, place])
+    precision = flat + np.eye(2) / noise.common_variance
+    centre = np.linalg.solve(precision, pull[..., None])[..., 0]
+    root = np.linalg.cholesky(np.linalg.inv(precision))
+    b = centre + np.einsum("nab,nb->na", root, rng.standard_normal((n, 2)))
+    own = np.sqrt(sigma2) * RATIOS[place]
+    offset, slope = own * rng.standard_normal(n), noise.own_growth * np.sqrt(sigma2) * rng.standard_normal(n)
+    points = np.sqrt(sigma2)[:, None] * rng.standard_normal(growth.shape)
+    centred = growth - growth.mean(axis=1, keepdims=True)
+    common = b[:, :1] + noise.common_scale * b[:, 1:] * growth
+    return common + offset[:, None] + slope[:, None] * centred + points
+
+
+def _shape(noise: CurveNoise) -> float:
+    """Of the inverse gamma posterior of sigma^2: two degrees of freedom go to b."""
+    return OWN_WEIGHT + (noise.n_points - 2) / 2
+
+
+def _by_ratio(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """For each ratio: log density but for constants, least squares of b, rate of the posterior of sigma^2.
+
+    Shapes (n, n_channels, n_ratios), (n, n_channels, 2, n_ratios) and (n, n_channels, n_ratios).
+    """
+    left = (noise.data - noise.model @ model).swapaxes(1, 2)
+    shape = _shape(noise)
+    common = (left @ noise.common).reshape(*left.shape[:2], 2, RATIOS.size)
+    first, second = common[:, :, 0], common[:, :, 1]
+    p, q, r = noise.precision
+    explained = p * first**2 + 2 * q * first * second + r * second**2
+    rate = noise.expected[:, None] + 0.5 * np.maximum(left**2 @ noise.shrink + noise.outside[:, None] - explained, 0.0)
+    sigma2 = rate / shape
+    # (a b; b c) is the variance of b under a flat prior with that of the prior added
+    scaled = sigma2 / (p * r - q**2)
+    a, b, c = r * scaled + noise.common_variance, -q * scaled, p * scaled + noise.common_variance
+    determinant = a * c - b**2
+    prior = (c * first**2 - 2 * b * first * second + a * second**2) / determinant + np.log(determinant)
+    # the prior of the offsets is that of rho sigma, sigma at its best
+    own = np.sqrt(sigma2) * RATIOS / (WIDE * noise.offset)
+    weight = np.log(own) - 0.5 * own**2 + 0.5 * np.log(2 / np.pi)
+    return noise.constant + weight - shape * np.log(rate) - 0.5 * prior, common, rate

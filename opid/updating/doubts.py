@@ -1,0 +1,145 @@
+"""What to doubt about a Bayesian updating, one sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.signals.recording import FloatArray
+from opid.updating.diagnostics import Pressure
+from opid.updating.likelihood import BackboneData, curves_of, residuals
+from opid.updating.model_class import ModelClass
+from opid.updating.result import BackboneBand, ClassPosterior, Diagnostics, Evidence
+
+FEW_SAMPLES = 200.0
+"""Effective samples below which a 95 % interval is rough."""
+
+WARNED_R_HAT = 1.05
+"""Above it the chains have not found the same distribution."""
+
+MOST_UNEXPLAINED = 0.3
+"""Of the measured growth of lambda: what a class may leave before it fits nothing."""
+
+METHODS_DIFFER = 0.5
+"""Between the logarithms of two evidences, beside three of their standard deviations."""
+
+TOO_CLOSE = 1.0
+"""Difference of log evidence below which two classes cannot be told apart."""
+
+POOR_COVERAGE = 0.8
+"""Share of the measured points within a 95 % band below which it is doubted."""
+
+
+def doubts_of_class(
+    model_class: ModelClass,
+    estimates: Mapping[str, Estimate],
+    evidences: Sequence[Evidence],
+    diagnostics: Diagnostics,
+    pressures: Sequence[Pressure],
+    *,
+    unexplained: float,
+    failed: int,
+    rows: int,
+) -> Iterator[str]:
+    """Yield what to doubt about the posterior of one class.
+
+    Args:
+        model_class: the class.
+        estimates: of its parameters.
+        evidences: by every method.
+        diagnostics: of the sampling.
+        pressures: where the posterior presses against its priors.
+        unexplained: share of the measured growth of lambda that the best parameters leave.
+        failed: points of the model that did not converge.
+        rows: of theta that the likelihood was asked for.
+    """
+    for pressure in pressures:
+        yield pressure.sentence
+    if not unexplained <= MOST_UNEXPLAINED:
+        yield (
+            f"at its best it leaves {100 * unexplained:.0f} % of the measured growth of the frequencies unexplained: "
+            "this law does not fit the backbones, its intervals mean nothing"
+        )
+    if failed:
+        yield (
+            f"{failed} points of the model did not converge in {rows} evaluations and count as impossible: where that "
+            "lies near the posterior, take fewer harmonics or leave out the points of an interaction"
+        )
+    if diagnostics.effective_samples < FEW_SAMPLES:
+        yield (
+            f"the samples are worth {diagnostics.effective_samples:.0f} independent ones: intervals are rough, draw "
+            "more"
+        )
+    if diagnostics.r_hat > WARNED_R_HAT:
+        yield f"the chains differ (R-hat {diagnostics.r_hat:.2f}): draw more samples, or take the transitional sampler"
+    if evidences:
+        first = evidences[0]
+        for other in evidences[1:]:
+            apart = abs(other.log_evidence - first.log_evidence)
+            if apart > METHODS_DIFFER + 3 * (first.std**2 + other.std**2) ** 0.5:
+                yield f"log evidence by {other.method} is {apart:.1f} from that by {first.method}: believe the latter"
+    if model_class.n_parameters > 1:
+        for (name, estimate), kind in zip(estimates.items(), model_class.kinds, strict=True):
+            if estimate.holds(0.0):
+                yield f"the interval of {name} contains 0: the data do not ask for the term {kind}"
+
+
+def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
+    """Yield what to doubt about the best class and its prediction.
+
+    Args:
+        classes: all of them.
+        bands: that the best class predicts.
+    """
+    ranked = sorted(classes, key=lambda each: -each.log_evidence)
+    if len(ranked) > 1:
+        apart = ranked[0].log_evidence - ranked[1].log_evidence
+        best, second = ranked[0].model_class.name, ranked[1].model_class.name
+        if apart < TOO_CLOSE:
+            yield (
+                f"{best!r} and {second!r} differ by {apart:.1f} in log evidence: the data cannot tell them apart, "
+                "measure at larger amplitudes"
+            )
+        else:
+            yield from _prior_decides(ranked[0], ranked[1], apart)
+    for band in bands:
+        if band.coverage < POOR_COVERAGE:
+            yield (
+                f"mode {band.mode}: the 95 % band holds {100 * band.coverage:.0f} % of the measured points: the law or "
+                "the linear structure is wrong there"
+            )
+
+
+def _prior_decides(best: ClassPosterior, second: ClassPosterior, apart: float) -> Iterator[str]:
+    for name, change in best.prior_sensitivity.items():
+        if -change > apart:
+            yield (
+                f"with a prior of {name} twice as wide, {second.model_class.name!r} would come before "
+                f"{best.model_class.name!r} ({change:.1f} against {apart:.1f} in log evidence): the prior decides"
+            )
+
+
+def unexplained_share(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> float:
+    """Return what the model leaves of the measured growth of lambda, as a share of its rms over all points.
+
+    Each curve may lie off as a whole: its mean error is not counted.
+
+    Args:
+        data: the backbones.
+        model_class: the law.
+        theta: (n_parameters,).
+    """
+    left, shift = [], []
+    for mode in data.modes:
+        eigenvalue, _, failed = curves_of(data, mode, model_class)(theta[None])
+        if failed.any():
+            return float("nan")
+        of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
+        mean = of_curve @ (of_curve / of_curve.sum(axis=0)).T
+        error = residuals(mode, eigenvalue)[0] / mode.linear
+        grown = mode.eigenvalue / mode.linear
+        left.append(error - mean @ error)
+        shift.append(grown - mean @ grown)
+    return float(np.linalg.norm(np.concatenate(left)) / np.linalg.norm(np.concatenate(shift)))

@@ -1,0 +1,135 @@
+"""From an updating study to posteriors, the best law and what it predicts (Song et al. 2021), in two phases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from opid.errors import NotDeterminedError
+from opid.mechanics.jointed_modes import JointedModes
+from opid.updating.doubts import doubts_of_choice
+from opid.updating.likelihood import BackboneData, backbone_data
+from opid.updating.linear_updating import update_linear
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
+from opid.updating.reduction import reduce
+from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.study import UpdatingStudy
+
+Say = Callable[[str], None]
+
+
+def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updating:
+    """Update the linear structure, then each class of laws; choose one and predict with it.
+
+    Phase I takes the lowest points of the backbones; the structure with its best parameters is reduced to sensors,
+    joints and some internal modes, and phase II updates the coefficients of every class with it. The class with the
+    largest evidence predicts. Each part draws from a stream of its own, so that a class more changes no other.
+
+    Args:
+        study: structure, backbones, classes and settings.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a structure, backbones or settings that cannot be used.
+        NotDeterminedError: the lowest points do not tell the linear parameters, or no class has a likelihood.
+    """
+    say = progress or (lambda step: None)
+    linear, system = _linear(study, say)
+    say("backbones")
+    data = backbone_data(system, study.backbones, form=study.form, harmonics=study.harmonics, noise=study.noise)
+    classes, lost = _classes(study, data, say)
+    best = max(classes, key=lambda each: each.log_evidence)
+    say("prediction")
+    bands, gone = _prediction(study, data, best)
+    of_classes = [f"class {each.model_class.name!r}: {doubt}" for each in classes for doubt in each.warnings]
+    of_linear = [f"linear structure: {doubt}" for doubt in linear.warnings] if linear else []
+    return Updating(
+        title=study.title,
+        form=study.form,
+        linear=linear,
+        system=system,
+        measured=study.backbones,
+        classes=tuple(classes),
+        best_class=best.model_class.name,
+        prediction=bands,
+        warnings=(*of_linear, *lost, *of_classes, *doubts_of_choice(classes, bands), *gone),
+        not_determined="",
+        settings=_settings(study, data),
+    )
+
+
+def _linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, JointedModes]:
+    """Phase I where there is something to update, and the structure by its modes."""
+    if isinstance(study.structure, JointedModes):
+        return None, study.structure
+    linear, factors = None, {}
+    if study.parameters:
+        say("linear structure")
+        rng = np.random.default_rng([study.seed, 1])
+        linear = update_linear(
+            study.structure, study.backbones, priors=study.parameters, rng=rng, **_linear_noise(study)
+        )
+        factors = dict(zip(linear.names, (float(value) for value in linear.best), strict=True))
+    say("reduction")
+    return linear, reduce(study.structure, factors, n_modes=study.n_internal)
+
+
+def _linear_noise(study: UpdatingStudy) -> dict[str, Any]:
+    """How phase I weighs frequencies and shapes: the scatter of the curves, inferred in the recommended form."""
+    modes = [one.mode for one in study.backbones]
+    single = [mode for mode in set(modes) if modes.count(mode) < 2]
+    weights = dict.fromkeys(modes, study.noise.weight)
+    if study.form != "recommended" or study.noise.cov:
+        return {"cov": study.noise.cov or "scatter", "weights": weights}
+    if single:
+        # one curve has no scatter: its offset is what is expected of one
+        return {"cov": dict.fromkeys(single, 2 * study.noise.curve_offset)}
+    return {"cov": "inferred", "shape_std": "inferred"}
+
+
+def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
+    classes, lost = [], []
+    for number, model_class in enumerate(study.classes):
+        say(model_class.name)
+        rng = np.random.default_rng([study.seed, 2, number])
+        try:
+            classes.append(update_class(data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_samples))
+        except NotDeterminedError as error:
+            lost.append(f"class {model_class.name!r} is left out: {error}")
+    if not classes:
+        raise NotDeterminedError("; ".join(lost))
+    return classes, lost
+
+
+def _prediction(
+    study: UpdatingStudy, data: BackboneData, best: ClassPosterior
+) -> tuple[tuple[BackboneBand, ...], list[str]]:
+    try:
+        return predict(data, best, study.backbones, rng=np.random.default_rng([study.seed, 3])), []
+    except NotDeterminedError as error:
+        return (), [f"there is no prediction: {error}"]
+
+
+def _settings(study: UpdatingStudy, data: BackboneData) -> Mapping[str, Any]:
+    """What the result was made with, in plain values."""
+    noise = dict(vars(study.noise))
+    noise["cov"] = {str(mode.mode): mode.cov for mode in data.modes if mode.cov > 0}
+    return {
+        "form": study.form,
+        "sampler": study.sampler,
+        "samples": study.n_samples,
+        "seed": study.seed,
+        "harmonics": list(study.harmonics),
+        "internal_modes": study.n_internal,
+        "noise": noise,
+        "backbones": _names(study.backbones),
+        "study": str(study.source or ""),
+    }
+
+
+def _names(backbones: Sequence[MeasuredBackbone]) -> list[str]:
+    return [one.name for one in backbones]

@@ -1,0 +1,386 @@
+"""One model class given the data: best parameters, samples, evidence, what to doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import Estimate
+from opid.signals.recording import FloatArray
+from opid.updating.chains import Chain, LogDensity, Progress, spread_starts
+from opid.updating.diagnostics import diagnose, presses_against
+from opid.updating.doubts import doubts_of_class, unexplained_share
+from opid.updating.ensemble import ensemble
+from opid.updating.evidence import laplace, laplace_of_samples, quadrature
+from opid.updating.likelihood import BackboneData, likelihood_function
+from opid.updating.maximum import Maximum, maximum_a_posteriori
+from opid.updating.metropolis import adaptive_metropolis, metropolis
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.result import ClassPosterior, Evidence
+from opid.updating.study import SAMPLERS, Sampler
+from opid.updating.transitional import Transitional, transitional
+
+N_CHAINS, SHORTEST = 20, 250
+"""Metropolis chains side by side, for which the model is solved at once, and samples below which there are fewer."""
+
+N_WALKERS = 20
+"""Of the ensemble."""
+
+WARM_UP = 11
+"""One in so many samples is warm-up: 500 of 5500, as Song et al. have it."""
+
+N_STARTS = 256
+"""Draws of the prior among which the search for the maximum starts."""
+
+MOST_ITERATIONS = 40
+"""Of a search for a maximum: they are ten, unless the density has steps."""
+
+ROUGH_DROP = 1.0
+"""Of the log density: how far a rough quadratic reaches along each parameter."""
+
+N_MOVES = 5
+"""Metropolis steps of each particle in each stage of transitional Markov chain Monte Carlo."""
+
+MOST_BY_QUADRATURE = 3
+"""Parameters up to which the evidence is integrated by quadrature."""
+
+MOST_NODES = 6_000
+"""Evaluations after which quadrature gives up, ten times as many for three parameters."""
+
+METHODS = ("quadrature", "laplace", "transitional")
+
+
+@dataclass(frozen=True, eq=False)
+class Density:
+    """The posterior of one class as functions of theta, (n, n_parameters) -> (n,).
+
+    Args:
+        likelihood: logarithm of p(D | theta); only asked where the prior is not zero.
+        prior: logarithm of p(theta).
+        posterior: their sum.
+        counts: rows that were asked for, and points of the model that failed, so far.
+    """
+
+    likelihood: LogDensity
+    prior: LogDensity
+    posterior: LogDensity
+    counts: dict[str, int]
+
+
+def density_of(data: BackboneData, model_class: ModelClass) -> Density:
+    """Return the posterior of one class as functions of theta that count their failures.
+
+    Args:
+        data: the backbones.
+        model_class: the class.
+    """
+    evaluate = likelihood_function(data, model_class)
+    counts = {"rows": 0, "failed": 0}
+
+    def likelihood(theta: FloatArray) -> FloatArray:
+        value, failed = evaluate(theta)
+        counts["rows"] += len(value)
+        counts["failed"] += failed
+        return value
+
+    def posterior(theta: FloatArray) -> FloatArray:
+        value = model_class.log_prior(theta)
+        inside = np.isfinite(value)
+        if inside.any():
+            value[inside] += likelihood(theta[inside])
+        return value
+
+    return Density(likelihood, model_class.log_prior, posterior, counts)
+
+
+def update_class(
+    data: BackboneData,
+    model_class: ModelClass,
+    *,
+    rng: np.random.Generator,
+    sampler: Sampler = "adaptive",
+    n_samples: int = 5500,
+    evidences: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> ClassPosterior:
+    """Return the posterior of the parameters of one law and the evidence of that law (Song et al. 2021, section 2).
+
+    The maximum a posteriori is sought from the best of many draws of the prior; its curvature gives the first
+    covariance of the proposals. Metropolis samplers run up to twenty chains side by side, n_samples in all, of which
+    one in eleven is dropped (5000 of 5500 are left, as in the paper).
+
+    Args:
+        data: the backbones, from `backbone_data`.
+        model_class: the law with its priors.
+        rng: source of chance.
+        sampler: "adaptive", "metropolis", "transitional" or "ensemble".
+        n_samples: of all chains, the warm-up among them.
+        evidences: of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None:
+            quadrature, which is exact, and Laplace up to three parameters; Laplace and transitional beyond.
+        progress: called with the share of the samples that is drawn.
+
+    Raises:
+        InputError: an unknown sampler or evidence, or quadrature of more than three parameters.
+        NotDeterminedError: the class has no likelihood anywhere in its prior.
+    """
+    methods = _methods(evidences, model_class.n_parameters)
+    if sampler not in SAMPLERS:
+        raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
+    density = density_of(data, model_class)
+    support = [prior.support for prior in model_class.priors]
+    peak, doubts = _peak(density, model_class, rng)
+    stages = None
+    if peak is None or sampler == "transitional" or "transitional" in methods:
+        stages = _transitional(density, model_class, n_samples, rng)
+    chain = stages.chain if stages and (peak is None or sampler == "transitional") else None
+    if chain is None and peak is not None:
+        chain = _sampled(density, peak, sampler, n_samples, rng, progress)
+    if chain is None:  # one of both is always there
+        raise NotDeterminedError(f"class {model_class.name!r} could not be sampled")
+    # a sample beats the search where it stopped short
+    values = density.posterior(chain.best[None])
+    best, at_best = (peak.theta, peak.log_density) if peak else (chain.best, float(values[0]))
+    found = [_evidence(method, density, peak, best, at_best, chain, stages, support) for method in methods]
+    found += [stages.evidence] if stages and "transitional" not in methods else []
+    kept = [each for each in found if isinstance(each, Evidence)] or [laplace_of_samples(at_best, best, chain)]
+    doubts += [each for each in found if isinstance(each, str)]
+    samples = chain.pooled
+    diagnostics = diagnose(chain)
+    low, high = np.quantile(samples, [0.025, 0.975], axis=0)
+    std = samples.std(axis=0, ddof=1)
+    estimates = {
+        f"theta_{k + 1}": Estimate(float(samples[:, k].mean()), float(std[k]), (float(low[k]), float(high[k])))
+        for k in range(model_class.n_parameters)
+    }
+    doubts += doubts_of_class(
+        model_class, estimates, kept, diagnostics, presses_against(samples, model_class.priors),
+        unexplained=unexplained_share(data, model_class, best),
+        failed=density.counts["failed"], rows=density.counts["rows"],
+    )  # fmt: skip
+    return ClassPosterior(
+        model_class=model_class,
+        evidences=tuple(kept),
+        best=best,
+        estimates=estimates,
+        covariance=np.atleast_2d(np.cov(samples, rowvar=False)),
+        samples=samples,
+        log_likelihood_at_best=float(density.likelihood(best[None])[0]),
+        diagnostics=diagnostics,
+        prior_sensitivity=_prior_sensitivity(density, model_class, samples, best),
+        warnings=tuple(doubts),
+    )
+
+
+def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
+    if evidences is None:
+        return METHODS[:2] if n_parameters <= MOST_BY_QUADRATURE else METHODS[1:]
+    for method in evidences:
+        if method not in METHODS:
+            raise InputError(f"there is no evidence {method!r}: {nearest(method, METHODS)}")
+    if not evidences:
+        raise InputError(f"no evidence is named: give some of {', '.join(METHODS)}")
+    if "quadrature" in evidences and n_parameters > MOST_BY_QUADRATURE:
+        raise InputError(f"quadrature of {n_parameters} parameters: it takes up to {MOST_BY_QUADRATURE}, take laplace")
+    return tuple(evidences)
+
+
+def _peak(density: Density, model_class: ModelClass, rng: np.random.Generator) -> tuple[Maximum | None, list[str]]:
+    """The highest maximum from several starts; None where none has a curvature."""
+    support = [prior.support for prior in model_class.priors]
+    drawn = _prior_draws(model_class, N_STARTS, rng)
+    values = density.posterior(drawn)
+    if not np.isfinite(values).any():
+        raise NotDeterminedError(
+            f"class {model_class.name!r} has no backbone anywhere in its prior ({density.counts['failed']} points of "
+            "the model did not converge): take a smaller scale or prior, or other harmonics"
+        )
+    peaks: list[Maximum] = []
+    for _ in range(3):
+        start = drawn[int(np.argmax(values))]
+        peak = _climbed(density, start, support, rng)
+        if peak is None:
+            break
+        spread = np.sqrt(np.diag(peak.covariance))
+        if not any((np.abs(peak.theta - other.theta) < spread).all() for other in peaks):
+            peaks.append(peak)
+        # the next start lies apart from where this one was and where it led to
+        width = np.ptp(drawn, axis=0)
+        near = np.zeros(len(drawn), dtype=bool)
+        for place in (peak.theta, start):
+            near |= (np.abs(drawn - place) / width < 0.2).all(axis=1)
+        values = np.where(near, -np.inf, values)
+        if not np.isfinite(values).any():
+            break
+    if not peaks:
+        return None, ["the posterior has no maximum with a curvature: samples and evidence are transitional ones"]
+    peaks.sort(key=lambda each: -each.log_density)
+    doubts = []
+    if len(peaks) > 1 and peaks[0].log_density - peaks[1].log_density < 5:
+        other = ", ".join(f"{value:.3g}" for value in peaks[1].theta)
+        doubts.append(
+            f"there is a second maximum at theta = ({other}), {peaks[0].log_density - peaks[1].log_density:.1f} lower "
+            "in log density: the transitional sampler sees both"
+        )
+    return peaks[0], doubts
+
+
+def _climbed(
+    density: Density, start: FloatArray, support: list[tuple[float, float]], rng: np.random.Generator
+) -> Maximum | None:
+    """The maximum from one start."""
+    try:
+        peak = maximum_a_posteriori(density.posterior, start, support=support, max_iterations=MOST_ITERATIONS)
+        return peak if peak.precision.size else None  # refused without a curvature
+    except NotDeterminedError as error:
+        return None if error.partial is None else _rough_peak(density, np.asarray(error.partial), support, rng)
+
+
+def _rough_peak(
+    density: Density, theta: FloatArray, support: list[tuple[float, float]], rng: np.random.Generator
+) -> Maximum | None:
+    """A quadratic fitted over about a standard deviation: near a modal interaction the density has small steps."""
+    steps = np.abs(theta) * 1e-5 + 1e-9
+    reach = np.geomspace(1.0, 1e6, 49)
+    top = float(density.posterior(theta[None])[0])
+    for k in range(theta.size):
+        along = theta + reach[:, None] * steps[k] * np.eye(theta.size)[k]
+        fallen = np.flatnonzero(density.posterior(along) < top - ROUGH_DROP)
+        if not fallen.size:
+            return None
+        steps[k] *= reach[fallen[0]]
+    scaled = np.clip(rng.standard_normal((60 * theta.size, theta.size)), -2, 2)
+    low, high = np.transpose(support)
+    points = np.clip(theta + scaled * steps, low, high)
+    values = density.posterior(points)
+    kept = np.isfinite(values) & (values > top - 8 * theta.size)
+    u = (points[kept] - theta) / steps
+    rows, columns = np.tril_indices(theta.size)
+    terms = np.column_stack([np.ones(len(u)), u, u[:, rows] * u[:, columns]])
+    if len(terms) < 2 * terms.shape[1]:
+        return None
+    fitted = np.linalg.lstsq(terms, values[kept] - top, rcond=None)[0][1 + theta.size :]
+    curvature = np.zeros((theta.size, theta.size))
+    curvature[rows, columns] = fitted
+    curvature = curvature + curvature.T
+    if np.linalg.eigvalsh(curvature)[-1] >= 0:
+        return None
+    place = int(np.argmax(np.where(kept, values, -np.inf)))
+    best, value = (points[place], float(values[place])) if values[place] > top else (theta, top)
+    nothing = np.zeros(theta.size)
+    return Maximum(best, value, nothing, curvature / np.outer(steps, steps), nothing, len(points))
+
+
+def _prior_draws(model_class: ModelClass, n: int, rng: np.random.Generator) -> FloatArray:
+    return np.stack([prior.sample(n, rng) for prior in model_class.priors], axis=1)
+
+
+def _transitional(density: Density, model_class: ModelClass, n_samples: int, rng: np.random.Generator) -> Transitional:
+    return transitional(
+        density.likelihood,
+        density.prior,
+        lambda n, chance: _prior_draws(model_class, n, chance),
+        rng=rng,
+        n_particles=max(n_samples // N_MOVES, 100),
+        n_moves=N_MOVES,
+    )
+
+
+def _sampled(
+    density: Density, peak: Maximum, sampler: str, n_samples: int, rng: np.random.Generator, progress: Progress | None
+) -> Chain:
+    n_chains = N_WALKERS if sampler == "ensemble" else int(np.clip(n_samples // SHORTEST, 4, N_CHAINS))
+    # starts drawn from the Laplace approximation, which they double: the warm-up may be short
+    start = spread_starts(density.posterior, peak.theta, peak.covariance / 4, n_chains=n_chains, rng=rng)
+    dropped = n_samples // (WARM_UP * n_chains)
+    kept = (n_samples - n_samples // WARM_UP) // n_chains
+    if sampler == "ensemble":
+        return ensemble(density.posterior, start, n_samples=kept, n_warm_up=dropped, rng=rng, progress=progress)
+    walk = adaptive_metropolis if sampler == "adaptive" else metropolis
+    return walk(
+        density.posterior, start, covariance=peak.covariance, n_samples=kept, n_warm_up=dropped, rng=rng,
+        progress=progress,
+    )  # fmt: skip
+
+
+def _evidence(
+    method: str,
+    density: Density,
+    peak: Maximum | None,
+    best: FloatArray,
+    at_best: float,
+    chain: Chain,
+    stages: Transitional | None,
+    support: list[tuple[float, float]],
+) -> Evidence | str:
+    """The evidence by one method, or why there is none."""
+    try:
+        if method == "transitional" and stages is not None:
+            return stages.evidence
+        if method == "laplace":
+            return laplace(peak, support=support) if peak else laplace_of_samples(at_best, best, chain)
+        covariance = np.atleast_2d(np.cov(chain.pooled, rowvar=False))
+        most = MOST_NODES if best.size < MOST_BY_QUADRATURE else 10 * MOST_NODES
+        return quadrature(
+            density.posterior, chain.pooled.mean(axis=0), covariance, support=support, tolerance=1e-3,
+            max_evaluations=most,
+        )  # fmt: skip
+    except (NotDeterminedError, InputError) as error:
+        return f"no evidence by {method}: {error}"
+
+
+def _prior_sensitivity(
+    density: Density, model_class: ModelClass, samples: FloatArray, best: FloatArray
+) -> dict[str, float]:
+    """Change of the log evidence with each prior twice as wide."""
+    pressed = {each.parameter for each in presses_against(samples, model_class.priors)}
+    found = {}
+    for k, prior in enumerate(model_class.priors):
+        wide = wider(prior)
+        if k + 1 not in pressed or prior.family != "uniform":
+            # what the wide prior adds outside the narrow one is nothing here: a mean over the samples
+            ratio = wide.log_density(samples[:, k]) - prior.log_density(samples[:, k])
+            change = float(np.logaddexp.reduce(ratio) - np.log(len(ratio)))
+        else:
+            change = _change_beyond(density, model_class, k, wide, best)
+        found[f"theta_{k + 1}"] = change
+    return found
+
+
+def _change_beyond(density: Density, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
+    """The same by two Laplace approximations, where the posterior goes on beyond the narrow prior; nan if it fails."""
+    priors = (*model_class.priors[:k], wide, *model_class.priors[k + 1 :])
+    both = (model_class, replace(model_class, priors=priors))
+    values = []
+    for each in both:
+
+        def posterior(theta: FloatArray, each: ModelClass = each) -> FloatArray:
+            value = each.log_prior(theta)
+            inside = np.isfinite(value)
+            if inside.any():
+                value[inside] += density.likelihood(theta[inside])
+            return value
+
+        support = [prior.support for prior in each.priors]
+        try:
+            values.append(laplace(maximum_a_posteriori(posterior, best, support=support), support=support).log_evidence)
+        except NotDeterminedError:
+            return float("nan")
+    return values[1] - values[0]
+
+
+def wider(prior: Prior) -> Prior:
+    """Return the prior twice as wide about the same centre.
+
+    Args:
+        prior: any family.
+
+    >>> wider(Prior("uniform", 0.0, 10.0))
+    Prior(family='uniform', first=-5.0, second=15.0)
+    """
+    if prior.family == "uniform":
+        half = (prior.second - prior.first) / 2
+        return Prior("uniform", prior.first - half, prior.second + half)
+    return Prior(prior.family, prior.first, 2 * prior.second)

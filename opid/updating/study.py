@@ -1,0 +1,108 @@
+"""An updating study: the structure, its measured backbones, the laws that are compared, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, get_args
+
+from opid.mechanics.jointed_modes import JointedModes
+from opid.signals.tables import refuse
+from opid.updating.likelihood import FORMS, Form
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.noise_settings import NoiseSettings
+from opid.updating.structure import AffineStructure
+
+Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
+SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
+
+FEWEST_SAMPLES = 1000
+"""Of all chains, the warm-up among them: fewer tell no 95 % interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class UpdatingStudy:
+    """What a Bayesian updating is made from.
+
+    Args:
+        title: of the study.
+        structure: a finite-element structure, which is reduced; or its modes, which are taken as they are.
+        backbones: the measured ones.
+        classes: the laws that are compared; at least one.
+        parameters: prior of each stiffness factor that phase I updates, by its name in the structure; none leaves the
+            structure as it is.
+        form: of the likelihood, see `opid.updating.likelihood.backbone_data`.
+        sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
+            Carlo, or the affine-invariant "ensemble" of emcee.
+        n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them.
+        seed: of all that is drawn; the same seed gives the same result.
+        harmonics: of the model.
+        noise: what is known of the errors of the backbones.
+        n_internal: internal modes that the reduction keeps beside sensors and joints.
+        source: the study file, if there is one.
+
+    Raises:
+        InputError: everything that is wrong with it, at once.
+    """
+
+    title: str
+    structure: AffineStructure | JointedModes
+    backbones: tuple[MeasuredBackbone, ...]
+    classes: tuple[ModelClass, ...]
+    parameters: Mapping[str, Prior] = field(default_factory=dict)
+    form: Form = "recommended"
+    sampler: Sampler = "adaptive"
+    n_samples: int = 5500
+    seed: int = 0
+    harmonics: tuple[int, ...] = (1, 3)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    n_internal: int = 15
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("backbones", "classes", "harmonics"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+        refuse(list(_faults(self)), self.source)
+
+
+def _faults(study: UpdatingStudy) -> Iterator[str]:
+    if not study.backbones:
+        yield "there is no measured backbone, give at least one"
+    if not study.classes:
+        yield "there is no model class, give at least one law to try"
+    for what, names in (
+        ("backbones", [one.name for one in study.backbones]),
+        ("classes", [one.name for one in study.classes]),
+    ):
+        for name in dict.fromkeys(names):
+            if names.count(name) > 1:
+                yield f"{names.count(name)} {what} are called {name!r}, rename them"
+    if study.form not in FORMS:
+        yield f"form is {study.form!r}, give one of {', '.join(FORMS)}"
+    if study.sampler not in SAMPLERS:
+        yield f"sampler is {study.sampler!r}, give one of {', '.join(SAMPLERS)}"
+    if study.n_samples < FEWEST_SAMPLES:
+        yield f"n_samples is {study.n_samples}, give at least {FEWEST_SAMPLES}"
+    if study.seed < 0:
+        yield f"seed is {study.seed}, give 0 or more"
+    if 1 not in study.harmonics or min(study.harmonics, default=0) < 0:
+        yield f"harmonics are {list(study.harmonics)}, give 1 and others beside it, [1, 3] say"
+    if study.n_internal < 0:
+        yield f"n_internal is {study.n_internal}, give 0 or more"
+    if not study.structure.joints:
+        yield "the structure has no joint, name the degrees of freedom that the nonlinear law lies between"
+    if study.parameters and isinstance(study.structure, JointedModes):
+        yield "parameters are named and the structure is given by its modes, give its matrices or name no parameter"
+    elif isinstance(study.structure, AffineStructure):
+        for name in study.parameters:
+            if name not in study.structure.parts:
+                known = ", ".join(study.structure.parts) or "it has none"
+                yield f"parameter {name!r} is none of the structure's: {known}"
+    for one in study.backbones:
+        unknown = [name for name in one.sensors if name not in study.structure.sensors]
+        if unknown:
+            yield f"backbone {one.name!r} has the sensors {', '.join(unknown)}, which the structure does not have"

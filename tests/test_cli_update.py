@@ -1,0 +1,198 @@
+"""`opid simulate backbones` and `opid update` as a user drives them."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from made_updating import small_truth, small_updating
+from test_updating_study_file import STUDY, curve_of, small_chain
+
+from opid import cli
+from opid.errors import NotDeterminedError
+from opid.report import read_updating_truth
+from opid.updating import identification
+from opid.updating.backbone_file import write_backbone
+from opid.updating.matrices_file import write_structure
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.study_file import read_updating_study
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    assert done.exit_code == status, done.output
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A study of a small chain of masses; not to be changed."""
+    place = tmp_path_factory.mktemp("chain")
+    write_structure(place / "structure.npz", small_chain())
+    write_backbone(curve_of(), place / "first.csv")
+    path = place / "study.toml"
+    path.write_text(STUDY.replace("[structure]", "[structure]\ninternal_modes = 0"), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Nothing is sampled: what the command makes of study and result is tested. Returns the studies it was given."""
+    given = []
+
+    def update_study(study, *, progress=None):
+        given.append(study)
+        progress("class 1")
+        return small_updating(linear=None)
+
+    monkeypatch.setattr(identification, "update_study", update_study)
+    monkeypatch.setattr(
+        "opid.report.updating_report.updating_pictures", lambda result, reduction: ()
+    )  # tested by themselves
+    return given
+
+
+def test_options_go_before_the_study_and_the_report_is_named_after_it(study, quick, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("opid.report.write_updating_report", lambda result, target, *_, **__: target / "report.html")
+    done = opid("update", study, "--form", "paper", "--sampler", "transitional", "--samples", 2000, "--seed", 5)
+    assert done.exit_code == 0, done.output
+    given = quick[0]
+    assert (given.form, given.sampler, given.n_samples, given.seed) == ("paper", "transitional", 2000, 5)
+    assert given.title == "A chain"
+    assert f"Report: {study.parent.name}_result" in done.stdout.replace("\n", "")
+    done = opid("update", study)
+    assert (quick[1].form, quick[1].sampler, quick[1].n_samples) == ("recommended", "adaptive", 1500)
+
+
+def test_text_and_report_show_truth_beside_estimate(study, quick, tmp_path):
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps(small_truth()), encoding="utf-8")
+    done = opid("update", study, "--out", tmp_path / "out", "--truth", truth)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "Best: class 2, ahead of class 4" in done.stdout
+    assert "inside" in done.stdout
+    document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "opid.updating/1"
+    assert "were simulated" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_is_not_determined_ends_with_status_1(study, monkeypatch, tmp_path):
+    found = small_updating(linear=None, not_determined="no class explains the backbones", best_class="", prediction=())
+    monkeypatch.setattr(identification, "update_study", lambda study, *, progress=None: found)
+    monkeypatch.setattr("opid.report.write_updating_report", lambda result, target, *_, **__: target / "report.html")
+    done = opid("update", study, "--out", tmp_path / "out")
+    refused(done, "not determined: no class explains the backbones", status=1)
+    assert "Not determined" in done.stdout
+
+
+def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
+    refused(opid("update", tmp_path / "none.toml", "--out", tmp_path / "out"), "there is no study file")
+    refused(opid("update", study, "--out", study), "is no directory")
+    refused(opid("update", study, "--samples", 10, "--out", tmp_path / "out"), "--samples")
+    refused(opid("update", study, "--form", "other", "--out", tmp_path / "out"), "--form")
+    refused(opid("update", study, "--truth", study, "--out", tmp_path / "out"), "no truth of simulated backbones")
+    assert quick == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_options_are_those_of_the_library():
+    from opid.updating.likelihood import FORMS
+    from opid.updating.study import FEWEST_SAMPLES, SAMPLERS
+
+    options = {option.name: option for option in cli.main.commands["update"].params}
+    assert set(options["form"].type.choices) == set(FORMS)
+    assert tuple(options["sampler"].type.choices) == SAMPLERS
+    assert options["samples"].type.min == FEWEST_SAMPLES
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A directory that `opid simulate backbones` wrote; not to be changed."""
+    place = tmp_path_factory.mktemp("backbones") / "wing"
+    done = opid("simulate", "backbones", place, "--seed", 3, "--curves", 4, 3, "--points", 8)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert f"Next: opid update {place / 'study.toml'} --truth {place / 'truth.json'}" in done.stdout
+    return place
+
+
+def test_a_simulation_writes_a_study_and_its_truth(simulated):
+    study = read_updating_study(simulated / "study.toml")
+    assert study.structure.sensors == tuple(map(str, range(1, 15)))
+    assert set(study.structure.joints.values()) == {("9", "10"), ("9", "11"), ("12", "13"), ("12", "14")}
+    assert [each.name for each in study.classes] == [f"class {k}" for k in range(1, 6)]
+    assert set(study.parameters) == {"E_aluminium", "E_steel"}
+    for mode, n, lowest_hz, highest_m in ((7, 4, 14.65, 4e-3), (8, 3, 17.71, 2.5e-3)):
+        curves = [curve for curve in study.backbones if curve.mode == mode]
+        assert [curve.frequency_hz.size for curve in curves] == [8] * n
+        # the linear structure is off by 0.4 %, a curve by 0.15 %
+        assert [curve.frequency_hz[0] for curve in curves] == pytest.approx([lowest_hz] * n, rel=0.02)
+        assert max(curve.controlled_amplitude[-1] for curve in curves) == pytest.approx(highest_m, rel=0.05)
+    truth = read_updating_truth(simulated / "truth.json")
+    assert truth["linear"] == {"E_aluminium": 0.88, "E_steel": 0.31}
+    assert truth["law"] == {"cubic_stiffness": pytest.approx(1.58 * 6.8e7)}
+    assert truth["settings"]["curves"] == [4, 3]
+
+
+def test_the_same_seed_gives_the_same_files(simulated, tmp_path):
+    opid("simulate", "backbones", tmp_path, "--seed", 3, "--curves", 4, 3, "--points", 8)
+    for name in ("study.toml", "mode_7_curve_2.csv", "truth.json"):
+        assert (tmp_path / name).read_bytes() == (simulated / name).read_bytes()
+
+
+def test_a_controlled_test_keeps_the_curves_that_reach_quadrature(tmp_path, monkeypatch):
+    seen = []
+
+    def virtual_backbones(specimen, *, modes, sensors, **settings):
+        seen.append((modes[0], sensors[0]))
+        if modes[0] == 8 and sensors[0] != "10":
+            raise NotDeterminedError("no quadrature")
+        assert (specimen.drive, settings["n_points"]) == ("7", 5)
+        system, row = specimen.system, specimen.system.sensor("10")
+        shape = system.at_sensors[:, modes[0] - 1] / system.at_sensors[row, modes[0] - 1]
+        level = np.linspace(*settings["amplitude_m"][0], 5)
+        hz = system.frequency_hz[modes[0] - 1] * (1 + 5e3 * level**2)
+        name = f"mode {modes[0]}, quadrature at {sensors[0]}"
+        return (MeasuredBackbone(name, modes[0], "10", hz, level[:, None] * shape, system.sensors),)
+
+    monkeypatch.setattr("opid.updating.virtual_backbones.virtual_backbones", virtual_backbones)
+    done = opid("simulate", "backbones", tmp_path, "--by", "continuation", "--curves", 2, 1, "--points", 5)
+    assert done.exit_code == 0, done.output
+    assert seen == [(7, "14"), (7, "13"), (8, "14"), (8, "13"), (8, "12"), (8, "11"), (8, "10")]
+    names = [curve.name for curve in read_updating_study(tmp_path / "study.toml").backbones]
+    assert names == [f"mode {mode}, quadrature at {sensor}" for mode, sensor in ((7, 14), (7, 13), (8, 10))]
+
+
+def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
+    def virtual_backbones(*_, **__):
+        raise NotDeterminedError("no quadrature")
+
+    monkeypatch.setattr("opid.updating.virtual_backbones.virtual_backbones", virtual_backbones)
+    done = opid("simulate", "backbones", tmp_path / "out", "--by", "continuation")
+    refused(done, "no sensor reaches quadrature in mode 7", status=1)
+    assert not (tmp_path / "out" / "study.toml").exists()
+
+
+def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
+    """From files to files: the true class stands first, and the truth within its interval and a linear error."""
+    monkeypatch.setattr("opid.report.updating_report.updating_pictures", lambda result, reduction: ())
+    text = (simulated / "study.toml").read_text(encoding="utf-8")
+    first, *others = text[: text.index("[sampling]")].split("[[classes]]")
+    chosen = "[[classes]]".join([first, *others[:2]])
+    (simulated / "two.toml").write_text(chosen.replace("harmonics = [1, 3]", "harmonics = [1]"), encoding="utf-8")
+    done = opid("update", simulated / "two.toml", "--truth", simulated / "truth.json", "--out", tmp_path,
+                "--samples", 1000)  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "Best: class 2, ahead of class 1" in done.stdout
+    result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    cubic = result["classes"][1]["coefficients"]["cubic_stiffness"]
+    assert cubic["mean"] == pytest.approx(1.58 * 6.8e7, rel=0.05)
+    assert result["linear"]["parameters"]["E_steel"]["mean"] == pytest.approx(0.31, rel=0.05)
+    assert result["classes"][1]["log_evidence"] - result["classes"][0]["log_evidence"] > 15
+    assert max(result["reduction"]["relative"][:9]) < 1e-3
+    assert result["settings"]["harmonics"] == [1]

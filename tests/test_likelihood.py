@@ -1,0 +1,207 @@
+from dataclasses import replace
+
+import made_backbones as made
+import numpy as np
+import pytest
+from scipy.stats import invgamma, multivariate_normal
+
+from opid.errors import InputError
+from opid.mechanics.backbones import backbone
+from opid.updating import likelihood
+from opid.updating.curve_noise import OWN_WEIGHT, RATIOS, STEP, WIDE, curve_noise, draw_errors, log_marginal
+from opid.updating.likelihood import (
+    NoiseSettings,
+    backbone_data,
+    coefficient_of_variation,
+    likelihood_function,
+    log_likelihood,
+)
+
+THETA = np.array([[1.4], [1.58], [1.7]])
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return made.backbones(1)
+
+
+def by_loops(measured, theta, form, cov, sigma_share=None):
+    """Song eqs. (10) to (12) and (17), point by point, with backbones solved at every measured amplitude."""
+    system, total = made.system(), 0.0
+    for one in measured:
+        solved = backbone(
+            system, made.CUBIC.law([theta]), mode=one.mode, sensor="left", amplitude=one.controlled_amplitude
+        )
+        model = (2 * np.pi * solved.frequency_hz) ** 2
+        r_m = system.eigenvalue[one.mode - 1] - one.eigenvalue[0]
+        sigma = cov[one.mode] * one.eigenvalue
+        sigma_phi = np.sqrt(5) * cov[one.mode]
+        score = (one.eigenvalue - model + r_m) / sigma
+        one_less_mac = [
+            1 - (a @ b) ** 2 / ((a @ a) * (b @ b)) for a, b in zip(one.amplitude, solved.shapes, strict=True)
+        ]
+        if form == "literal":
+            misfit = np.mean(score) ** 2 + np.mean(one_less_mac) / sigma_phi**2
+        elif form == "paper":
+            misfit = np.mean(score**2) + np.mean(one_less_mac) / sigma_phi**2
+        else:
+            misfit = np.sum(score**2) + np.sum(one_less_mac) / sigma_phi**2
+        total -= 0.5 * misfit + np.log(sigma).sum() + one.amplitude.size * np.log(sigma_phi)
+        total -= 0.5 * (sigma.size + one.amplitude.size) * np.log(2 * np.pi)
+    return total
+
+
+@pytest.mark.parametrize("form", ["paper", "literal", "independent"])
+def test_papers_forms_are_their_equations(measured, form):
+    cov = {2: 0.006, 3: 0.008}
+    data = backbone_data(made.system(), measured, form=form, harmonics=(1,), noise=NoiseSettings(cov=cov))
+    expected = [by_loops(measured, theta, form, cov) for theta in THETA[:, 0]]
+    assert log_likelihood(data, made.CUBIC, THETA) == pytest.approx(expected, abs=1e-5)
+
+
+def test_mean_of_squares_tells_classes_apart_and_the_square_of_the_mean_does_not():
+    measured = made.backbones(1, offset_share=0.0005)
+    grid = np.linspace(0.1, 5, 200)[:, None]
+    gap = {}
+    for form in ("paper", "literal"):
+        data = backbone_data(made.system(), measured, form=form, harmonics=(1,), noise=NoiseSettings(shapes=False))
+        best = [log_likelihood(data, each, grid).max() for each in (made.CUBIC, made.QUADRATIC)]
+        gap[form] = best[0] - best[1]
+    assert gap["paper"] > 5
+    assert abs(gap["literal"]) < 1
+
+
+def test_coefficient_of_variation_of_curves_that_differ_by_offsets(measured):
+    first = measured[0]
+    offsets = np.array([-0.01, 0.0, 0.01])
+    curves = [replace(first, frequency_hz=first.frequency_hz * np.sqrt(1 + each)) for each in offsets]
+    assert coefficient_of_variation(curves) == pytest.approx(0.01, rel=1e-9)
+    assert np.isnan(coefficient_of_variation(curves[:1]))
+
+
+def test_few_nodes_are_as_good_as_all_amplitudes(measured):
+    few, all_of_them = (
+        backbone_data(made.system(), measured, form="recommended", harmonics=(1,), n_nodes=n) for n in (12, 200)
+    )
+    assert all_of_them.modes[0].parts[0][1].size > 12
+    both = [log_likelihood(data, made.CUBIC, THETA) for data in (few, all_of_them)]
+    assert both[0] == pytest.approx(both[1], abs=1e-5)
+
+
+@pytest.mark.parametrize("form", ["paper", "recommended"])
+def test_units_and_order_of_curves_change_nothing(measured, form):
+    in_turn = [
+        log_likelihood(backbone_data(made.system(), each, form=form, harmonics=(1,)), made.CUBIC, THETA)
+        for each in (measured, measured[::-1])
+    ]
+    assert in_turn[0] == pytest.approx(in_turn[1], abs=1e-6)
+    scaled = replace(made.CUBIC, scales=(2 * made.CUBIC.scales[0],))
+    data = backbone_data(made.system(), measured, form=form, harmonics=(1,))
+    assert log_likelihood(data, scaled, THETA / 2) == pytest.approx(in_turn[0], abs=1e-6)
+
+
+def test_an_error_of_the_linear_frequency_costs_the_recommended_form_little():
+    exact, off = made.backbones(3, linear_error=0.0), made.backbones(3, linear_error=0.004)
+    grid = np.linspace(1.3, 1.9, 121)[:, None]
+    means = []
+    for each in (exact, off):
+        value = log_likelihood(backbone_data(made.system(), each, harmonics=(1,)), made.CUBIC, grid)
+        share = np.exp(value - value.max())
+        means.append(share @ grid[:, 0] / share.sum())
+    assert means[0] == pytest.approx(means[1], abs=0.03)
+
+
+def test_points_that_fail_make_theta_impossible_and_are_counted(measured, monkeypatch):
+    def failing(*args, **settings):
+        solve = made_evaluator(*args, **settings)
+
+        def with_holes(coefficients):
+            found = solve(coefficients)
+            converged = found.converged.copy()
+            converged[1, :2] = False
+            return replace(found, converged=converged, eigenvalue=np.where(converged, found.eigenvalue, np.nan))
+
+        return with_holes
+
+    made_evaluator = likelihood.family_evaluator
+    monkeypatch.setattr(likelihood, "family_evaluator", failing)
+    data = backbone_data(made.system(), measured, harmonics=(1,))
+    value, failed = likelihood_function(data, made.CUBIC)(THETA)
+    assert failed == 4  # two points in each of two modes
+    assert np.isneginf(value).tolist() == [False, True, False]
+
+
+def test_curve_noise_is_the_integral_over_all_levels():
+    rng = np.random.default_rng(5)
+    curve = np.repeat([0, 1, 2], 16)
+    growth = np.tile(np.linspace(0, 0.2, 16), 3)
+    between = np.stack([np.ones_like(growth), growth], axis=1)
+    values = 1 + growth + 0.006 * rng.standard_normal(3)[curve] + 0.002 * rng.standard_normal(curve.size)
+    settings = {"common_std": 0.008, "common_growth": 0.4, "own_growth": 3.0, "offset": 0.006, "expected": 0.002}
+    noise = curve_noise(values[:, None], between, curve, growth, **settings)
+    models = np.array([[1.0, 1.0], [1.0, 1.006], [1.003, 0.99]])
+    offsets = np.eye(3)[curve]
+    slopes = offsets * (growth - growth.mean())[:, None]
+    common = 0.008**2 * (1 + 0.4**2 * np.outer(growth, growth))
+    prior = invgamma(OWN_WEIGHT, scale=OWN_WEIGHT * 0.002**2)
+    exact = []
+    for model in models:
+        left = values - between @ model
+
+        def density(log_sigma, left=left):
+            sigma = np.exp(log_sigma)
+            total = 0.0
+            for ratio in RATIOS:
+                own = ratio * sigma
+                covariance = sigma**2 * np.eye(curve.size) + own**2 * offsets @ offsets.T
+                covariance += (3 * sigma) ** 2 * slopes @ slopes.T + common
+                scaled = own / (WIDE * 0.006)
+                weight = STEP * scaled * np.sqrt(2 / np.pi) * np.exp(-0.5 * scaled**2)
+                total += weight * np.exp(multivariate_normal.logpdf(left, cov=covariance) - 200)
+            return total * prior.pdf(sigma**2) * 2 * sigma**2
+
+        nodes, weights = np.polynomial.legendre.leggauss(12)
+        low, high = np.log(0.0012), np.log(0.0035)
+        where = (low + high) / 2 + (high - low) / 2 * nodes
+        total = sum(w * density(x) for w, x in zip(weights, where, strict=True)) * (high - low) / 2
+        exact.append(np.log(total) + 200)
+    found = log_marginal(noise, models[..., None])
+    assert found == pytest.approx(exact, abs=0.1)
+    assert np.diff(found) == pytest.approx(np.diff(exact), abs=0.03)
+
+
+def test_drawn_errors_scatter_as_the_curves_do():
+    rng = np.random.default_rng(6)
+    curve = np.repeat(np.arange(40), 15)
+    growth = np.tile(np.linspace(0, 0.2, 15), 40)
+    values = 1 + 0.006 * rng.standard_normal(40)[curve] + 0.002 * rng.standard_normal(curve.size)
+    noise = curve_noise(
+        values[:, None], np.ones((curve.size, 1)), curve, growth,
+        common_std=0.008, common_growth=0.0, own_growth=0.0, offset=0.006, expected=0.002,
+    )  # fmt: skip
+    drawn = draw_errors(noise, np.ones((4000, 1, 1)), np.tile(growth[:15], (4000, 1)), rng)
+    assert drawn.std() == pytest.approx(np.hypot(0.006, 0.002), rel=0.15)
+    assert (drawn - drawn.mean(axis=1, keepdims=True)).std() == pytest.approx(0.002, rel=0.1)
+
+
+def test_bad_input(measured):
+    system = made.system()
+    with pytest.raises(InputError, match="there is no likelihood 'papers'"):
+        backbone_data(system, measured, form="papers")
+    with pytest.raises(InputError, match="no measured backbone"):
+        backbone_data(system, [])
+    with pytest.raises(InputError, match="mode 2 has one curve"):
+        backbone_data(system, measured[:1], form="paper")
+    renamed = replace(measured[0], sensors=("elsewhere", *measured[0].sensors[1:]))
+    with pytest.raises(InputError, match="there is no sensor 'elsewhere'"):
+        backbone_data(system, [renamed])
+    one = replace(measured[0], sensors=("a", "b", "c", "left", "d"))
+    other = replace(measured[1], sensors=("e", "f", "g", "right", "h"), controlled_sensor="right")
+    with pytest.raises(InputError, match="no sensor in common"):
+        backbone_data(system, [one, other])
+    with pytest.raises(InputError, match="point_noise is 0"):
+        NoiseSettings(point_noise=0.0)
+    with pytest.raises(InputError, match="cov of mode 2 is -1"):
+        NoiseSettings(cov={2: -1.0})
+    with pytest.raises(InputError, match="curve_growth is -1"):
+        NoiseSettings(curve_growth=-1)

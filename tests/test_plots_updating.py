@@ -1,0 +1,136 @@
+"""Figures of an updating: every one draws what it is given, with labels and units, and refuses nothing of it."""
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from made_updating import CUBIC, SENSORS, small_bands, small_linear, small_measured, small_updating
+
+from opid import plots
+from opid.errors import InputError
+from opid.plots import ForceBand
+from opid.plots.style import VERMILION
+from opid.updating.reduction import ReductionErrors
+
+
+def settings():
+    return {name: value for name, value in dict.items(matplotlib.rcParams) if name != "backend"}
+
+
+def axes_of(drawn):
+    return [ax for ax in np.atleast_1d(np.asarray(drawn, dtype=object)).ravel() if ax.axison]
+
+
+def samples(n, d, *, seed=0):
+    return np.random.default_rng(seed).standard_normal((n, d)) + np.arange(d)
+
+
+def forces():
+    z = np.linspace(0, 4e-3, 50)
+    bands = [ForceBand(name, CUBIC * z**3, 0.9 * CUBIC * z**3, 1.1 * CUBIC * z**3) for name in ("a", "b")]
+    return plots.joint_forces(z, bands, best="b", truth=CUBIC * z**3, reached={1: 4e-3, 2: 2.5e-3})
+
+
+def modes_of_reduction():
+    hz, relative = np.arange(15) * 10.0, 1e-9 * 3.0 ** np.arange(15) - 1e-9
+    return plots.reduction_figure(ReductionErrors(hz, hz * (1 + relative), relative, 1 - relative))
+
+
+DRAWN = {
+    "measured": lambda: plots.measured_backbones(small_measured(), 1, sensors=SENSORS[:2]),
+    "predicted": lambda: plots.predicted_backbones(small_bands(sensors=SENSORS[:2]), small_measured(), 2),
+    "log_evidences": lambda: plots.log_evidences(small_updating()),
+    "joint_forces": forces,
+    "linear_updating": lambda: plots.linear_updating(small_linear()),
+    "reduction_figure": modes_of_reduction,
+    "running_moments": lambda: plots.running_moments(samples(500, 1), ["a"]),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_figure_draws_with_labels(name):
+    before = settings()
+    drawn = DRAWN[name]()
+    assert plots.png(plots.figure_of(drawn), dpi=40).startswith(b"\x89PNG")
+    assert settings() == before
+    lowest = axes_of(drawn)[-1]
+    if name != "linear_updating":
+        assert lowest.get_xlabel()
+
+
+@pytest.mark.parametrize("n_parameters", [1, 2, 3, 7])
+def test_samples_of_any_number_of_parameters_are_drawn(n_parameters):
+    labels = [f"θ{k}" for k in range(n_parameters)]
+    grid = plots.parameter_samples(samples(400, n_parameters), labels)
+    shown = min(n_parameters, 5)
+    assert grid.shape == (shown, shown)
+    assert grid[-1, -1].get_xlabel() == labels[shown - 1]
+    assert len(axes_of(grid)) == shown * (shown + 1) // 2
+    assert plots.running_moments(samples(400, n_parameters), labels).shape == (shown, 2)
+
+
+def test_the_contours_hold_their_share_of_the_samples():
+    rng = np.random.default_rng(4)
+    covariance = np.array([[1.0, 0.95], [0.95, 1.0]])
+    drawn = rng.multivariate_normal([1.0, 2.0], covariance, 20000)
+    contours = [
+        line for line in plots.parameter_samples(drawn, ["a", "b"])[1, 0].lines if line.get_color() == VERMILION
+    ]
+    for share, line in zip((0.5, 0.9, 0.99), contours, strict=True):
+        path = matplotlib.path.Path(np.column_stack(line.get_data()))
+        assert path.contains_points(drawn).mean() == pytest.approx(share, abs=0.01)
+
+
+def test_running_moments_end_at_those_of_all_samples():
+    drawn = 1e6 + samples(1000, 1)
+    grid = plots.running_moments(drawn, ["a"])
+    mean, deviation = (ax.lines[1].get_ydata()[0] for ax in grid[0])
+    assert mean == pytest.approx(drawn.mean(), rel=1e-12)
+    assert deviation == pytest.approx(drawn.std(), rel=1e-6)
+
+
+def test_samples_that_do_not_move_draw():
+    grid = plots.parameter_samples(np.full((50, 2), 3.0), ["a", "b"], truth=[3.0, None])
+    plots.figure_of(grid).draw_without_rendering()
+
+
+def test_amplitudes_are_drawn_in_a_unit_that_reads_well():
+    grid = plots.measured_backbones(small_measured(), 1, sensors=["10"])
+    assert grid[0, 0].get_ylabel() == "amplitude [mm]"
+    assert max(line.get_ydata().max() for line in grid[0, 0].lines) == pytest.approx(4.0, rel=0.05)
+    small = [replace(curve, amplitude=1e-4 * curve.amplitude) for curve in small_measured()]
+    assert plots.measured_backbones(small, 1, sensors=["10"])[0, 0].get_ylabel() == "amplitude [µm]"
+    large = [replace(curve, amplitude=1e3 * curve.amplitude) for curve in small_measured()]
+    assert plots.measured_backbones(large, 1, sensors=["10"])[0, 0].get_ylabel() == "amplitude [m]"
+
+
+def test_a_sensor_that_a_curve_lacks_is_left_out():
+    measured = small_measured()
+    few = replace(measured[0], amplitude=measured[0].amplitude[:, :2], sensors=SENSORS[:2])
+    grid = plots.measured_backbones([few, measured[1]], 1, sensors=["10", "13"])
+    assert [len(ax.lines) for ax in grid.ravel()] == [2, 1]
+
+
+def test_a_mode_that_is_not_there_is_refused():
+    with pytest.raises(InputError, match="no backbone of mode 3 was measured"):
+        plots.measured_backbones(small_measured(), 3, sensors=["10"])
+    with pytest.raises(InputError, match="no backbone of mode 3 was predicted"):
+        plots.predicted_backbones(small_bands(), small_measured(), 3)
+
+
+def test_predicted_bands_without_measurements_draw():
+    grid = plots.predicted_backbones(small_bands(sensors=("9",)), (), 1)
+    assert len(grid[0, 0].lines) == 1
+
+
+@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (-2.5, 0.0, -0.4), (-1e5, 0.0, -30.0), (-np.inf, 0.0, -3.0)])
+def test_evidences_near_and_far_are_within_the_axes(offsets):
+    result = small_updating()
+    classes = tuple(
+        replace(each, evidences=(replace(each.evidences[0], log_evidence=300 + offset),))
+        for each, offset in zip(result.classes, offsets, strict=True)
+    )
+    ax = plots.log_evidences(replace(result, classes=classes))
+    low, high = ax.get_xlim()
+    assert low < min(offset for offset in offsets if np.isfinite(offset)) <= 0 < high

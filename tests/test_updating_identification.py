@@ -1,0 +1,117 @@
+from dataclasses import replace
+
+import made_backbones as made
+import numpy as np
+import pytest
+
+from opid.errors import InputError, NotDeterminedError
+from opid.updating import posterior
+from opid.updating.identification import update_study
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.study import UpdatingStudy
+
+BOUNDS = Prior("uniform", 0.3, 3.0)
+
+
+def study(**settings):
+    given = {
+        "title": "two arms",
+        "structure": made.system(),
+        "backbones": made.backbones(5),
+        "classes": (made.CUBIC, made.QUADRATIC),
+        "harmonics": (1,),
+        "n_samples": 1000,
+    }
+    return UpdatingStudy(**(given | settings))
+
+
+@pytest.fixture(scope="module")
+def found():
+    return update_study(study())
+
+
+def test_the_best_law_and_its_parameter(found):
+    assert found.best_class == "cubic"
+    assert found.linear is None
+    assert found.not_determined == ""
+    best = next(each for each in found.classes if each.model_class.name == found.best_class)
+    assert abs(best.estimates["theta_1"].value - made.TRUTH) < 4 * best.estimates["theta_1"].std
+    assert [band.mode for band in found.prediction] == [2, 3]
+    assert found.settings["sampler"] == "adaptive"
+    assert found.settings["seed"] == 0
+
+
+def test_a_class_more_changes_no_other_and_steps_are_told(found):
+    steps = []
+    again = update_study(study(classes=(made.CUBIC,)), progress=steps.append)
+    assert again.classes[0].samples == pytest.approx(found.classes[0].samples, rel=1e-6)
+    assert steps == ["backbones", "cubic", "prediction"]
+
+
+def test_both_phases_from_matrices():
+    true = made.system(1.0, 1.02)
+    given = study(
+        structure=made.structure(),
+        backbones=made.backbones(6, true=true, linear_error=0.0),
+        parameters={"plate": BOUNDS, "leaves": BOUNDS},
+        classes=(made.CUBIC,),
+        n_internal=0,
+    )
+    steps = []
+    found = update_study(given, progress=steps.append)
+    assert steps[:2] == ["linear structure", "reduction"]
+    assert found.linear.best == pytest.approx([1.0, 1.02], abs=0.03)
+    assert found.system.frequency_hz[1:3] == pytest.approx(true.frequency_hz[1:3], rel=0.006)
+    assert found.classes[0].estimates["theta_1"].value == pytest.approx(made.TRUTH, rel=0.05)
+
+
+def test_a_class_without_backbones_is_left_out_with_a_reason(monkeypatch):
+    real = posterior.likelihood_function
+
+    def some(data, model_class):
+        if model_class.name == "cubic":
+            return real(data, model_class)
+        return lambda theta: (np.full(len(theta), -np.inf), len(theta))
+
+    monkeypatch.setattr(posterior, "likelihood_function", some)
+    found = update_study(study(n_samples=1000))
+    assert [each.model_class.name for each in found.classes] == ["cubic"]
+    assert any("'quadratic' is left out" in each for each in found.warnings)
+    with pytest.raises(NotDeterminedError, match="'quadratic' is left out"):
+        update_study(study(classes=(made.QUADRATIC,)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"backbones": ()}, "there is no measured backbone"),
+        ({"classes": ()}, "there is no model class"),
+        ({"classes": (made.CUBIC, made.CUBIC)}, "2 classes are called 'cubic'"),
+        ({"form": "best"}, "form is 'best'"),
+        ({"sampler": "gibbs"}, "sampler is 'gibbs'"),
+        ({"n_samples": 10}, "n_samples is 10"),
+        ({"seed": -1}, "seed is -1"),
+        ({"harmonics": (3,)}, r"harmonics are \[3\]"),
+        ({"n_internal": -1}, "n_internal is -1"),
+        ({"parameters": {"plate": BOUNDS}}, "give its matrices or name no parameter"),
+        ({"structure": made.structure(), "parameters": {"steel": BOUNDS}}, "parameter 'steel' is none"),
+        ({"structure": replace(made.structure(), joints={})}, "has no joint"),
+        ({"structure": replace(made.system(), sensors=("a", "b", "c", "d", "e"))}, "sensors plate"),
+    ],
+)
+def test_bad_studies(wrong, match):
+    with pytest.raises(InputError, match=match):
+        study(**wrong)
+
+
+def test_everything_wrong_is_said_at_once():
+    with pytest.raises(InputError) as caught:
+        study(form="best", seed=-1)
+    assert "form is" in str(caught.value)
+    assert "seed is" in str(caught.value)
+
+
+def test_classes_that_cannot_be_told_apart_are_doubted():
+    twin = ModelClass("the same", made.CUBIC.kinds, made.CUBIC.scales, made.CUBIC.priors)
+    found = update_study(study(classes=(made.CUBIC, twin)))
+    assert any("cannot tell them apart" in each for each in found.warnings)
