@@ -45,7 +45,7 @@ class NoiseSettings:
     cov: Mapping[int, float] | None = None
     shape_factor: float | None = None
     linear_error: float = 0.004
-    linear_error_growth: float = 0.2
+    linear_error_growth: float = 0.15
     point_noise: float = 0.0005
     curve_offset: float = 0.003
     curve_growth: float = 3.0
