@@ -20,6 +20,9 @@ _METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCM
 # from here on the axis of the evidences is logarithmic
 _LINEAR_TO = 10.0
 
+LEAST_STD = 0.005
+"""Of a log evidence: what is less is drawn without a bar."""
+
 
 @dataclass(frozen=True, eq=False)
 class ForceBand:
@@ -60,7 +63,7 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
                     continue
                 lowest = min(lowest, offset - 2 * evidence.std)
                 ax.errorbar(
-                    offset, row, xerr=2 * evidence.std or None, color=color, marker=marker, linestyle="none",
+                    offset, row, xerr=2 * evidence.std if evidence.std > LEAST_STD else None, color=color, marker=marker, linestyle="none",
                     markersize=6, markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
                     label="_" if label in named else label,
                 )  # fmt: skip

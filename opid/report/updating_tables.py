@@ -333,9 +333,11 @@ def read_updating_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[Row]:
     own = posterior.model_class
-    told = " + ".join(formula(LAWS[kind].latex) for kind in own.kinds)
-    scales = ", ".join(f"{scale:.4g}" for scale in own.scales)
-    yield Row(f"{own.name}: f(z) = {told}, k = theta x {scales}")
+    several = len(own.kinds) > 1
+    names = [f"k{number}" if several else "k" for number in range(1, len(own.kinds) + 1)]
+    terms = (formula(LAWS[kind].latex).replace("k", name, 1) for kind, name in zip(own.kinds, names, strict=True))
+    scales = ", ".join(f"{name} = theta x {scale:.4g}" for name, scale in zip(names, own.scales, strict=True))
+    yield Row(f"{own.name}: f(z) = {' + '.join(terms)}, {scales}")
     true = true_theta(posterior, truth)
     coefficients = coefficient_estimates(posterior)
     for number, (name, estimate) in enumerate(posterior.estimates.items()):

@@ -31,7 +31,7 @@ FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 
 _STUDY = {
     "title": maybe(str, "text in quotes"),
-    "form": maybe(str, "'recommended', 'paper' or 'literal'"),
+    "form": maybe(str, "'recommended', 'paper', 'literal' or 'independent'"),
     "harmonics": maybe(list, "a list of harmonics of the model like [1, 3]"),
     "structure": Key(dict, "a table [structure]"),
     "log": maybe(dict, "a table [log]"),

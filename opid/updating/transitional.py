@@ -109,7 +109,7 @@ def transitional(
             sampler="transitional",
             n_warm_up=0,
         ),
-        evidence=Evidence("transitional", log_evidence, float(np.sqrt(max(variance, 0.0)))),
+        evidence=Evidence("transitional", float(log_evidence), float(np.sqrt(max(variance, 0.0)))),
         exponents=np.array(exponents),
         acceptance=np.array(acceptance),
     )
