@@ -10,18 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.modal.coordinates import modal_test
-from opid.modal.identification import identify_modes
-from opid.modal.model import simulate
-from opid.modal.modes import LinearModes
-from opid.modal.study import ModalStudy, StudyTest
+import opid
 from opid.modal.virtual_cases import virtual_series
 from opid.modal.virtual_study import virtual_study
-from opid.report import modal_text, write_modal_report
-from opid.signals.recording import Recording
 
 
-def measured() -> tuple[LinearModes, dict[str, Recording]]:
+def measured() -> tuple[opid.LinearModes, dict[str, opid.Recording]]:
     """Return linear modes, and recordings by name: m/s^2 at the sensors and a channel "force" in N, decayed to rest."""
     study = virtual_study(virtual_series("cubic"), rng=np.random.default_rng(0))
     return study.modes, {each.test.name: each.test.recording for each in study.tests}
@@ -38,29 +32,31 @@ def main() -> None:
 
     # 1. modal coordinates: the filter pinv(shapes) for the sensors, shapes^T for the force
     tests = {
-        name: modal_test(recording, modes, name=name, force="force", drive_point="case_x")
+        name: opid.modal_test(recording, modes, name=name, force="force", drive_point="case_x")
         for name, recording in recordings.items()
     }
 
     # 2. what each is for: beats to fit mode 3, a sweep as the truth test; orders are searched
-    beats = [StudyTest(test, "fit", mode=3) for name, test in tests.items() if name.startswith("beat")]
-    study = ModalStudy("Six sensors", modes, (3,), (*beats, StudyTest(tests["sweep"], "truth")), drive_point="case_x")
-    result = identify_modes(study)
-    print(modal_text(result))
+    beats = [opid.StudyTest(test, "fit", mode=3) for name, test in tests.items() if name.startswith("beat")]
+    study = opid.ModalStudy(
+        "Six sensors", modes, (3,), (*beats, opid.StudyTest(tests["sweep"], "truth")), drive_point="case_x"
+    )
+    result = opid.identify_modes(study)
+    print(opid.modal_text(result))
 
     # 3. the model answers any force: here a blow ten times as short as a period of mode 3, weak and strong
     fs = 4096.0
     blow = np.sin(np.pi * np.clip(np.arange(8192) / fs * 1200, 0, 1))
     for newton in (100.0, 2000.0):
         nonlinear, linear = (
-            simulate(model, newton * blow, fs=fs, drive_point="case_x").channel("lid_x")
+            opid.simulate(model, newton * blow, fs=fs, drive_point="case_x").channel("lid_x")
             for model in (result.model, result.model.linear)
         )
         left = [1e3 * np.abs(each[6000:]).max() / newton for each in (nonlinear, linear)]
         print(f"{newton:5.0f} N: after 1.5 s lid_x rings with {left[0]:.3f} mm/s^2 a newton, linear {left[1]:.3f}")
 
     # 4. result.json, the page and its figures
-    print(f"Report: {write_modal_report(result, options.out)}")
+    print(f"Report: {opid.write_modal_report(result, options.out)}")
 
 
 if __name__ == "__main__":

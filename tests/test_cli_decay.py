@@ -120,6 +120,33 @@ def test_what_grows_ends_with_status_1(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_messages_speak_of_the_options(log, tmp_path):
+    refused(opid("decay", log, "--channel", "az", "--start", 3, "--stop", 1), "--start is 3", "--stop 1")
+    refused(opid("decay", log, "--channel", "az", "--near", 900), "--near or another stretch", status=1)
+    short = opid("decay", log, "--channel", "az", "--start", 2, "--stop", 2.1)
+    refused(short, "name another mode with --near", status=1)
+
+
+def test_a_time_column_without_a_unit_is_told_by_an_option(log, tmp_path):
+    path = tmp_path / "hit.csv"
+    path.write_text(log.read_text(encoding="utf-8").replace("time [s]", "time"), encoding="utf-8")
+    refused(opid("decay", path, "--channel", "az"), "'time' has no unit", "--time-unit")
+    refused(opid("decay", path, "--channel", "az", "--time-unit", "kg"), "--time-unit is 'kg'")
+    done = opid("decay", path, "--channel", "az", "--time-unit", "s", *ORDERS)
+    assert done.exit_code == 0
+    assert done.stdout.replace(path.name, "") == opid("decay", log, "--channel", "az", *ORDERS).stdout.replace(
+        log.name, ""
+    )
+
+
+def test_the_half_interval_is_explained_and_stands_once(log):
+    done = opid("decay", log, "--channel", "az", *ORDERS)
+    assert done.stdout.count("± is half of the 95 % interval.") == 1
+    ends, law = done.stdout.split("± is half of the 95 % interval.")
+    assert ends.count("±") == 2
+    assert "±" not in law
+
+
 def test_bad_input_ends_with_status_2(log, tmp_path):
     refused(opid("decay", log, "--channel", "ay"), "there is no channel 'ay'")
     refused(opid("decay", log, "--channel", "raw"), "'raw'", "states no unit", "--unit g")

@@ -69,6 +69,19 @@ def test_arrays_of_different_lengths_are_refused():
         recording_from_arrays([[0.0, 1.0], [0.0]], ["a", "b"], fs=1.0)
 
 
+def test_one_unit_for_all_arrays_or_one_for_each():
+    arrays, names = [[0.0, 1.0], [2.0, 3.0]], ["tip", "force"]
+    assert [each.unit for each in recording_from_arrays(arrays, names, fs=1.0, unit="m").channels] == ["m", "m"]
+    run = recording_from_arrays(arrays, names, fs=1.0, unit=("m/s^2", "N"))
+    assert (run.unit("tip"), run.unit("force")) == ("m/s^2", "N")
+    with pytest.raises(InputError, match="2 arrays and 3 units"):
+        recording_from_arrays(arrays, names, fs=1.0, unit=["m", "m", "N"])
+    with pytest.raises(InputError, match="2 arrays and 1 names"):
+        recording_from_arrays(arrays, ["tip"], fs=1.0)
+    with pytest.raises(InputError, match="unit holds None"):
+        recording_from_arrays(arrays, names, fs=1.0, unit=["m/s^2", None])
+
+
 @given(first=st.integers(0, 90), length=st.integers(2, 9), start_s=st.floats(-100, 100))
 def test_a_section_takes_the_samples_from_start_to_before_stop(first, length, start_s):
     run = ramp(start_s=start_s)

@@ -12,7 +12,8 @@ from opid.modal.free_decay import law_of_decays
 from opid.modal.result import Comparison
 from opid.report import modal_json, modal_text, read_modal_truth, write_modal_report
 from opid.report.as_json import json_text
-from opid.report.modal_tables import truth_table, worst_sensors
+from opid.report.modal_pictures import modal_pictures
+from opid.report.modal_tables import decay_table, tables, truth_table, worst_sensors
 
 TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
 
@@ -32,6 +33,72 @@ def test_the_text_holds_the_numbers_within_eighty_columns(result):
     assert "Truth test 'strong'" in text
     assert "Warning: the shapes do not look mass-normalised" in text
     assert "Warning: test 'beat_2' ends with" in text.replace("\n", " ")
+
+
+def test_frequency_and_damping_stand_at_zero_and_at_the_top_amplitude(result):
+    lines = modal_text(result).splitlines()
+    zero = next(k for k, line in enumerate(lines) if line.startswith("mode ") and "q [m kg^1/2]" in line) + 1
+    assert lines[zero].split()[:4] == ["3", "zero", "60.00", "Hz"]
+    assert lines[zero + 1].split()[:2] == ["top,", "0.00025"]
+    table = decay_table(result)
+    assert [row[2].split(",")[0] for row in table[1:]] == ["zero", "top"]
+    heads = [head for shown, _ in tables(result) for head in shown[0]]
+    assert all(len(set(shown[0])) == len(shown[0]) for shown, _ in tables(result)), heads
+    # an interval stands there; what a ± beside it would mean nobody knows
+    assert "±" not in modal_text(result)
+
+
+def test_every_warning_stands_once_in_text_page_and_json(result):
+    decay = replace(small_decay(), warnings=("too little range",))
+    law = replace(law_of_decays([decay]), warnings=("too little range", "of both"))
+    doubted = replace(
+        result,
+        decays=(decay,),
+        decay_laws={SOFT: law},
+        # as `identify_modes` tells them
+        warnings=(
+            f"free decay {decay.name!r} of mode {SOFT}: too little range",
+            f"the free decays of mode {SOFT} together: too little range",
+        ),
+    )
+    told = json.loads(json_text(modal_json(doubted)))["warnings"]
+    assert told == [
+        f"free decay {decay.name!r} of mode {SOFT}: too little range",
+        *small_fit().warnings,
+        f"the free decays of mode {SOFT} together: of both",
+    ]
+    text = modal_text(doubted).replace("\n         ", " ")
+    for warning in told:
+        assert text.count(warning) == 1
+
+
+def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+    monkeypatch.setattr("opid.report.modal_report.modal_pictures", lambda *_: ())
+
+    def command(settings, **given):
+        found = replace(result, settings={"study": "my study.toml", **settings})
+        text = write_modal_report(found, tmp_path, **given).read_text(encoding="utf-8")
+        return next(line for line in text.splitlines() if "opid modal" in line).removeprefix("<pre>")[: -len("</pre>")]
+
+    thresholds = {"frequency_threshold": 0.002, "damping_threshold": 0.15}
+    head = "opid modal &#39;my study.toml&#39;"
+    assert command(thresholds) == head
+    assert command({**thresholds, "free_linear": True}) == f"{head} --free-linear"
+    settings = {"stiffness_order": 3, "free_linear": False, "frequency_threshold": 0.01, "damping_threshold": 0.15}
+    assert command(settings) == f"{head} --stiffness-order 3 --frequency-threshold 0.01 --fixed-linear"
+    # what the study file says need not be said again; what overrules it must be, be it a default
+    assert command(settings, options={}) == head
+    assert command(settings, options={"frequency_threshold": 0.002}) == f"{head} --frequency-threshold 0.002"
+
+
+def test_green_dots_are_spoken_of_only_where_they_are(result):
+    def words(truth):
+        return next(each.text for each in modal_pictures(result, truth) if each.name.endswith("_force"))
+
+    curves = {"amplitude": [1e-4], "frequency_hz": [59.9], "damping_ratio": [0.006]}
+    assert "Green dots" not in words(None) + words(TRUTH)
+    assert "while all others are at rest" in words({"nonlinear": {str(SOFT): {"k": {}, "c": {}, **curves}}})
 
 
 def test_truth_stands_beside_each_coefficient(result):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from opid.identify.bench_law import BenchLaw
     from opid.identify.result import Identification
     from opid.modal.result import ModalIdentification
+    from opid.updating.result import Updating
 
 
 class BadInput(click.ClickException):
@@ -61,11 +62,13 @@ class Commands(click.Group):
 def main() -> None:
     """Identify a nonlinear suspension from what two accelerometers recorded in operation.
 
-    Begin with `opid demo`, or with `opid inspect` and `opid identify` on logs of your own.
+    Begin with `opid demo`, or with `opid inspect` and `opid identify` on logs of your own. For modes of any structure
+    whose stiffness and damping depend on their amplitude: `opid simulate sine-beats` and `opid modal` (sine beats), or
+    `opid decay` (one free decay).
     """
 
 
-def end(result: Identification | BenchLaw | ModalIdentification) -> None:
+def end(result: Identification | BenchLaw | ModalIdentification | Updating) -> None:
     """Leave with status 1 and the reason if something is not determined."""
     if result.not_determined:
         raise NotDetermined(f"not determined: {result.not_determined}")

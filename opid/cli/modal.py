@@ -9,12 +9,12 @@ import click
 
 from opid.cli.group import end, main, progress, result_name
 
-SHARE = click.FloatRange(min=0, min_open=True)
+SHARE = click.FloatRange(min=0, max=1, min_open=True)
 
 
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: STUDY_result]")
 @click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, whatever the study says.")
 @click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, whatever the study says.")
 @click.option(
@@ -26,13 +26,13 @@ SHARE = click.FloatRange(min=0, min_open=True)
     "--frequency-threshold",
     type=SHARE,
     metavar="X",
-    help="Shift between levels from which a mode is nonlinear.  [default: as the study says, or 0.002, 0.2 %]",
+    help="Shift between levels, a share, from which a mode is nonlinear.  [default: as the study says, or 0.002]",
 )
 @click.option(
     "--damping-threshold",
     type=SHARE,
     metavar="X",
-    help="Likewise of its damping ratio.  [default: as the study says, or 0.15, 15 %]",
+    help="Likewise of its damping ratio.  [default: as the study says, or 0.15]",
 )
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
@@ -41,7 +41,12 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     """Identify a nonlinear modal model from linear modes and sine beats, and judge it by a truth test.
 
     Stiffness and damping of each nonlinear mode over its amplitude, with intervals, beside what the linear model makes
-    of the same forces. The report goes to a new folder here, called after the study.
+    of the same forces.
+
+    The report goes to the folder STUDY_result here: bracket_result for bracket.toml, and for bracket/study.toml.
+
+    `opid simulate sine-beats OUT` writes a study as a template, with logs to try it on; the study file, what to record
+    and what the warnings mean stand in docs/nonlinear_modal_models.md.
     """
     from dataclasses import replace
 
@@ -56,7 +61,7 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     with progress() as say:
         tests = replace(read_modal_study(study, progress=say), **given)
         result = identify_modes(tests, progress=say)
-        page = write_modal_report(result, target, known, progress=say)
+        page = write_modal_report(result, target, known, options=given, progress=say)
     click.echo(modal_text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     end(result)

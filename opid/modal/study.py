@@ -93,8 +93,8 @@ def _faults(study: ModalStudy) -> Iterator[str]:
             yield f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}"
     for word in THRESHOLDS:
         share = getattr(study, word)
-        if not (math.isfinite(share) and share > 0):
-            yield f"{word} is {share}, give a positive share, 0.01 for 1 %"
+        if not (math.isfinite(share) and 0 < share <= 1):
+            yield f"{word} is {share}, give a share above 0 and up to 1, 0.01 for 1 %"
     names = [each.test.name for each in study.tests]
     for name in dict.fromkeys(names):
         if names.count(name) > 1:

@@ -95,9 +95,8 @@ def mode_restoring_force(
                 known = known if values is fit.frequency_at_hz else 100 * known
                 shown = np.asarray(truth["amplitude"]) <= 1.02 * amplitude[-1]
                 place = factor * np.asarray(truth["amplitude"])
-                ax.plot(
-                    place[shown], known[shown], color=GREEN, linewidth=0, marker=".", markersize=6, label="truth, alone"
-                )
+                dots = {"color": GREEN, "linewidth": 0, "marker": ".", "markersize": 6}
+                ax.plot(place[shown], known[shown], **dots, label="truth, other modes at rest")
             ax.set_xlabel(f"amplitude of q [{prefix}m {_AMPLITUDE}]")
             ax.set_ylabel(label)
             thick(ax.legend(loc="best", fontsize=7.5))

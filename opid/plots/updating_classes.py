@@ -62,9 +62,10 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
                 if not np.isfinite(offset):
                     continue
                 lowest = min(lowest, offset - 2 * evidence.std)
+                bar = 2 * evidence.std if evidence.std > LEAST_STD else None
                 ax.errorbar(
-                    offset, row, xerr=2 * evidence.std if evidence.std > LEAST_STD else None, color=color, marker=marker, linestyle="none",
-                    markersize=6, markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
+                    offset, row, xerr=bar, color=color, marker=marker, linestyle="none", markersize=6,
+                    markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
                     label="_" if label in named else label,
                 )  # fmt: skip
                 named.add(label)

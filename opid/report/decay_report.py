@@ -13,12 +13,13 @@ from opid.estimate import Estimate
 from opid.modal.decay_fit import DecayLaw
 from opid.modal.free_decay import Decay
 from opid.report.as_json import json_text, plain
-from opid.report.as_text import Row, aligned, columns, estimate_row, rounded, table_lines, wrapped
+from opid.report.as_text import Row, aligned, rounded, table_lines, wrapped
 from opid.report.directory import write_together
-from opid.report.modal_units import unit_of, unit_per_mass
+from opid.report.modal_units import coefficient_columns, coefficient_row, unit_of, unit_per_mass
 from opid.report.page import rendered
 
 SCHEMA = "opid.decay/1"
+ENDS_NOTE = "± is half of the 95 % interval."
 
 Settings = Mapping[str, Any]
 
@@ -30,10 +31,11 @@ def decay_text(decay: Decay, settings: Settings) -> str:
         decay: from `free_decay`.
         settings: what it was made with, by the names of the options of `opid decay`, and `log`.
     """
-    parts = [decay_title(decay, settings), "", *wrapped(decay_basis(decay)), "", *aligned(ends_table(decay), n_left=1)]
+    parts = [decay_title(decay, settings), "", *wrapped(decay_basis(decay)), ""]
+    parts += [*aligned(ends_table(decay), n_left=1), ENDS_NOTE]
     rows = decay_rows(decay)
     if rows:
-        parts += ["", *table_lines(rows, columns(None))]
+        parts += ["", *table_lines(rows, coefficient_columns())]
     if decay.warnings:
         parts += ["", *(line for doubt in decay.warnings for line in wrapped(doubt, "Warning: "))]
     return "\n".join(parts) + "\n"
@@ -84,7 +86,8 @@ def write_decay_report(
         title=decay_title(decay, settings),
         basis=decay_basis(decay),
         table=ends_table(decay),
-        columns=columns(None),
+        ends_note=ENDS_NOTE,
+        columns=coefficient_columns(),
         rows=decay_rows(decay),
         warnings=decay.warnings,
         command=_command(settings),
@@ -198,11 +201,13 @@ def _rows(decay: Decay) -> Iterator[Row]:
     yield Row(f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1) = 0")
     for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):
         for power, estimate in sorted(estimates.items()):
-            yield estimate_row(f"{letter}{power}", unit(letter, power), estimate)
+            yield coefficient_row(f"{letter}{power}", unit(letter, power), estimate)
 
 
 def _value(value: float, std: float) -> tuple[str, str]:
-    return rounded(float(value), float(std)), rounded(1.96 * float(std), float(std))
+    """A value with the digits that its standard deviation leaves, and half of its interval with as many decimals."""
+    shown = rounded(float(value), float(std))
+    return shown, f"{1.96 * float(std):.{len(shown.partition('.')[2])}f}"
 
 
 def _command(settings: Settings) -> str:

@@ -25,16 +25,17 @@ ABOVE_MODES = 1.15
 """Times the highest natural frequency: so far the mode indicators are shown."""
 
 
-def modal_pictures(result: ModalIdentification) -> tuple[Picture, ...]:
+def modal_pictures(result: ModalIdentification, truth: Truth | None = None) -> tuple[Picture, ...]:
     """Return the figures that a result has something to show in.
 
     Args:
         result: the identification.
+        truth: of a simulated test, as in truth.json, if the figures will show it.
     """
-    return tuple(_pictures(result))
+    return tuple(_pictures(result, truth))
 
 
-def _pictures(result: ModalIdentification) -> Iterator[Picture]:
+def _pictures(result: ModalIdentification, truth: Truth | None) -> Iterator[Picture]:
     from opid import plots
 
     yield Picture(
@@ -66,7 +67,7 @@ def _pictures(result: ModalIdentification) -> Iterator[Picture]:
             ),
         )
     for fit in result.fits:
-        yield from _pictures_of_mode(fit)
+        yield from _pictures_of_mode(fit, truth)
     for number, decay in enumerate(result.decays, start=1):
         yield Picture(
             f"decay_{number}",
@@ -79,8 +80,14 @@ def _pictures(result: ModalIdentification) -> Iterator[Picture]:
         yield from _pictures_of_truth_test(number, test)
 
 
-def _pictures_of_mode(fit: ModeFit) -> Iterator[Picture]:
+def _pictures_of_mode(fit: ModeFit, truth: Truth | None) -> Iterator[Picture]:
     from opid import plots
+
+    known = (
+        " Green dots are the truth of the simulation: frequency and damping of this mode while all others are at rest."
+        if _true_mode(fit, truth)
+        else ""
+    )
 
     yield Picture(
         f"mode_{fit.mode}_tests",
@@ -94,7 +101,7 @@ def _pictures_of_mode(fit: ModeFit) -> Iterator[Picture]:
         f"Mode {fit.mode}: restoring force, frequency and damping",
         "Stiffness force over displacement and damping force over velocity, whole and nonlinear part alone with its "
         "95 % band, and what they make of natural frequency and damping ratio. Beyond the drawn range the law is an "
-        "extrapolation. Green dots, if any, are the truth of a simulation with all other modes at rest.",
+        f"extrapolation.{known}",
         lambda result, truth: plots.mode_restoring_force(fit, truth=_true_mode(fit, truth)),
     )
     if fit.orders:
@@ -113,8 +120,10 @@ def _pictures_of_truth_test(number: int, test: TruthTest) -> Iterator[Picture]:
         f"truth_test_{number}",
         f"Truth test {test.name}",
         "No fit has seen this test. Measured (black, grey), nonlinear model (red), linear model (blue) under the "
-        "measured force: the whole record (of a long one how far it goes), around its peak, and over frequency (of "
-        "many lines the highest neighbours), where dashed lines are the nonlinear modes.",
+        "measured force. Left: the whole record; where it has too many periods to draw, its upper and lower envelope, "
+        "the measured one as a grey area. Middle: around the largest measured acceleration. Right: over frequency; "
+        "where there are too many lines to draw, the largest of each group of neighbouring ones. Dashed lines are the "
+        "nonlinear modes.",
         lambda result, truth: plots.truth_test(
             test,
             sensors=_shown(result, test),

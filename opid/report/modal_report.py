@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,8 @@ from typing import Any
 from opid.estimate import Estimate
 from opid.modal.decay_fit import DecayLaw
 from opid.modal.result import SCHEMA, ForceCurve, ModalIdentification, ModeFit, TruthTest
-from opid.modal.study import THRESHOLDS
+from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.report.as_json import json_text, plain
-from opid.report.as_text import columns
 from opid.report.decay_report import coefficients, decay_fields
 from opid.report.directory import write_together
 from opid.report.modal_pictures import modal_pictures
@@ -29,6 +28,7 @@ from opid.report.modal_tables import (
     truth_test_head,
     with_coefficients,
 )
+from opid.report.modal_units import coefficient_columns
 from opid.report.page import rendered
 
 FORCED_ONLY = (
@@ -48,11 +48,12 @@ def modal_json(result: ModalIdentification) -> dict[str, Any]:
         `schema`, `title`, `drive_point`, `condition_number`, `auto_mac`, `modes` (one a nonlinear mode, with `k` and
         `c` {power: {value, std, interval95}}, `band_hz`, `force_curves` and the fields of `ModeFit`), `linear_modes`
         {frequency_hz, damping_ratio}, `truth_tests` [{name, band_hz, sensors {name: the fields of `Comparison`}}],
-        `level_shifts`, `decays`, `decay_laws` {mode: {`k`, `c`, `frequency_low_hz`, `damping_low`, ...}}, `warnings`,
-        `not_determined`, `settings`. A mode that only free decays show stands in `modes` with the same keys, after the
-        others: `known_by` is "free decays" instead of "forced tests", `k` and `c` are those of `decay_laws` (power 1 as
-        for all `modes` the correction of k0 and c0; in `decay_laws` and `decays` it is k0 and c0 itself), `tests` are
-        its decays, and what only forced tests give (`band_hz`, `force_curves`, `modal_mass`, ...) is null.
+        `level_shifts`, `decays`, `decay_laws` {mode: {`k`, `c`, `frequency_low_hz`, `damping_low`, ...}}, `warnings`
+        (those of single modes and decays among them), `not_determined`, `settings`. A mode that only free decays show
+        stands in `modes` with the same keys, after the others: `known_by` is "free decays" instead of "forced tests",
+        `k` and `c` are those of `decay_laws` (power 1 as for all `modes` the correction of k0 and c0; in `decay_laws`
+        and `decays` it is k0 and c0 itself), `tests` are its decays, and what only forced tests give (`band_hz`,
+        `force_curves`, `modal_mass`, ...) is null.
     """
     return plain(
         {
@@ -73,7 +74,7 @@ def modal_json(result: ModalIdentification) -> dict[str, Any]:
             "level_shifts": [asdict(shift) for shift in result.shifts],
             "decays": [decay_fields(decay) for decay in result.decays],
             "decay_laws": {str(mode): _decay_law(law) for mode, law in sorted(result.decay_laws.items())},
-            "warnings": result.warnings,
+            "warnings": doubts_of(result),
             "not_determined": result.not_determined,
             "settings": result.settings,
         }
@@ -85,6 +86,7 @@ def write_modal_report(
     directory: str | os.PathLike[str],
     truth: Truth | None = None,
     *,
+    options: Mapping[str, Any] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Write result.json, report.html and the figures as PNG, and return the path of the page.
@@ -93,6 +95,8 @@ def write_modal_report(
         result: from `identify_modes`.
         directory: made if it is not there; all files appear together, any other file in it stays.
         truth: of a simulated test, as in truth.json: shown beside each coefficient.
+        options: settings that the command was given, by their names in `ModalStudy`, for the line that says how to do
+            it again; where None, the settings of the result that are not the defaults.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -101,7 +105,7 @@ def write_modal_report(
     from opid.plots.style import figure_of, png
 
     say = progress or (lambda step: None)
-    pictures = modal_pictures(result)
+    pictures = modal_pictures(result, truth)
     images: dict[str, bytes] = {}
     for picture in pictures:
         say(f"figure {picture.name}")
@@ -115,14 +119,14 @@ def write_modal_report(
         truth=known,
         basis=basis(result),
         tables=tables(result),
-        columns=columns(known),
+        columns=coefficient_columns(known),
         rows=coefficient_rows(result, known),
         truth_tests=[
             (truth_test_head(test), truth_table(test, first=result.drive_point)) for test in result.truth_tests
         ],
         warnings=doubts_of(result),
         pictures=pictures,
-        command=_command(result),
+        command=_command(result, _beside_defaults(result) if options is None else options),
     )
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = page.encode()
@@ -211,12 +215,16 @@ def _truth_test(test: TruthTest) -> dict[str, Any]:
     return {"name": test.name, "band_hz": test.band_hz, "sensors": figures}
 
 
-def _command(result: ModalIdentification) -> str:
+def _command(result: ModalIdentification, options: Mapping[str, Any]) -> str:
     """The command that gives this result."""
-    source = result.settings.get("study")
-    settings = "".join(
-        f" --{name.replace('_', '-')} {result.settings[name]:g}"
-        for name in ("stiffness_order", "damping_order", *(THRESHOLDS if result.shifts else ()))
-        if result.settings.get(name) is not None
-    )
-    return f"opid modal {shlex.quote(str(source or 'STUDY.toml'))}{settings}"
+    words = [f"--{name.replace('_', '-')} {value:g}" for name, value in options.items() if name != "free_linear"]
+    if options.get("free_linear") is not None:
+        words.append("--free-linear" if options["free_linear"] else "--fixed-linear")
+    return " ".join(["opid modal", shlex.quote(str(result.settings.get("study") or "STUDY.toml")), *words])
+
+
+def _beside_defaults(result: ModalIdentification) -> dict[str, Any]:
+    """The settings of a result that are not the defaults, whether its study file or the command has them."""
+    names = ("stiffness_order", "damping_order", "free_linear", *THRESHOLDS)
+    given = {name: result.settings[name] for name in names if result.settings.get(name) is not None}
+    return {name: value for name, value in given.items() if value != getattr(ModalStudy, name)}

@@ -13,12 +13,19 @@ import numpy as np
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
-from opid.report.as_text import Row, aligned, columns, estimate_row, table_lines, wrapped
-from opid.report.modal_units import unit_of
+from opid.report.as_text import Row, aligned, table_lines, wrapped
+from opid.report.modal_units import coefficient_columns, coefficient_row, unit_of
 
 TRUTH_SCHEMA = "opid.modal-truth/1"
 MOST_SENSORS = 8
 """Sensors of a truth test in the text, the worst first; all stand in result.json."""
+
+AMPLITUDE = "q [m kg^1/2]"
+MODES_NOTE = (
+    "Natural frequency and damping ratio at zero amplitude, and at the top, the largest modal displacement q fitted."
+)
+SHIFTS_NOTE = "Frequency and damping are those at the lowest level, shifts those from there to the highest level."
+DECAYS_NOTE = "At zero amplitude by the law of the decay, and at the top, its largest amplitude, as measured."
 
 Truth = Mapping[str, Any]
 
@@ -38,7 +45,7 @@ def modal_text(result: ModalIdentification, truth: Truth | None = None) -> str:
     known = with_coefficients(truth)
     rows = coefficient_rows(result, known)
     if rows:
-        parts += [*table_lines(rows, columns(known)), ""]
+        parts += [*table_lines(rows, coefficient_columns(known)), ""]
     for test in result.truth_tests:
         shown = truth_table(test, most=MOST_SENSORS, first=result.drive_point)
         parts += [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1)]
@@ -60,7 +67,7 @@ def basis(result: ModalIdentification) -> str:
     at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
     return (
         f"{modes.n_modes} modes ({rigid} rigid), {len(modes.sensors)} sensors{at}; condition number of the shapes "
-        f"{result.condition_number:.3g}; nonlinear: {', '.join(known) or 'none'}."
+        f"{result.condition_number:.3g}; modelled as nonlinear: {', '.join(known) or 'none'}."
     )
 
 
@@ -80,7 +87,11 @@ def tables(result: ModalIdentification) -> list[tuple[list[tuple[str, ...]], str
     Args:
         result: the identification.
     """
-    noted = ((mode_table(result), ""), (shift_table(result), thresholds(result)), (decay_table(result), ""))
+    noted = (
+        (mode_table(result), MODES_NOTE),
+        (shift_table(result), f"{SHIFTS_NOTE} {thresholds(result)}".rstrip()),
+        (decay_table(result), DECAYS_NOTE),
+    )
     return [(table, note) for table, note in noted if len(table) > 1]
 
 
@@ -100,21 +111,26 @@ def thresholds(result: ModalIdentification) -> str:
 
 
 def mode_table(result: ModalIdentification) -> list[tuple[str, ...]]:
-    """Return frequency and damping of each nonlinear mode at low and at top level, and how well it is fitted.
+    """Return frequency and damping of each nonlinear mode at zero and at top amplitude, and how well it is fitted.
 
     Args:
         result: the identification.
 
     Returns:
-        Rows of as many cells each, the heads first.
+        Rows of as many cells each, the heads first; two rows a mode.
     """
-    table: list[tuple[str, ...]] = [("mode", "low level", "top level", "low", "top", "N_s, N_d", "band [Hz]", "misfit")]
+    table: list[tuple[str, ...]] = [("mode", AMPLITUDE, "frequency", "damping", "N_s, N_d", "band [Hz]", "misfit")]
     for fit in result.fits:
-        low, top = (f"{fit.frequency_at_hz[place]:.2f} Hz" for place in (0, -1))
-        damping = [f"{100 * fit.damping_at[place]:.3g} %" for place in (0, -1)]
-        orders = f"{fit.stiffness_order}, {fit.damping_order}"
-        band = f"{fit.band_hz[0]:.4g} .. {fit.band_hz[1]:.4g}"
-        table.append((str(fit.mode), low, top, *damping, orders, band, f"{100 * fit.residual_share:.2g} %"))
+        of_fit = (
+            f"{fit.stiffness_order}, {fit.damping_order}",
+            f"{fit.band_hz[0]:.4g} .. {fit.band_hz[1]:.4g}",
+            f"{100 * fit.residual_share:.2g} %",
+        )
+        top = f"top, {fit.stiffness_curve.position[-1]:.3g}"
+        for place, label, more in ((0, "zero", of_fit), (-1, top, ("",) * len(of_fit))):
+            frequency, damping = fit.frequency_at_hz[place], fit.damping_at[place]
+            mode = str(fit.mode) if place == 0 else ""
+            table.append((mode, label, f"{frequency:.2f} Hz", f"{100 * damping:.3g} %", *more))
     return table
 
 
@@ -127,7 +143,7 @@ def shift_table(result: ModalIdentification) -> list[tuple[str, ...]]:
     Returns:
         Rows of as many cells each, the heads first; the heads alone without level tests.
     """
-    table: list[tuple[str, ...]] = [("mode", "at low level", "shift", "damping", "shift", "nonlinear")]
+    table: list[tuple[str, ...]] = [("mode", "frequency", "frequency shift", "damping", "damping shift", "nonlinear")]
     for shift in result.shifts:
         frequency, damping = _lowest(shift.frequency_hz), _lowest(shift.damping_ratio)
         table.append(
@@ -144,43 +160,59 @@ def shift_table(result: ModalIdentification) -> list[tuple[str, ...]]:
 
 
 def decay_table(result: ModalIdentification) -> list[tuple[str, ...]]:
-    """Return frequency and damping of each free decay at its lowest and its highest amplitude.
+    """Return frequency and damping of each free decay at zero amplitude, by its law, and at its largest.
 
     Args:
         result: the identification.
 
     Returns:
-        Rows of as many cells each, the heads first; the heads alone without free decays.
+        Rows of as many cells each, the heads first, two rows a decay; the heads alone without free decays.
     """
-    head = ("free decay", "mode", "at zero", "at start", "damping", "at start", "left over")
-    table: list[tuple[str, ...]] = [head]
+    table: list[tuple[str, ...]] = [("free decay", "mode", AMPLITUDE, "frequency", "damping", "left over")]
     for decay in result.decays:
         low, damping = decay.frequency_low_hz.value, decay.damping_low.value
-        table.append(
+        table += [
             (
                 decay.name,
                 "-" if decay.mode is None else str(decay.mode),
+                "zero",
                 "-" if low is None else f"{low:.2f} Hz",
-                f"{decay.frequency_hz[0]:.2f} Hz",
                 "-" if damping is None else f"{100 * damping:.3g} %",
-                f"{100 * decay.damping_ratio[0]:.3g} %",
                 f"{100 * decay.residual_share:.2g} %",
-            )
-        )
+            ),
+            (
+                *("", ""),
+                f"top, {decay.amplitude[0]:.3g}",
+                f"{decay.frequency_hz[0]:.2f} Hz",
+                f"{100 * decay.damping_ratio[0]:.3g} %",
+                "",
+            ),
+        ]
     return table
 
 
 def doubts_of(result: ModalIdentification) -> list[str]:
-    """Return all warnings, those of modes and decays last, each once.
+    """Return all warnings, those of modes, decays and their laws last, each once.
 
     Args:
         result: the identification.
     """
     of_fits = [text for fit in result.fits for text in fit.warnings]
+    # worded as by `identify_modes`, which tells them too
     of_decays = [
-        f"free decay {decay.name!r} of mode {decay.mode}: {text}" for decay in result.decays for text in decay.warnings
+        (f"free decay {decay.name!r} of mode {decay.mode}: ", decay.mode, text)
+        for decay in result.decays
+        for text in decay.warnings
     ]
-    return list(dict.fromkeys([*result.warnings, *of_fits, *of_decays]))
+    of_laws = [
+        (f"the free decays of mode {mode} together: {text}", (mode, text) in [each[1:] for each in of_decays])
+        for mode, law in sorted(result.decay_laws.items())
+        for text in law.warnings
+    ]
+    # the law of a single decay has that decay's warnings
+    told = {text for text, twice in of_laws if twice}
+    every = [*result.warnings, *of_fits, *(head + text for head, _, text in of_decays), *(text for text, _ in of_laws)]
+    return [text for text in dict.fromkeys(every) if text not in told]
 
 
 def coefficient_rows(result: ModalIdentification, truth: Truth | None = None) -> list[Row]:
@@ -229,7 +261,7 @@ def truth_table(test: TruthTest, *, most: int | None = None, first: str | None =
         Rows of as many cells each, the heads first.
     """
     names = sorted(worst_sensors(test), key=lambda name: name != first)
-    table: list[tuple[str, ...]] = [("sensor", "peak, nonlinear", "linear", "error, nonlinear", "linear")]
+    table: list[tuple[str, ...]] = [("sensor", "peak, nonlinear", "peak, linear", "error, nonlinear", "error, linear")]
     table += [
         (
             name,
@@ -290,7 +322,7 @@ def _rows_of(fit: ModeFit, truth: Truth | None) -> Iterator[Row]:
             known = true.get(letter)
             # what the truth's law lacks is zero; a joint that is no power law has no coefficients
             value = float(known.get(str(power), 0.0)) if known else None
-            yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
+            yield coefficient_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
 
 
 def _rows_of_decays(result: ModalIdentification, mode: int, truth: Truth | None) -> Iterator[Row]:
@@ -304,7 +336,7 @@ def _rows_of_decays(result: ModalIdentification, mode: int, truth: Truth | None)
         for power, estimate in sorted(estimates.items()):
             known = true.get(letter)
             value = float(known.get(str(power), 0.0)) if known and power > 1 else None
-            yield estimate_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
+            yield coefficient_row(f"{letter}{power}", unit_of(letter, power), estimate, value, truth is not None)
 
 
 def _lowest(estimates: tuple[Estimate, ...]) -> float | None:

@@ -142,27 +142,37 @@ def recording_from_arrays(
     names: Sequence[str],
     *,
     fs: float,
-    unit: str = "m/s^2",
+    unit: str | Sequence[str] = "m/s^2",
     start_s: float = 0.0,
 ) -> Recording:
-    """Return the recording whose channels are the given one-dimensional arrays, all in one SI unit.
+    """Return the recording whose channels are the given one-dimensional arrays.
 
     Args:
         arrays: one (n_samples,) array a channel, all of one length.
         names: of the channels.
         fs: sampling rate, Hz.
-        unit: SI unit of all channels.
+        unit: SI unit of all channels, or one for each.
         start_s: time of the first sample, s.
 
     Raises:
-        InputError: arrays of different lengths, or anything that `Recording` refuses.
+        InputError: arrays of different lengths, other numbers of names or units than of arrays, a unit that is no text,
+            or anything that `Recording` refuses.
 
     >>> recording_from_arrays([[0, 1, 2], [3, 4, 5]], ["lower_z", "upper_z"], fs=10.0).samples.shape
     (3, 2)
+    >>> recording_from_arrays([[0, 1], [3, 4]], ["tip", "force"], fs=10.0, unit=["m/s^2", "N"]).unit("force")
+    'N'
     """
     columns = [np.asarray(array, dtype=np.float64) for array in arrays]
     lengths = sorted({column.shape for column in columns})
     if len(lengths) != 1 or len(lengths[0]) != 1:
         raise InputError(f"the arrays have shapes {lengths}: give one-dimensional arrays of one length")
-    channels = tuple(Channel(name, unit) for name in names)
+    units = [unit] * len(columns) if isinstance(unit, str) else list(unit)
+    for word, given in (("names", names), ("units", units)):
+        if len(given) != len(columns):
+            raise InputError(f"there are {len(columns)} arrays and {len(given)} {word}: give one for each array")
+    for each in units:
+        if not isinstance(each, str):
+            raise InputError(f"unit holds {each!r}: give one text, like 'm/s^2', or one for each array")
+    channels = tuple(Channel(name, each) for name, each in zip(names, units, strict=True))
     return Recording(np.stack(columns, axis=1), fs=fs, channels=channels, start_s=start_s)

@@ -19,7 +19,7 @@ FEW_SAMPLES = 200.0
 WARNED_R_HAT = 1.05
 """Above it the chains have not found the same distribution."""
 
-MOST_UNEXPLAINED = 0.1
+MOST_UNEXPLAINED = 0.3
 """Of the measured growth of lambda: what a class may leave before it fits nothing."""
 
 METHODS_DIFFER = 0.5
