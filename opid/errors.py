@@ -19,6 +19,10 @@ class NotDeterminedError(RuntimeError):
         self.partial = partial
 
 
+MOST_LISTED = 24
+"""Words that are listed: of more, as the degrees of freedom of a structure, only the first and the last."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return a clause that names the known word nearest to `name`, or lists the known words.
 
@@ -31,4 +35,6 @@ def nearest(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, words, n=1)
     if close:
         return f"did you mean {close[0]!r}?"
+    if len(words) > MOST_LISTED:
+        return f"there are {len(words)}, {words[0]!r} to {words[-1]!r}"
     return "known are " + ", ".join(repr(word) for word in words)

@@ -45,7 +45,9 @@ def test_a_class_more_changes_no_other_and_steps_are_told(found):
     steps = []
     again = update_study(study(classes=(made.CUBIC,)), progress=steps.append)
     assert again.classes[0].samples == pytest.approx(found.classes[0].samples, rel=1e-6)
-    assert steps == ["backbones", "cubic", "prediction"]
+    shares = [step for step in steps if step.startswith("cubic ")]
+    assert [step for step in steps if step not in shares] == ["backbones", "cubic", "prediction"]
+    assert len(shares) > 2
 
 
 def test_both_phases_from_matrices():
@@ -59,7 +61,7 @@ def test_both_phases_from_matrices():
     )
     steps = []
     found = update_study(given, progress=steps.append)
-    assert steps[:2] == ["linear structure", "reduction"]
+    assert [step for step in steps if "%" not in step][:2] == ["linear structure", "reduction"]
     assert found.linear.best == pytest.approx([1.0, 1.02], abs=0.03)
     assert found.system.frequency_hz[1:3] == pytest.approx(true.frequency_hz[1:3], rel=0.006)
     assert found.classes[0].estimates["theta_1"].value == pytest.approx(made.TRUTH, rel=0.05)

@@ -50,8 +50,8 @@ def doubts_of_fit(
     value, std = float(mass.value or 0.0), float(mass.std or 0.0)
     if abs(value - 1) > max(WARNED_MASS, 4 * std):
         yield (
-            f"mode {mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where 1 is "
-            "expected: the scale of its shape or of the force is off, or the drive point is another, and with it the amplitudes"
+            f"mode {mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it is 1: "
+            "the scale of its shape or of the force is off, or the drive point, and with it the amplitudes"
         )
     for word, curve in (("stiffness", curve_k), ("damping", curve_c)):
         if not curve.force.any():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -71,8 +72,14 @@ def _linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, Joi
         say("linear structure")
         rng = np.random.default_rng([study.seed, 1])
         linear = update_linear(
-            study.structure, study.backbones, priors=study.parameters, rng=rng, **_linear_noise(study)
+            study.structure,
+            study.backbones,
+            priors=study.parameters,
+            rng=rng,
+            progress=lambda share: say(f"linear structure {share:.0%}"),
+            **_linear_noise(study),
         )
+        linear = replace(linear, warnings=(*linear.warnings, *_common_error(study, linear)))
         factors = dict(zip(linear.names, (float(value) for value in linear.best), strict=True))
     say("reduction")
     return linear, reduce(study.structure, factors, n_modes=study.n_internal)
@@ -88,16 +95,41 @@ def _linear_noise(study: UpdatingStudy) -> dict[str, Any]:
     if single:
         # one curve has no scatter: its offset is what is expected of one
         return {"cov": dict.fromkeys(single, 2 * study.noise.curve_offset)}
+    if min(len(one.sensors) for one in study.backbones) < 2:
+        return {"cov": "inferred"}  # one sensor has no shape
     return {"cov": "inferred", "shape_std": "inferred"}
+
+
+def _common_error(study: UpdatingStudy, linear: LinearPosterior) -> Iterator[str]:
+    """What the intervals of phase I leave out: an error that all curves of a mode share."""
+    for name, estimate in linear.estimates.items():
+        if estimate.interval95 is None or not estimate.value:
+            continue
+        half = 0.5 * (estimate.interval95[1] - estimate.interval95[0]) / abs(estimate.value)
+        shared = 1.96 * 2 * study.noise.linear_error
+        if shared > half:
+            yield (
+                f"{name} is known to +-{100 * half:.2g} % if the model is exact; an error of its frequencies of "
+                f"{100 * study.noise.linear_error:g} % (linear_error), which all curves share, moves it by some "
+                f"{100 * shared:.2g} % more"
+            )
 
 
 def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
     classes, lost = [], []
     for number, model_class in enumerate(study.classes):
         say(model_class.name)
+
+        def told(share: float, name: str = model_class.name) -> None:
+            say(f"{name} {share:.0%}")
+
         rng = np.random.default_rng([study.seed, 2, number])
         try:
-            classes.append(update_class(data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_samples))
+            classes.append(
+                update_class(
+                    data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_samples, progress=told
+                )
+            )
         except NotDeterminedError as error:
             lost.append(f"class {model_class.name!r} is left out: {error}")
     if not classes:

@@ -41,6 +41,8 @@ class MeasuredBackbone:
     def __post_init__(self) -> None:
         frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))
         sensors = tuple(self.sensors)
+        if self.mode < 1:
+            raise InputError(f"backbone {self.name!r} is of mode {self.mode}: modes are counted from 1, rigid ones too")
         if frequency.ndim != 1 or frequency.size < LEAST_POINTS:
             raise InputError(
                 f"backbone {self.name!r} has {frequency.size} point(s): give at least {LEAST_POINTS}, from small "
