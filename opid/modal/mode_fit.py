@@ -11,7 +11,7 @@ from opid.estimate import Estimate
 from opid.modal.coordinates import ModalTest
 from opid.modal.doubts import doubts_of_fit
 from opid.modal.equation import ModeLines, mode_lines
-from opid.modal.mode_tests import WIDEST, band_of_mode, doubts_of_test, faults_of_test
+from opid.modal.mode_tests import WIDEST, band_of_mode, doubts_of_rates, doubts_of_test, faults_of_test
 from opid.modal.modes_file import looks_unit_normalised
 from opid.modal.order_search import linear_is_off, search_orders
 from opid.modal.other_modes import doubts_of_other_modes
@@ -86,6 +86,7 @@ def fit_mode(
     found = fit_coefficients(lines, stiffness_order=n_s, damping_order=n_d, free_linear=free)
     doubts = [doubt for test, own in pairs for doubt in doubts_of_test(test, own, mode, band, taper_s)]
     loudest, _ = max(pairs, key=lambda pair: pair[1].largest_q)
+    doubts += doubts_of_rates(tests, mode)
     doubts += doubts_of_shapes(loudest, mode, band)
     doubts += doubts_of_other_modes(loudest, mode, band)
     return _mode_fit(mode, tests, lines, band, found, (n_s, n_d), free, mass, rungs, doubts)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft
 
 from opid.modal.coordinates import ModalTest
-from opid.modal.equation import HARMONICS, ModeLines, modal_motion
+from opid.modal.equation import ModeLines, modal_motion
 from opid.modal.modes import LinearModes
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
@@ -28,6 +28,9 @@ HALF_WIDTHS = 4.0
 
 MOST_LEFT, WARNED_LEFT = 0.05, 0.01
 """Of the largest motion: what may be left at the ends of a record that is to begin and end at rest."""
+
+THIRD = 3.1
+"""Natural frequencies that a record holds at least, for the third harmonic with some of its width."""
 
 LEAST_SIGNAL = 3.0
 """Force in the band over its noise, rms: with less there is no energy in it."""
@@ -135,11 +138,21 @@ def doubts_of_test(
     left, word = _left_over(test, lines, mode, band_hz)
     if WARNED_LEFT < left <= MOST_LEFT and not taper_s:
         yield f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record longer"
-    natural = test.modes.frequency_hz[test.modes.place(mode)]
-    if test.fs / 2 < HARMONICS * natural:
+
+
+def doubts_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
+    """Yield that tests are sampled too slowly for the third harmonic of a mode, all in one clause.
+
+    Args:
+        tests: those of the mode.
+        mode: number of the mode, from 1.
+    """
+    slow = [test for test in tests if test.fs / 2 < THIRD * test.modes.frequency_hz[test.modes.place(mode)]]
+    if slow:
+        needed = 2 * THIRD * slow[0].modes.frequency_hz[slow[0].modes.place(mode)]
         yield (
-            f"test {test.name!r} at {test.fs:g} Hz does not hold the third harmonic of mode {mode}: the powers "
-            f"miss some thousandths; record at {2 * HARMONICS * natural:.0f} Hz or more"
+            f"{len(slow)} test(s) of mode {mode} at {slow[0].fs:g} Hz do not hold its third harmonic: the powers miss "
+            f"some thousandths; record at {needed:.0f} Hz or more"
         )
 
 
