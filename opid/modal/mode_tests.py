@@ -119,7 +119,7 @@ def faults_of_test(
     if left > MOST_LEFT and not taper_s:
         yield (
             f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record "
-            "from rest until the mode has decayed, or fade the ends out (taper_s)"
+            "from rest until the mode has decayed, or fade the ends out in Python (taper_s of fit_mode)"
         )
 
 

@@ -13,7 +13,7 @@ from opid.identify.bench_law import SCHEMA, BenchLaw
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
 from opid.report.directory import write_together
-from opid.report.page import Picture, rendered
+from opid.report.page import Picture, drawn, rendered
 
 LABELS = {
     "stiffness_n_per_m": ("stiffness K", "N/m"),
@@ -99,13 +99,7 @@ def write_bench_report(
     Raises:
         InputError: a place that cannot be written to.
     """
-    from opid.plots.style import figure_of, png
-
-    say = progress or (lambda step: None)
-    images: dict[str, bytes] = {}
-    for picture in bench_pictures():
-        say(f"figure {picture.name}")
-        images[picture.name] = png(figure_of(picture.draw(result, None)))
+    images = drawn(bench_pictures(), result, None, progress=progress)
     page = rendered(
         "bench.html.jinja",
         images,

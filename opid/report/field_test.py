@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError
 from opid.identify.result import PARAMETERS
 from opid.identify.study import Run, Study
 from opid.identify.study_file import write_study
@@ -16,6 +14,7 @@ from opid.mechanics.landing_gear import TaxiTest
 from opid.mechanics.laws import law_from_parameters
 from opid.report.as_json import json_text, plain
 from opid.report.directory import made_directory
+from opid.report.truth_file import read_truth_file
 from opid.signals.files import written_whole
 
 TRUTH_SCHEMA = "opid.truth/1"
@@ -78,19 +77,11 @@ def read_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises:
         InputError: no such file, or none of `truth_json`'s making.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-        truth = json.loads(text)
-        if truth["schema"] != TRUTH_SCHEMA:
-            raise InputError(f"{path} has the schema {truth['schema']!r} where {TRUTH_SCHEMA!r} is needed")
+
+    def check(truth: dict[str, Any]) -> None:
         truth["parameters"] = {name: float(truth["parameters"][name]) for name in PARAMETERS}
         law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except InputError:
-        raise
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
-        raise InputError(
-            f"{path} is no truth of a simulated field test: give the truth.json of `opid simulate`"
-        ) from error
-    return truth
+
+    return read_truth_file(
+        path, schema=TRUTH_SCHEMA, what="a simulated field test", command="opid simulate", check=check
+    )

@@ -29,7 +29,7 @@ from opid.report.modal_tables import (
     with_coefficients,
 )
 from opid.report.modal_units import coefficient_columns
-from opid.report.page import rendered
+from opid.report.page import drawn, rendered
 
 FORCED_ONLY = (
     *("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass", "force_curves"),
@@ -102,14 +102,8 @@ def write_modal_report(
     Raises:
         InputError: a place that cannot be written to.
     """
-    from opid.plots.style import figure_of, png
-
-    say = progress or (lambda step: None)
     pictures = modal_pictures(result, truth)
-    images: dict[str, bytes] = {}
-    for picture in pictures:
-        say(f"figure {picture.name}")
-        images[picture.name] = png(figure_of(picture.draw(result, truth)))
+    images = drawn(pictures, result, truth, progress=progress)
     known = with_coefficients(truth)
     page = rendered(
         "modal.html.jinja",

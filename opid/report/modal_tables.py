@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.report.as_text import Row, aligned, table_lines, wrapped
 from opid.report.modal_units import coefficient_columns, coefficient_row, unit_of
+from opid.report.truth_file import read_truth_file
 
 TRUTH_SCHEMA = "opid.modal-truth/1"
 MOST_SENSORS = 8
@@ -293,22 +291,15 @@ def read_modal_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises:
         InputError: no such file, or none of `opid simulate sine-beats`' making.
     """
-    try:
-        truth = json.loads(Path(path).read_text(encoding="utf-8"))
-        if truth["schema"] != TRUTH_SCHEMA:
-            raise InputError(f"{path} has the schema {truth['schema']!r} where {TRUTH_SCHEMA!r} is needed")
+
+    def check(truth: dict[str, Any]) -> None:
         for law in truth["nonlinear"].values():
             for letter in ("k", "c"):
                 law[letter] = {str(int(power)): float(value) for power, value in law[letter].items()}
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except InputError:
-        raise
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
-        raise InputError(
-            f"{path} is no truth of a simulated modal test: give the truth.json of `opid simulate sine-beats`"
-        ) from error
-    return truth
+
+    return read_truth_file(
+        path, schema=TRUTH_SCHEMA, what="a simulated modal test", command="opid simulate sine-beats", check=check
+    )
 
 
 def _rows_of(fit: ModeFit, truth: Truth | None) -> Iterator[Row]:

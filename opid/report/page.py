@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from importlib.metadata import version
@@ -62,13 +62,7 @@ def write_report(
     Raises:
         InputError: a place that cannot be written to.
     """
-    from opid.plots.style import figure_of, png
-
-    say = progress or (lambda step: None)
-    images: dict[str, bytes] = {}
-    for picture in _pictures_of(result):
-        say(f"figure {picture.name}")
-        images[picture.name] = png(figure_of(picture.draw(result, truth)))
+    images = drawn(_pictures_of(result), result, truth, progress=progress)
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = _page(result, truth, images).encode()
     # last, so that a result.json is never there without its report
@@ -182,6 +176,27 @@ def reference_run(result: Identification) -> RunEvidence:
     """
     runs = result.evidence.runs
     return next((run for run in runs if run.mass_change_kg == 0), runs[0])
+
+
+def drawn(
+    pictures: Sequence[Picture], result: Any, truth: Truth | None, *, progress: Callable[[str], None] | None = None
+) -> dict[str, bytes]:
+    """Return the figures of a report as PNG, by their names.
+
+    Args:
+        pictures: to draw.
+        result: that they show.
+        truth: of a simulation: shown beside it.
+        progress: called with the name of each figure as it is drawn.
+    """
+    from opid.plots.style import figure_of, png
+
+    say = progress or (lambda step: None)
+    images: dict[str, bytes] = {}
+    for picture in pictures:
+        say(f"figure {picture.name}")
+        images[picture.name] = png(figure_of(picture.draw(result, truth)))
+    return images
 
 
 def rendered(template: str, images: Mapping[str, bytes], **values: Any) -> str:

@@ -13,7 +13,7 @@ from opid.estimate import Estimate
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import columns
 from opid.report.directory import write_together
-from opid.report.page import rendered
+from opid.report.page import drawn, rendered
 from opid.report.updating_pictures import updating_pictures
 from opid.report.updating_tables import (
     Truth,
@@ -93,14 +93,8 @@ def write_updating_report(
     Raises:
         InputError: a place that cannot be written to.
     """
-    from opid.plots.style import figure_of, png
-
-    say = progress or (lambda step: None)
     pictures = updating_pictures(result, reduction)
-    images: dict[str, bytes] = {}
-    for picture in pictures:
-        say(f"figure {picture.name}")
-        images[picture.name] = png(figure_of(picture.draw(result, truth)))
+    images = drawn(pictures, result, truth, progress=progress)
     page = rendered(
         "updating.html.jinja",
         images,

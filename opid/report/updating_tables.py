@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
 from opid.report.as_text import Row, aligned, columns, estimate_row, formula, table_lines, wrapped
+from opid.report.truth_file import read_truth_file
 from opid.updating.result import BackboneBand, ClassPosterior, Diagnostics, Updating
 
 TRUTH_SCHEMA = "opid.updating-truth/1"
@@ -314,21 +312,14 @@ def read_updating_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises:
         InputError: no such file, or none of `opid simulate backbones`' making.
     """
-    try:
-        truth = json.loads(Path(path).read_text(encoding="utf-8"))
-        if truth["schema"] != TRUTH_SCHEMA:
-            raise InputError(f"{path} has the schema {truth['schema']!r} where {TRUTH_SCHEMA!r} is needed")
+
+    def check(truth: dict[str, Any]) -> None:
         for name in ("linear", "law"):
             truth[name] = {str(key): float(value) for key, value in truth[name].items()}
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except InputError:
-        raise
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
-        raise InputError(
-            f"{path} is no truth of simulated backbones: give the truth.json of `opid simulate backbones`"
-        ) from error
-    return truth
+
+    return read_truth_file(
+        path, schema=TRUTH_SCHEMA, what="simulated backbones", command="opid simulate backbones", check=check
+    )
 
 
 def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[Row]:
