@@ -8,7 +8,7 @@ import pytest
 from opid.identify.identification import identify_study
 from opid.identify.study_file import read_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.report import read_truth, write_field_test
+from opid.report import page, read_truth, write_field_test
 
 
 @pytest.fixture(scope="session")
@@ -26,3 +26,10 @@ def identified(field_test):
     return SimpleNamespace(
         result=identify_study(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
     )
+
+
+@pytest.fixture
+def few_figures(monkeypatch):
+    """Draw only one figure where the figures are not what a test is about."""
+    one = page.pictures()[5:6]
+    monkeypatch.setattr(page, "pictures", lambda: one)

@@ -2,9 +2,7 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.errors import NotDeterminedError
 from opid.mechanics.backbones import backbone
-from opid.updating import prediction
 from opid.updating.likelihood import backbone_data
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
@@ -38,20 +36,3 @@ def test_same_seed_same_bands(predicted):
     data, found, measured, bands = predicted
     again = predict(data, found, measured, rng=np.random.default_rng(0))
     assert all(np.array_equal(one.low_hz, other.low_hz) for one, other in zip(bands, again, strict=True))
-
-
-def test_no_draw_with_a_backbone(predicted, monkeypatch):
-    data, found, measured, _ = predicted
-
-    def failing(*args, **settings):
-        def solve(coefficients):
-            class Nothing:
-                converged = np.zeros((len(coefficients), 40), dtype=bool)
-
-            return Nothing
-
-        return solve
-
-    monkeypatch.setattr(prediction, "family_evaluator", failing)
-    with pytest.raises(NotDeterminedError, match="no draw of 'cubic' has a backbone of mode 2"):
-        predict(data, found, measured, rng=np.random.default_rng(0))

@@ -1,6 +1,7 @@
 """`opid simulate backbones` and `opid update` as a user drives them."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -36,7 +37,9 @@ def study(tmp_path_factory):
     write_structure(place / "structure.npz", small_chain())
     write_backbone(curve_of(), place / "first.csv")
     path = place / "study.toml"
-    path.write_text(STUDY.replace("[structure]", "[structure]\ninternal_modes = 0"), encoding="utf-8")
+    # a single curve has no scatter, which the paper's form asks for
+    text = STUDY.replace("[structure]", "[structure]\ninternal_modes = 0") + "[noise]\ncov = { 1 = 0.01 }\n"
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -51,9 +54,7 @@ def quick(monkeypatch):
         return small_updating(linear=None)
 
     monkeypatch.setattr(identification, "update_study", update_study)
-    monkeypatch.setattr(
-        "opid.report.updating_report.updating_pictures", lambda result, reduction: ()
-    )  # tested by themselves
+    monkeypatch.setattr("opid.report.updating_report.updating_pictures", lambda *_: ())  # tested by themselves
     return given
 
 
@@ -101,6 +102,28 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.report.updating_chains.find_spec", lambda name: None)
+    refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install 'opid[bayes]'")
+    assert quick == []
+    monkeypatch.setattr("opid.report.updating_chains.find_spec", lambda name: "there")
+    monkeypatch.setattr("opid.report.updating_chains.to_inference_data", lambda chain, names: Written(names))
+    done = opid("update", study, "--chains", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert f"Chains: {tmp_path / 'out' / 'chains_class_3.nc'}" in done.stdout
+    assert (tmp_path / "out" / "chains_class_3.nc").read_text(encoding="utf-8") == "theta_1 theta_2"
+
+
+class Written:
+    """In the place of ArviZ's object: what is written is the names of the parameters."""
+
+    def __init__(self, names):
+        self.names = names
+
+    def to_netcdf(self, path):
+        path.write_text(" ".join(self.names), encoding="utf-8")
+
+
 def test_the_options_are_those_of_the_library():
     from opid.updating.likelihood import FORMS
     from opid.updating.study import FEWEST_SAMPLES, SAMPLERS
@@ -115,7 +138,7 @@ def test_the_options_are_those_of_the_library():
 def simulated(tmp_path_factory):
     """A directory that `opid simulate backbones` wrote; not to be changed."""
     place = tmp_path_factory.mktemp("backbones") / "wing"
-    done = opid("simulate", "backbones", place, "--seed", 3, "--curves", 4, 3, "--points", 8)
+    done = opid("simulate", "backbones", place, "--seed", 3, "--curves", 4, 3, "--points", 8, "--matrices", "mtx")
     assert (done.exit_code, done.stderr) == (0, "")
     assert f"Next: opid update {place / 'study.toml'} --truth {place / 'truth.json'}" in done.stdout
     return place
@@ -139,10 +162,20 @@ def test_a_simulation_writes_a_study_and_its_truth(simulated):
     assert truth["settings"]["curves"] == [4, 3]
 
 
-def test_the_same_seed_gives_the_same_files(simulated, tmp_path):
-    opid("simulate", "backbones", tmp_path, "--seed", 3, "--curves", 4, 3, "--points", 8)
-    for name in ("study.toml", "mode_7_curve_2.csv", "truth.json"):
-        assert (tmp_path / name).read_bytes() == (simulated / name).read_bytes()
+def test_the_same_seed_gives_the_same_files_and_the_same_structure_in_any_format(simulated, tmp_path):
+    first = read_updating_study(simulated / "study.toml").structure
+    for kind, names in (("npz", ["structure.npz"]), ("mat", ["structure.mat"])):
+        place = tmp_path / kind
+        opid("simulate", "backbones", place, "--seed", 3, "--curves", 4, 3, "--points", 8, "--matrices", kind)
+        for name in ("mode_7_curve_2.csv", "truth.json"):
+            assert (place / name).read_bytes() == (simulated / name).read_bytes()
+        assert [path.name for path in place.iterdir() if path.suffix not in (".csv", ".json", ".toml")] == names
+        other = read_updating_study(place / "study.toml").structure
+        assert (other.dofs, other.sensors, other.joints) == (first.dofs, first.sensors, first.joints)
+        for one, same in ((first.mass, other.mass), *((first.parts[name], other.parts[name]) for name in first.parts)):
+            assert abs(one - same).max() == 0
+    files = sorted(path.name for path in simulated.iterdir() if path.suffix in (".mtx", ".npz", ".mat", ".txt"))
+    assert files == ["dofs.txt", "mass.mtx", "part_E_aluminium.mtx", "part_E_steel.mtx", "stiffness.mtx"]
 
 
 def test_a_controlled_test_keeps_the_curves_that_reach_quadrature(tmp_path, monkeypatch):
@@ -179,15 +212,18 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
-    """From files to files: the true class stands first, and the truth within its interval and a linear error."""
-    monkeypatch.setattr("opid.report.updating_report.updating_pictures", lambda result, reduction: ())
+    """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
+    monkeypatch.setattr("opid.report.updating_report.updating_pictures", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])
     (simulated / "two.toml").write_text(chosen.replace("harmonics = [1, 3]", "harmonics = [1]"), encoding="utf-8")
     done = opid("update", simulated / "two.toml", "--truth", simulated / "truth.json", "--out", tmp_path,
-                "--samples", 1000)  # fmt: skip
+                "--samples", 1000, "--sampler", "ensemble")  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
+    told = " ".join(done.stdout.split())
+    assert "Reduction: 29 coordinates, modes with sensors and joints held: frequency of modes 7 and 8 off" in told
+    assert re.search(r"Reduction: 2\d coordinates \(\d directions? cut off\), free modes", told)
     assert "Best: class 2, ahead of class 1" in done.stdout
     result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     cubic = result["classes"][1]["coefficients"]["cubic_stiffness"]
@@ -195,4 +231,6 @@ def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     assert result["linear"]["parameters"]["E_steel"]["mean"] == pytest.approx(0.31, rel=0.05)
     assert result["classes"][1]["log_evidence"] - result["classes"][0]["log_evidence"] > 15
     assert max(result["reduction"]["relative"][:9]) < 1e-3
+    assert max(result["reduction_free"]["relative"][:15]) < 1e-8
     assert result["settings"]["harmonics"] == [1]
+    assert {each["diagnostics"]["sampler"] for each in result["classes"]} == {"ensemble"}

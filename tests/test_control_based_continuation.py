@@ -90,6 +90,30 @@ def test_quadrature_curves_are_periodic_orbits_for_scipy():
     assert curve.frequency_hz[-1] > 1.005 * curve.frequency_hz[0]
 
 
+def test_a_sensor_with_two_quadratures_keeps_to_one(wing):
+    # the drive point moves so little in the mode that it is in quadrature twice, 0.14 % of the frequency apart
+    asked = {"mode": 7, "sensor": "7", "controlled_sensor": "10"}
+    few, many = (quadrature_curve(wing, **asked, amplitude=np.linspace(2e-4, 4e-3, n)) for n in (11, 21))
+    assert few.converged.all()
+    assert many.converged.all()
+    np.testing.assert_allclose(many.frequency_hz[::2], few.frequency_hz, rtol=1e-9)
+    true = backbone(
+        wing.system, CUBIC, mode=7, sensor="10", amplitude=many.controlled_amplitude, harmonics=(1, 3, 5, 7)
+    )
+    off = many.frequency_hz / true.frequency_hz - 1.0
+    assert off[0] == pytest.approx(-0.00237, rel=0.01), "the quadrature of the linear structure that is nearest"
+    assert np.abs(np.diff(off)).max() < 1.2e-4, "no hop"
+    assert many.force[:, 0].real.min() > 0.0
+
+
+def test_quadrature_ends_where_two_of_them_merge(wing):
+    amplitude = np.linspace(2e-4, 2.5e-3, 11)
+    curve = quadrature_curve(wing, mode=8, sensor="1", controlled_sensor="10", amplitude=amplitude)
+    assert curve.converged[:9].all()
+    assert not curve.converged.all()
+    assert "no quadrature at '1'" in curve.reason
+
+
 def test_a_law_that_is_not_odd_needs_the_mean_and_tends_to_the_backbone():
     specimen = one_mass("even_quadratic_stiffness", stiffness_n_per_m2=2e6)
     every = range(6)
@@ -115,12 +139,24 @@ def test_the_time_domain_agrees_with_harmonic_balance_and_the_backbone_in_spite_
         np.testing.assert_allclose(there, np.abs(damped.harmonics[-1, tip, h - 1]), rtol=0.02)
 
 
-def test_levels_keep_their_promises(measured):
+def test_frequencies_hold_where_the_phase_hardly_tells_them(wing):
+    # where two quadratures of a sensor lie close, 5e-3 rad are 3e-5 of the frequency and more
+    asked = {"mode": 7, "sensor": "8", "controlled_sensor": "10"}
+    curve = measured_curve(wing, **asked, amplitude=[4e-4, 6e-4], rng=np.random.default_rng(3), noise=NOISE)
+    assert curve.converged.all(), curve.reason
+    exact = quadrature_curve(wing, **asked, amplitude=curve.controlled_amplitude)
+    np.testing.assert_allclose(curve.frequency_hz, exact.frequency_hz, rtol=3e-5)
+
+
+def test_levels_keep_their_promises(wing, measured):
     settings = ContinuationSettings()
     assert np.abs(measured.phase_error_rad).max() <= settings.phase_tolerance_rad
     assert np.abs(measured.controlled_amplitude / AMPLITUDE - 1.0).max() <= settings.amplitude_share
     assert measured.invasiveness[1:].max() < 0.01
     assert measured.harmonics.shape == (AMPLITUDE.size, 14, 7)
+    # what is out of phase with the mode belongs to others: left out, shapes are those of the backbone
+    true = backbone(wing.system, CUBIC, mode=7, sensor="10", amplitude=measured.controlled_amplitude, harmonics=(1, 3))
+    np.testing.assert_allclose(measured.amplitude, true.shapes, atol=0.006 * AMPLITUDE[-1])
     # the pylons of the first mode move against one another
     signs = np.sign(measured.amplitude[-1, [9, 10, 12, 13]])
     assert signs.tolist() == [1.0, 1.0, -1.0, -1.0]
@@ -167,9 +203,21 @@ def test_feedback_of_the_drive_point_alone_and_through_a_shaker(shaker):
     np.testing.assert_allclose(curve.frequency_hz, exact.frequency_hz, rtol=1e-4)
 
 
+@pytest.mark.parametrize("cubic", [4e6, -2e6], ids=["hardening", "softening"])
+def test_hardening_and_softening_modes_are_held(cubic):
+    specimen = two_masses(damping_ratio=0.003, cubic=cubic)
+    asked = {"mode": 2, "sensor": "b", "controlled_sensor": "b"}
+    levels = np.linspace(2e-3, 1.4e-2, 9)
+    curve = measured_curve(specimen, **asked, amplitude=levels, rng=np.random.default_rng(2), noise=NOISE)
+    assert curve.converged.all(), curve.reason
+    exact = quadrature_curve(specimen, **asked, amplitude=curve.controlled_amplitude)
+    np.testing.assert_allclose(curve.frequency_hz, exact.frequency_hz, rtol=3e-5)
+    assert abs(curve.frequency_hz[-1] / curve.frequency_hz[0] - 1) > 0.02
+
+
 def test_the_closed_loop_is_the_one_of_scipy():
     specimen = two_masses(drive="a")
-    loop = closed_loop(specimen, 1, damping_ratio=0.3, proportional_n_per_m=500.0)
+    loop = closed_loop(specimen, 1, damping_ratio=0.3, stiffness_share=0.02)
     p, d = loop.gains
     row = specimen.drive_row
 
@@ -194,6 +242,15 @@ def test_the_modal_reading_stirs_no_mode_up(wing):
     assert (reading * row).min() > -1e-9 * row[6] ** 2
     others = np.delete(reading * row, 6)
     assert others.sum() < 0.2 * np.delete(row**2, 6).sum(), "it reads less of the other modes than the drive point does"
+
+
+def test_feedback_stiffens_and_damps_the_mode_by_what_is_asked():
+    specimen = two_masses()
+    loop = closed_loop(specimen, 1, damping_ratio=0.05, stiffness_share=0.01)
+    row, place = specimen.drive_row, 0
+    omega = 2 * np.pi * specimen.system.frequency_hz[place]
+    added = np.array(loop.gains) * row[place] * loop.reading[place]
+    np.testing.assert_allclose(added, [2 * 0.01 * omega**2, 2 * 0.05 * omega])
 
 
 def test_phase_errors_are_positive_below_resonance():
@@ -271,7 +328,7 @@ def test_modes_that_nothing_can_drive_are_refused():
     [
         ({"record_periods": 0}, "whole number"),
         ({"phase_tolerance_rad": -1.0}, "positive number"),
-        ({"proportional_n_per_m": -1.0}, "0 or more"),
+        ({"feedback_stiffness": -1.0}, "0 or more"),
         ({"samples_per_period": 16}, "four times as many"),
     ],
 )

@@ -5,7 +5,8 @@ import pytest
 from scipy import integrate, sparse, stats
 
 from opid.errors import InputError
-from opid.updating.linear_updating import linear_data, log_likelihood, log_posterior, update_linear
+from opid.updating.linear_likelihood import linear_data, log_likelihood, log_posterior
+from opid.updating.linear_updating import update_linear
 from opid.updating.maximum import maximum_a_posteriori
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
@@ -36,16 +37,20 @@ def true_modes():
     return eigenvalue, shapes[wing().sensor_places]
 
 
-def measured(rng, *, counts=COUNTS, cov=COV, shape_std=0.01, hardening=1e-4):
-    """Curves of the wing with offsets of their own in eigenvalue and shape, hardening with the square of amplitude."""
+def measured(rng, *, counts=COUNTS, cov=COV, shape_std=0.01, hardening=1e-4, linear_error=0.0):
+    """Curves of the wing with offsets of their own in eigenvalue and shape, hardening with the square of amplitude.
+
+    All those of a mode have one more relative error of the frequency in common.
+    """
     eigenvalue, shapes = true_modes()
     curves = []
     for mode, n_sets in counts.items():
         level = np.linspace(1.0, 20.0, 12)
+        true = eigenvalue[mode - 1] * (1 + (linear_error * rng.standard_normal() if linear_error else 0.0)) ** 2
         for k in range(n_sets):
             shape = shapes[:, mode - 1] / np.linalg.norm(shapes[:, mode - 1])
             shape = shape + shape_std * rng.standard_normal(shape.size)
-            value = eigenvalue[mode - 1] * (1 + cov[mode] * rng.standard_normal()) * (1 + hardening * level**2)
+            value = true * (1 + cov[mode] * rng.standard_normal()) * (1 + hardening * level**2)
             amplitude = 2e-4 * level[:, None] * shape
             name = f"mode {mode}, {k}"
             curves.append(MeasuredBackbone(name, mode, "10", np.sqrt(value) / (2 * np.pi), amplitude, wing().sensors))
@@ -130,6 +135,71 @@ def test_an_unknown_scatter_is_integrated_out():
         assert found[row] == pytest.approx(np.log(total), abs=1e-3)
 
 
+SETS = [
+    curve(2, hz, [1.0, -1.0 - 0.02 * k, 0.3 + 0.01 * k**2], name=str(k), sensors=("a", "b", "c"))
+    for k, hz in enumerate([5.0, 5.1, 4.95, 5.02])
+]
+
+
+def three_springs():
+    stiffness = 400.0 * np.eye(3) + 300.0 * np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    between = sparse.csr_matrix(50.0 * np.diag([1.0, 0.0, 0.0]))
+    return AffineStructure(np.eye(3), stiffness, {"between": between}, ("a", "b", "c"), ("a", "b", "c"), {})
+
+
+@cache
+def three_springs_model():
+    return ritz_model(three_springs(), box={"between": (0.5, 2.0)}, modes=[2])
+
+
+def with_common_errors(cov, shape_std, theta):
+    given = {"common_error": 0.01, "common_shape_error": 0.05}
+    data = linear_data(three_springs(), SETS, cov=cov, shape_std=shape_std, **given)
+    return log_likelihood(data, three_springs_model(), theta)
+
+
+def test_an_error_that_all_curves_share_stands_in_every_entry_of_their_covariance():
+    theta = np.array([[0.6], [1.0], [1.7]])
+    found = with_common_errors(0.02, 0.03, theta)
+    values = np.array([one.eigenvalue[0] for one in SETS])
+    shapes = np.array([one.amplitude[0] / np.linalg.norm(one.amplitude[0]) for one in SETS])
+    shared = np.ones((4, 4))
+    for row, (between,) in enumerate(theta):
+        eigenvalue, modes = lowest_modes(np.eye(3), three_springs().stiffness_at({"between": between}), 3)
+        covariance = np.diag((0.02 * values) ** 2) + (0.02 * values.mean()) ** 2 * shared
+        expected = stats.multivariate_normal.logpdf(values, np.full(4, eigenvalue[1]), covariance)
+        # the part of the shapes across that of the model, in two directions at right angles to it
+        across = np.linalg.svd(modes[:, [1]])[0][:, 1:].T @ (shapes * np.sign(shapes @ modes[:, [1]])).T
+        covariance = 0.03**2 * np.eye(4) + 0.05**2 * shared
+        expected += stats.multivariate_normal.logpdf(across, np.zeros(4), covariance).sum()
+        assert found[row] == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_unknown_scatter_beside_a_common_error_is_integrated_out():
+    theta = np.array([[0.6], [1.7]])
+    logs = np.linspace(np.log(1e-3), np.log(20.0), 80)
+    for place in (0, 1):
+
+        def at(level, place=place):
+            return with_common_errors(*((level, 0.03) if place == 0 else (0.02, level)), theta)
+
+        density = np.exp([at(float(np.exp(each))) for each in logs])
+        np.testing.assert_allclose(at("inferred"), np.log(integrate.trapezoid(density, logs, axis=0)), atol=1e-3)
+
+
+def test_more_curves_do_not_reduce_a_common_error():
+    widths = []
+    for factor in (1, 9):
+        counts = {mode: factor * n for mode, n in COUNTS.items()}
+        curves = measured(np.random.default_rng(4), counts=counts)
+        data = linear_data(wing(), curves, cov=COV, shape_std=10.0, common_error=0.004)
+        peak = maximum_a_posteriori(log_posterior(data, wing_model(), PRIORS), TRUTH, tolerance=1e-6)
+        widths.append(np.sqrt(np.diag(peak.covariance)) / TRUTH)
+    assert (widths[1] > 0.9 * widths[0]).all()
+    # lambda of both modes follows the steel by 0.87 and 0.98, with the errors of both
+    assert widths[1][1] == pytest.approx(0.0085, rel=0.3)
+
+
 def test_scatter_is_that_of_the_curves():
     rng = np.random.default_rng(8)
     curves = measured(rng, counts={7: 400}, shape_std=0.003)
@@ -188,15 +258,23 @@ def test_the_same_seed_gives_the_same_posterior():
     assert not once.warnings
 
 
-def covered(cov, shape_std, n_seeds, *, counts=COUNTS):
+def covered(cov, shape_std, n_seeds, *, counts=COUNTS, linear_error=0.0, common_error=0.0):
     """Share of seeds whose standardised errors lie within 1.96, by parameter, with the curvature at the maximum."""
     hits = []
     for seed in range(n_seeds):
-        curves = measured(np.random.default_rng(seed), counts=counts, hardening=1e-6)
-        density = log_posterior(linear_data(wing(), curves, cov=cov, shape_std=shape_std), wing_model(), PRIORS)
+        rng = np.random.default_rng(seed)
+        curves = measured(rng, counts=counts, hardening=1e-6, linear_error=linear_error)
+        data = linear_data(wing(), curves, cov=cov, shape_std=shape_std, common_error=common_error)
+        density = log_posterior(data, wing_model(), PRIORS)
         peak = maximum_a_posteriori(density, TRUTH, support=[(0.1, 2.0)] * 2, tolerance=1e-6)
         hits.append(np.abs(peak.theta - TRUTH) < 1.96 * np.sqrt(np.diag(peak.covariance)))
     return np.mean(hits, axis=0)
+
+
+def test_intervals_hold_an_error_that_all_curves_share():
+    assert (covered("inferred", "inferred", 16, linear_error=0.004) < 0.8).any()
+    share = covered("inferred", "inferred", 16, linear_error=0.004, common_error=0.004)
+    assert (share > 0.78).all()  # three standard deviations below 0.95
 
 
 def test_intervals_of_known_noise_cover_the_truth():
@@ -227,6 +305,18 @@ def test_what_is_to_be_doubted_is_told():
     assert "error that its parameters cannot mend" in told
 
 
+def test_a_mode_that_is_missed_by_no_more_than_the_common_error_is_not_doubted():
+    curves = [curve(2, hz, [1, -1], name=str(hz)) for hz in (5.0, 5.001, 5.002)]
+    given = {"priors": {"wall": Prior("uniform", 0.97, 1.0)}, "cov": 2e-4, "n_samples": 100, "shape_std": 0.01}
+    structure, told = two_springs(), []
+    between = {"wall": structure.parts["wall"]}
+    one = AffineStructure(structure.mass, 0.97 * structure.parts["between"], between, ("a", "b"), ("a", "b"), {})
+    for error in (0.0, 0.01):
+        found = update_linear(one, curves, rng=np.random.default_rng(1), common_error=error, **given)
+        told.append(any("error that its parameters cannot mend" in warning for warning in found.warnings))
+    assert told == [True, False]
+
+
 def test_lowest_points_that_are_nonlinear_are_told():
     rng = np.random.default_rng(1)
     found = update_linear(
@@ -245,6 +335,8 @@ def test_lowest_points_that_are_nonlinear_are_told():
         ([curve(1, 3.0, [1, 1])], {"cov": {3: 0.1}}, "cov names mode 3, of which there is no backbone"),
         ([curve(1, 3.0, [1, 1])], {"cov": "guess"}, "cov is 'guess'"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "weights": {1: -1.0}}, "the weight of mode 1 is -1.0"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "common_error": -0.1}, "common_error is -0.1: give 0 or more"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "common_shape_error": np.nan}, "common_shape_error is nan"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": "paper?"}, "shape_std is 'paper"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": "scatter"}, "no scatter between curves: give shape_std"),
         ([curve(1, 3.0, [1, 1], sensors=("a", "c"))], {"cov": 0.1}, "has the sensor 'c', which the structure does not"),

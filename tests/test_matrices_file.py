@@ -164,6 +164,40 @@ def test_bad_matrices_are_told(tmp_path, changes, message):
         read_structure(npz(tmp_path, **changes))
 
 
+def test_all_faults_of_matrices_are_told_at_once(tmp_path):
+    wrong = {
+        "mass": np.where(MASS == 3, 0, MASS),
+        "stiffness": one_sided(SOFT + PART),
+        "part_E": PART[:4],
+        "part_F": SOFT[:5, :5],
+        "maas": MASS,
+        "sensors": np.array(["1 UX", "7 UX", "8 UX"]),
+        "joints": np.array([["link", "2 UX", "5 UY"], ["loop", "2 UX", "2 UX"]]),
+    }
+    file = npz(tmp_path, **wrong)
+    with pytest.raises(InputError) as caught:
+        read_structure(file, parameters=["G"])
+    message = str(caught.value)
+    assert message.startswith(f"{file}: 10 faults: (1) ")
+    for words in (
+        "mass of '3 UX' is not positive", "stiffness matrix is not symmetric", "'part_E' has shape (4, 6)",
+        "'part_F' has shape (5, 5) and 'mass' (6, 6)", "'maas' is no matrix that is known", "'7 UX'", "'8 UX'",
+        "joint 'link' names the degree of freedom '5 UY'", "between '2 UX' and itself", "no matrix 'part_G'",
+    ):  # fmt: skip
+        assert words in message
+
+
+def test_all_files_that_cannot_be_read_are_told_at_once(tmp_path):
+    np.save(tmp_path / "m.npy", MASS)
+    files = {"mass": tmp_path / "m.npy", "stiffness": tmp_path / "k.mtx", "part_E": tmp_path / "e.xls"}
+    with pytest.raises(InputError) as caught:
+        read_structure(files, sensors=["9"], joints={})
+    message = str(caught.value)
+    assert message.startswith("the matrices: 3 faults: ")
+    for words in ("there is no file", "e.xls is of no format", "'9', which is not there"):
+        assert words in message
+
+
 def test_bad_files_are_told(tmp_path):
     (tmp_path / "cut.npz").write_bytes(npz(tmp_path).read_bytes()[:200])
     (tmp_path / "text.mat").write_text("no MATLAB file at all" * 20)

@@ -6,11 +6,13 @@ import matplotlib
 import numpy as np
 import pytest
 from made_updating import CUBIC, SENSORS, small_bands, small_linear, small_measured, small_updating
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 
 from opid import plots
 from opid.errors import InputError
 from opid.plots import ForceBand
-from opid.plots.style import VERMILION
+from opid.plots.style import RUN_COLORS, VERMILION
 from opid.updating.reduction import ReductionErrors
 
 
@@ -32,9 +34,17 @@ def forces():
     return plots.joint_forces(z, bands, best="b", truth=CUBIC * z**3, reached={1: 4e-3, 2: 2.5e-3})
 
 
+def errors_of(method="fixed", order=None):
+    """Fifteen modes, each reduced worse than the one before; in another order where one is given."""
+    number = np.arange(1, 16)
+    hz, relative = 10.0 * (number - 1), 1e-9 * 3.0 ** (number - 1) - 1e-9
+    nearest = number if order is None else np.array(order)
+    mac = np.where(nearest == number, 1 - relative, 0.0)
+    return ReductionErrors(hz, hz * (1 + relative), relative, mac, nearest, 1 - relative, method, 20)
+
+
 def modes_of_reduction():
-    hz, relative = np.arange(15) * 10.0, 1e-9 * 3.0 ** np.arange(15) - 1e-9
-    return plots.reduction_figure(ReductionErrors(hz, hz * (1 + relative), relative, 1 - relative))
+    return plots.reduction_figure(errors_of(), free=errors_of("free"))
 
 
 DRAWN = {
@@ -59,7 +69,7 @@ def test_every_figure_draws_with_labels(name):
         assert lowest.get_xlabel()
 
 
-@pytest.mark.parametrize("n_parameters", [1, 2, 3, 7])
+@pytest.mark.parametrize("n_parameters", [1, 2, 7])
 def test_samples_of_any_number_of_parameters_are_drawn(n_parameters):
     labels = [f"θ{k}" for k in range(n_parameters)]
     grid = plots.parameter_samples(samples(400, n_parameters), labels)
@@ -68,6 +78,17 @@ def test_samples_of_any_number_of_parameters_are_drawn(n_parameters):
     assert grid[-1, -1].get_xlabel() == labels[shown - 1]
     assert len(axes_of(grid)) == shown * (shown + 1) // 2
     assert plots.running_moments(samples(400, n_parameters), labels).shape == (shown, 2)
+
+
+def test_histogram_and_gaussian_are_densities():
+    """Also where one bin stands out, which would lift a Gaussian scaled to it."""
+    drawn = np.concatenate([samples(4000, 1), np.full((400, 1), 0.5)])
+    ax = plots.parameter_samples(drawn, ["a"])[0, 0]
+    assert sum(bar.get_height() * bar.get_width() for bar in ax.patches) == pytest.approx(1)
+    x, density = ax.lines[0].get_data()
+    assert np.trapezoid(density, x) == pytest.approx(1, abs=1e-3)
+    assert density.max() == pytest.approx(1 / np.sqrt(2 * np.pi) / drawn.std(), rel=1e-3)
+    assert ax.get_ylabel() == "density"
 
 
 def test_the_contours_hold_their_share_of_the_samples():
@@ -134,3 +155,74 @@ def test_evidences_near_and_far_are_within_the_axes(offsets):
     ax = plots.log_evidences(replace(result, classes=classes))
     low, high = ax.get_xlim()
     assert low < min(offset for offset in offsets if np.isfinite(offset)) <= 0 < high
+
+
+def bands_of(coefficients):
+    z = np.linspace(0, 4e-3, 80)
+    return z, [ForceBand(name, k * z**p, k * z**p, k * z**p) for name, (k, p) in coefficients.items()]
+
+
+def test_every_class_is_seen_where_curves_lie_on_each_other():
+    z, bands = bands_of({"a": (2e5, 2), "b": (1e8, 3), "c": (1e8, 3), "d": (1e8, 3), "e": (1.001e8, 3)})
+    ax = plots.joint_forces(z, bands, best="b", truth=bands[1].force)
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["a", "b (best)", "its 95 % band", "c", "d", "e", "truth"]
+    ax.get_legend().remove()  # it has the colours, too
+    canvas = FigureCanvasAgg(plots.figure_of(ax))
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    for color in RUN_COLORS[:5]:
+        # four share the length of a curve of some 700 pixels
+        assert (np.abs(pixels - 255 * np.array(to_rgb(color))).max(axis=-1) < 3).sum() > 50
+
+
+def test_joints_that_are_not_extended_and_laws_without_force_draw():
+    z = np.zeros(5)
+    ax = plots.joint_forces(z, [ForceBand(name, z, z, z) for name in "ab"], best="a", reached={1: 0.0})
+    plots.figure_of(ax).draw_without_rendering()
+
+
+def test_many_classes_and_no_best_one_draw():
+    z, bands = bands_of({f"class {k}": (1e8, 1 + k / 4) for k in range(14)})
+    ax = plots.joint_forces(z, bands, best="")
+    assert len(ax.get_legend().get_texts()) == 14
+    plots.figure_of(ax).draw_without_rendering()
+
+
+def test_modes_that_changed_places_have_the_mac_of_what_they_are():
+    order = [*range(1, 14), 15, 14]
+    grid = plots.reduction_figure(errors_of(), free=errors_of("free", order))
+    crosses = [line for line in grid[0, 1].lines if line.get_marker() == "x"]
+    assert [line.get_xdata().tolist() for line in crosses] == [[14, 15]]
+    assert crosses[0].get_ydata().min() > 0.9
+    assert [text.get_text() for text in grid[0, 0].get_legend().get_texts()] == [
+        "sensors and joints held",
+        "free modes",
+    ]
+    assert plots.reduction_figure(errors_of())[0, 1].get_legend() is None
+
+
+def test_a_band_with_missing_points_breaks_off():
+    band = small_bands(sensors=("10",))[0]
+    there = np.arange(band.amplitude.size) % 20 < 15
+    broken = replace(band, **{
+        name: np.where(there, getattr(band, name), np.nan) for name in ("frequency_hz", "low_hz", "high_hz")
+    })  # fmt: skip
+    ax = plots.predicted_backbones([broken], small_measured(), 1)[0, 0]
+    plots.figure_of(ax).draw_without_rendering()
+    (area,) = ax.collections
+    assert len(area.get_paths()) == 2
+    assert np.isnan(ax.lines[0].get_xdata()).sum() == 10
+    nothing = np.full(band.amplitude.size, np.nan)
+    lost = replace(band, frequency_hz=nothing, low_hz=nothing, high_hz=nothing, coverage=np.nan)
+    ax = plots.predicted_backbones([lost], small_measured(), 1)[0, 0]
+    plots.figure_of(ax).draw_without_rendering()
+    assert ax.get_title(loc="left") == "sensor 10"
+
+
+def test_curves_of_one_sensor_and_bands_of_one_sensor_are_named_once():
+    band = small_bands(sensors=("10",))[0]
+    grid = plots.predicted_backbones([band, band], small_measured() * 2, 1)
+    assert len(grid.ravel()) == 2
+    for ax in grid.ravel():
+        assert sorted(ax.get_legend_handles_labels()[1]) == ["95 % band", "measured", "predicted"]

@@ -9,7 +9,8 @@ from opid.updating import likelihood, posterior
 from opid.updating.likelihood import backbone_data
 from opid.updating.maximum import maximum_a_posteriori
 from opid.updating.model_class import Prior
-from opid.updating.posterior import density_of, update_class, wider
+from opid.updating.posterior import density_of, update_class
+from opid.updating.prior_sensitivity import wider
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +88,22 @@ def test_every_sampler_finds_the_same(data, cubic, sampler):
     if sampler == "transitional":
         stages = found.evidences[-1]
         assert abs(stages.log_evidence - cubic.log_evidence) < 4 * stages.std
+
+
+def test_the_transitional_sampler_tells_its_progress_and_walkers_are_enough(data):
+    shares = []
+    found = update_class(
+        data, made.CUBIC, rng=np.random.default_rng(3), sampler="transitional", n_samples=1000, evidences=("laplace",),
+        progress=shares.append,
+    )  # fmt: skip
+    assert found.diagnostics.sampler == "transitional"
+    assert shares == sorted(shares)
+    assert len(shares) > 2
+    assert shares[-1] == 1.0
+    found = update_class(
+        data, made.CUBIC, rng=np.random.default_rng(3), sampler="ensemble", n_samples=1000, evidences=("laplace",)
+    )
+    assert found.samples.shape == (904, 1)  # 8 walkers, 113 each
 
 
 def test_a_density_with_steps_still_has_a_peak(data, cubic, monkeypatch):

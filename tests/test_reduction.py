@@ -61,6 +61,31 @@ def test_beyond_the_kept_modes_the_reduction_grows_worse():
 
 
 @pytest.mark.parametrize("method", ["fixed", "free"])
+def test_modes_that_change_places_are_recognised(method):
+    """Modes 18 to 20 of the wing lie within 2 % of each other, and the reduction lifts them differently."""
+    reduced = craig_bampton(wing(), UPDATED, method=method)
+    errors = reduction_errors(wing(), reduced, 20, factors=UPDATED)
+    assert sorted(errors.nearest) == list(range(1, 21))
+    moved = errors.nearest != np.arange(1, 21)
+    assert set(errors.nearest[moved]) <= {18, 19, 20}
+    assert moved.any()
+    assert (errors.mac[moved] < 0.1).all()
+    assert (errors.nearest_mac > 0.9).all()
+    np.testing.assert_array_equal(errors.nearest_mac[~moved], errors.mac[~moved])
+    assert (errors.method, errors.n_dof, errors.n_cut) == (method, reduced.n_dof, 29 - reduced.n_dof)
+
+
+def test_a_mode_that_is_like_none_has_no_nearest_one():
+    structure = chain()
+    reduced = craig_bampton(structure, n_modes=0)
+    errors = reduction_errors(structure, reduced, reduced.n_dof)
+    lost = errors.nearest == 0
+    assert lost.any()
+    assert (errors.nearest_mac[lost] < 0.5).all()
+    assert (errors.nearest_mac[~lost] >= 0.5).all()
+
+
+@pytest.mark.parametrize("method", ["fixed", "free"])
 def test_with_all_modes_nothing_is_lost(method):
     structure = chain()
     n_modes = 25 if method == "fixed" else 30

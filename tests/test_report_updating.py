@@ -1,17 +1,32 @@
 """An updating as text, JSON and page."""
 
 import json
+import sys
 from dataclasses import replace
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from made_updating import CUBIC, small_system, small_truth, small_updating
 
 from opid.errors import InputError
+from opid.mechanics.jointed_modes import JointedModes
 from opid.report import read_updating_truth, updating_json, updating_text, write_updating_report
 from opid.report.as_json import json_text
-from opid.report.updating_pictures import reached_extension
-from opid.report.updating_tables import best_sentence, class_table, coefficient_estimates, doubts_of, tables
+from opid.report.updating_chains import write_chains
+from opid.report.updating_coverage import coverage_note, coverage_table
+from opid.report.updating_pictures import reached_extension, updating_pictures
+from opid.report.updating_reduction import order_sentences, reduction_sentences
+from opid.report.updating_tables import (
+    basis,
+    best_sentence,
+    class_table,
+    coefficient_estimates,
+    doubts_of,
+    tables,
+)
 from opid.updating.reduction import ReductionErrors
 from opid.updating.result import Evidence
 
@@ -130,13 +145,133 @@ def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path, monkey
 
 def test_what_the_reduction_leaves_out_is_drawn_and_kept_where_it_is_given(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")
-    errors = ReductionErrors(np.array([0.0, 14.65]), np.array([0.0, 14.66]), np.array([0.0, 7e-4]), np.ones(2))
+    errors = errors_of([0.0, 7e-4], [1, 2])
+    free = errors_of([0.0, 0.0], [2, 1], method="free", n_cut=1)
     few = replace(result, linear=None, classes=(), measured=(), prediction=())
-    write_updating_report(few, tmp_path, reduction=errors)
+    write_updating_report(few, tmp_path, reduction=errors, free=free)
     assert [path.name for path in tmp_path.glob("*.png")] == ["reduction.png"]
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert document["reduction"]["relative"] == [0.0, 7e-4]
-    assert updating_json(result)["reduction"] is None
+    assert document["reduction_free"]["nearest"] == [2, 1]
+    assert "With free modes the order changes: mode 1 is the whole structure" in (tmp_path / "report.html").read_text(
+        encoding="utf-8"
+    )
+    assert updating_json(result)["reduction"] is updating_json(result)["reduction_free"] is None
+
+
+def errors_of(relative, nearest, **others):
+    number, relative = np.arange(1, len(relative) + 1), np.array(relative)
+    mac = np.where(np.array(nearest) == number, 1.0, 0.0)
+    return ReductionErrors(
+        10.0 * number, 10.0 * number * (1 + relative), relative, mac, np.array(nearest),
+        np.where(np.array(nearest) > 0, 0.97, 0.3), **{"n_dof": 29, **others},
+    )  # fmt: skip
+
+
+def test_the_text_says_what_the_reduction_keeps(result):
+    held = errors_of([1e-7, 2e-6, 1e-4, 0.02, 0.001], [1, 2, 3, 5, 4])
+    free = errors_of([1e-9, 3e-9], [1, 2], method="free", n_dof=28, n_cut=1)
+    told = reduction_sentences(result, held, free)
+    assert told == (
+        "29 coordinates, modes with sensors and joints held: frequency of modes 1 and 2 off by at most 0.0002 %, "
+        "modes 1 to 3 by less than 1 %",
+        "28 coordinates (1 direction cut off), free modes (the paper's words): frequency of modes 1 and 2 off by at "
+        "most 3e-07 %, modes 1 to 2 by less than 1 %",
+    )
+    text = updating_text(result, reduction=told)
+    assert text.count("Reduction: ") == 2
+    assert max(len(line) for line in text.splitlines()) <= 80
+
+
+def test_a_small_mac_is_explained_by_what_is_true():
+    assert order_sentences(errors_of([0.0, 0.0], [1, 2]), None) == ()
+    (moved,) = order_sentences(errors_of([0.0] * 3, [1, 3, 2]))
+    assert "mode 2 is the whole structure's mode 3, mode 3 is the whole structure's mode 2 (crosses: MAC" in moved
+    (lost,) = order_sentences(errors_of([0.0] * 3, [1, 0, 3], method="free"))
+    assert lost == "with free modes the shape of mode 2 is like no single one of the 3 compared"
+    (many,) = order_sentences(errors_of([0.0] * 8, [8, 7, 6, 5, 4, 3, 2, 1]))
+    assert "and 4 more" in many
+
+
+def test_one_of_each_is_told_in_the_singular(result):
+    curve = result.measured[0]
+    one = replace(
+        curve, frequency_hz=curve.frequency_hz[:3], amplitude=curve.amplitude[:3, :2], sensors=curve.sensors[:2]
+    )
+    system = small_system()
+    alone = JointedModes(system.eigenvalue[:1], system.at_sensors[:1, :1], system.at_joints[:1, :1], ("9",), ("left",))
+    told = basis(replace(result, measured=(one,), system=alone))
+    assert told.startswith("1 backbone (1 of mode 1), 3 points, 1 sensor, 1 joint, 1 mode kept;")
+
+
+def test_the_coverage_is_said_to_be_that_of_fitted_points(result):
+    text = " ".join(updating_text(result).split())
+    assert "The class was fitted to these points" in text
+    assert "is no test on new data" in text
+
+
+def test_missing_points_of_a_band_are_counted_and_null(result):
+    first, *others = result.prediction
+    gap = np.where(np.arange(first.amplitude.size) < 3, np.nan, first.frequency_hz)
+    broken = replace(result, prediction=(replace(first, frequency_hz=gap, low_hz=gap, high_hz=gap), *others))
+    assert "has no frequency" not in coverage_note(result)
+    assert "The band of mode 1 has no frequency at 3 of its 40 amplitudes" in " ".join(updating_text(broken).split())
+    band = json.loads(json_text(updating_json(broken)))["prediction"][0]
+    assert band["frequency_hz"][:4] == [None, None, None, pytest.approx(first.frequency_hz[3])]
+    assert "Where it breaks off" in updating_pictures(broken)[-2].text
+    assert "Where it breaks off" not in updating_pictures(broken)[-1].text
+
+
+def test_bands_of_one_mode_and_sensor_share_a_cell(result):
+    band = next(each for each in result.prediction if each.sensor == "10" and each.mode == 1)
+    several = replace(result, prediction=(band, replace(band, coverage=0.5), replace(band, mode=2, coverage=np.nan)))
+    assert coverage_table(several) == [("within the band", "mode 1", "mode 2"), ("sensor 10", "94 %, 50 %", "-")]
+
+
+def test_the_forces_of_joints_that_the_tests_do_not_move_are_drawn(result):
+    system = small_system()
+    still = replace(system, at_joints=np.zeros_like(system.at_joints))
+    picture = next(each for each in updating_pictures(result) if each.name == "joint_forces")
+    picture.draw(replace(result, system=still), None)
+
+
+class Groups:
+    """What ArviZ returns, as far as it is asked."""
+
+    def __init__(self, posterior, sample_stats):
+        self.posterior, self.sample_stats = posterior, sample_stats
+
+    def to_netcdf(self, path):
+        shapes = {name: np.shape(values) for name, values in self.posterior.items()}
+        Path(path).write_text(f"{shapes} {np.isfinite(self.sample_stats['lp']).all()}", encoding="utf-8")
+
+
+@pytest.fixture
+def arviz(monkeypatch):
+    module = ModuleType("arviz")
+    module.__version__, module.from_dict = "0.23.4", lambda **groups: Groups(**groups)
+    module.__spec__ = ModuleSpec("arviz", None)
+    monkeypatch.setitem(sys.modules, "arviz", module)
+    return module
+
+
+def test_chains_are_written_one_file_a_posterior(result, arviz, tmp_path):
+    files = write_chains(result, tmp_path / "new")
+    assert [path.name for path in files] == ["chains_linear.nc", *(f"chains_class_{k}.nc" for k in (1, 2, 3))]
+    assert "'E_aluminium': (1, 3000)" in files[0].read_text(encoding="utf-8")
+    assert files[3].read_text(encoding="utf-8") == "{'theta_1': (1, 2000), 'theta_2': (1, 2000)} False"
+
+
+def test_without_arviz_or_its_writer_chains_are_refused_in_a_sentence(result, arviz, tmp_path, monkeypatch):
+    def to_netcdf(self, path):
+        raise ValueError("no suitable backend")
+
+    monkeypatch.setattr(Groups, "to_netcdf", to_netcdf)
+    with pytest.raises(InputError, match=r"no suitable backend\): pip install h5netcdf"):
+        write_chains(result, tmp_path)
+    monkeypatch.setattr("opid.report.updating_chains.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"ArviZ, which writes chains, is not installed: pip install 'opid\[bayes\]'"):
+        write_chains(result, tmp_path)
 
 
 def test_a_warning_of_a_part_is_told_once(result):

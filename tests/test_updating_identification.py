@@ -1,13 +1,15 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import made_backbones as made
 import numpy as np
 import pytest
 
 from opid.errors import InputError, NotDeterminedError
-from opid.updating import posterior
+from opid.updating import identification, posterior
 from opid.updating.identification import update_study
 from opid.updating.model_class import ModelClass, Prior
+from opid.updating.noise_settings import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH, NoiseSettings
 from opid.updating.study import UpdatingStudy
 
 BOUNDS = Prior("uniform", 0.3, 3.0)
@@ -65,6 +67,51 @@ def test_both_phases_from_matrices():
     assert found.linear.best == pytest.approx([1.0, 1.02], abs=0.03)
     assert found.system.frequency_hz[1:3] == pytest.approx(true.frequency_hz[1:3], rel=0.006)
     assert found.classes[0].estimates["theta_1"].value == pytest.approx(made.TRUTH, rel=0.05)
+    # an error of 0.4 % of all frequencies is one of 0.8 % of the stiffness, whatever the curves say
+    assert all(estimate.std > 0.004 for estimate in found.linear.estimates.values())
+    growth = found.settings["noise"]["linear_error_growth"]
+    assert set(growth) == {"2", "3"}
+    assert all(0 < value != LINEAR_ERROR_GROWTH for value in growth.values())
+
+
+@pytest.mark.parametrize(
+    ("settings", "shared"),
+    [
+        ({}, 0.004),
+        ({"noise": NoiseSettings(linear_error=0.01)}, 0.01),
+        ({"noise": NoiseSettings(cov={2: 0.01, 3: 0.01})}, 0.004),
+        ({"form": "independent"}, 0.004),
+        ({"form": "paper"}, 0.0),
+        ({"form": "literal"}, 0.0),
+    ],
+)
+def test_the_error_that_all_curves_share_is_part_of_phase_i_but_in_the_papers_forms(monkeypatch, settings, shared):
+    def told(*_, common_error=0.0, **others):
+        raise NotDeterminedError(f"common error {common_error}")
+
+    monkeypatch.setattr(identification, "update_linear", told)
+    given = study(structure=made.structure(), parameters={"plate": BOUNDS}, n_internal=0, **settings)
+    with pytest.raises(NotDeterminedError, match=f"common error {shared}"):
+        update_study(given)
+
+
+def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from_phase_i(monkeypatch):
+    names, best = ("plate", "leaves"), np.ones(2)
+    given = {"structure": made.structure(), "parameters": dict.fromkeys(names, BOUNDS), "n_internal": 0}
+    given["classes"] = (made.CUBIC,)
+    growths = []
+    for noise, std in (
+        (NoiseSettings(linear_error_growth=0.2), 0.01),
+        (NoiseSettings(), 0.01),
+        (NoiseSettings(), 0.02),
+    ):
+        linear = SimpleNamespace(names=names, best=best, covariance=std**2 * np.eye(2), warnings=())
+        monkeypatch.setattr(identification, "update_linear", lambda *_, linear=linear, **__: linear)
+        found = update_study(study(noise=noise, **given))
+        growths.append(np.array(list(found.settings["noise"]["linear_error_growth"].values())))
+    np.testing.assert_array_equal(growths[0], 0.2)
+    first, second = (growth**2 - UNMENDED_GROWTH**2 for growth in growths[1:])
+    np.testing.assert_allclose(second, 4 * first)
 
 
 def test_a_class_without_backbones_is_left_out_with_a_reason(monkeypatch):

@@ -36,7 +36,8 @@ N_COMPARED = 20
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
 )
-def update(study: Path, out: Path | None, truth: Path | None, **settings: Any) -> None:
+@click.option("--chains", is_flag=True, help="Write the samples beside the report, too: netCDF files for ArviZ.")
+def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **settings: Any) -> None:
     """Update a structure with nonlinear joints from its backbones, and tell which law the joints have.
 
     First the linear parameters from the lowest points, then the coefficients of every candidate law with their
@@ -47,30 +48,42 @@ def update(study: Path, out: Path | None, truth: Path | None, **settings: Any) -
 
     from opid.report import read_updating_truth, updating_text, write_updating_report
     from opid.report.directory import require_directory
+    from opid.report.updating_chains import require_arviz, write_chains
+    from opid.report.updating_reduction import reduction_sentences
     from opid.updating.identification import update_study
     from opid.updating.study_file import read_updating_study
 
     target = require_directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_updating_truth(truth)
+    if chains:
+        require_arviz()
     given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
     with progress() as say:
         tests = replace(read_updating_study(study, progress=say), **given)
         result = update_study(tests, progress=say)
-        errors = _reduction(tests, result)
-        page = write_updating_report(result, target, known, reduction=errors, progress=say)
-    click.echo(updating_text(result, known))
+        reduction, free = _reductions(tests, result)
+        page = write_updating_report(result, target, known, reduction=reduction, free=free, progress=say)
+        files = write_chains(result, target) if chains else ()
+    told = () if reduction is None else reduction_sentences(result, reduction, free)
+    click.echo(updating_text(result, known, reduction=told))
     click.echo(f"Report: {page} (open it in a browser)")
+    for file in files:
+        click.echo(f"Chains: {file}")
     end(result)
 
 
-def _reduction(study: UpdatingStudy, result: Updating) -> ReductionErrors | None:
-    """How the reduced structure differs from the whole one; None where there was nothing to reduce."""
+def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors | None, ReductionErrors | None]:
+    """How both reduced structures differ from the whole one, the one that was used first; None with none to reduce."""
     from opid.updating.reduction import craig_bampton, reduction_errors
     from opid.updating.structure import AffineStructure
 
-    if not isinstance(study.structure, AffineStructure):
-        return None
-    linear = result.linear
+    structure, linear = study.structure, result.linear
+    if not isinstance(structure, AffineStructure):
+        return None, None
     factors = {} if linear is None else {n: float(v) for n, v in zip(linear.names, linear.best, strict=True)}
-    reduced = craig_bampton(study.structure, factors, n_modes=study.n_internal)
-    return reduction_errors(study.structure, reduced, min(N_COMPARED, reduced.n_dof), factors=factors)
+
+    def errors(method: str) -> ReductionErrors:
+        reduced = craig_bampton(structure, factors, n_modes=study.n_internal, method=method)
+        return reduction_errors(structure, reduced, min(N_COMPARED, reduced.n_dof), factors=factors)
+
+    return errors("fixed"), errors("free")

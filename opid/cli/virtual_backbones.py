@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -51,18 +51,33 @@ DRIVE, DAMPING_RATIO = "7", 0.003
     metavar="%",
     help="Of the linear frequencies of a synthetic set, standard deviation.",
 )
+@click.option(
+    "--matrices",
+    type=click.Choice(("npz", "mat", "mtx")),
+    default="npz",
+    show_default=True,
+    help="Files of the matrices: numpy's, MATLAB's, or one of Matrix Market for each.",
+)
 def backbones(
-    out: Path, by: str, seed: int, true_class: int, points: int, curves: tuple[int, int], linear_error: float
+    out: Path,
+    by: str,
+    seed: int,
+    true_class: int,
+    points: int,
+    curves: tuple[int, int],
+    linear_error: float,
+    matrices: Literal["npz", "mat", "mtx"],
 ) -> None:
     """Write backbones of the wing-engine structure, with known truth, into the directory OUT.
 
-    Makes structure.npz (nominal matrices with two factors to update), one CSV file a curve, study.toml for
-    `opid update` with the five classes of the paper, and truth.json.
+    Makes the nominal matrices with two factors to update, one CSV file a curve, study.toml for `opid update` with the
+    five classes of the paper, and truth.json.
     """
     import numpy as np
 
     from opid.report import updating_truth_json, write_updating_field_test
     from opid.report.directory import require_directory
+    from opid.report.updating_tables import counted
     from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
     from opid.updating.reduction import reduce
     from opid.updating.study import UpdatingStudy
@@ -93,8 +108,8 @@ def backbones(
         say("the files")
         told = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
         truth = updating_truth_json(true.law(theta), UPDATED, structure=told, settings=settings)
-        path = write_updating_field_test(study, out, truth=truth)
-    click.echo(f"{len(measured)} backbones: {told}")
+        path = write_updating_field_test(study, out, truth=truth, matrices=matrices)
+    click.echo(f"{counted(len(measured), 'backbone')}: {told}")
     click.echo(f"Next: opid update {path} --truth {out / 'truth.json'}")
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.laws import FloatArray
 from opid.mechanics.quadrature_curves import (
     ContinuationLevel,
     MeasuredCurve,
@@ -20,39 +19,24 @@ from opid.mechanics.quadrature_curves import (
     linear_start,
     phase_error,
 )
-from opid.mechanics.response import State, advance, state_at
-from opid.mechanics.shaker_feedback import ClosedLoop, closed_loop
+from opid.mechanics.response import State, state_at
+from opid.mechanics.shaker_feedback import (
+    ClosedLoop,
+    ReadingNoise,
+    Record,
+    closed_loop,
+    phase_noise,
+    recorded,
+)
 from opid.mechanics.structure import ComplexArray
-
-STEP = 2.0
-"""Of the fastest pole of the closed loop, rad: Runge-Kutta 4 stays bounded below 2.8, and what is slow is exact."""
 
 _WITHIN_NOISE = 5.0
 _MOST_FAILURES = 2
 _STEEPER = 4.0
-
-
-@dataclass(frozen=True)
-class ReadingNoise:
-    """White noise, independent in each sample and channel; by default none.
-
-    Args:
-        acceleration_m_per_s2: rms of the accelerometers, m/s^2.
-        force_n: rms of the force cell, N.
-        control_n: rms of what the feedback's own noise adds to the force, N; it shakes the structure.
-
-    Raises:
-        InputError: a level below 0.
-    """
-
-    acceleration_m_per_s2: float = 0.0
-    force_n: float = 0.0
-    control_n: float = 0.0
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            if not 0.0 <= getattr(self, each.name) < np.inf:
-                raise InputError(f"{each.name} of the noise is {getattr(self, each.name)}: give 0 or more")
+# levels that tell whether a mode hardens
+_N_TO_TELL = 2
+# rad: phases that lie closer tell no slope, as the response still moves a little
+_CLOSE_PHASES = 2e-3
 
 
 @dataclass(frozen=True)
@@ -62,12 +46,14 @@ class ContinuationSettings:
     Args:
         n_harmonics: harmonics that are recorded and whose control is taken away, the fundamental included.
         phase_tolerance_rad: phase error from quadrature that is accepted, radians (Song et al. 2021: 5e-3).
+        frequency_share: by how much the frequency may still have to move to quadrature, share of it. Where a sensor is
+            about to lose quadrature, 5e-3 rad are 2e-4 of the frequency.
         most_invasive: rms of the control's harmonics above the first over its first that is accepted.
         steady_share: a level has settled when no first harmonic moves by more than this share, or by more than its
             noise explains, from one block of periods to the next.
         settle_periods: periods of such a block.
-        record_periods: periods that are averaged for each record.
-        longest_periods: allowed for settling, for each record.
+        record_periods: periods that are averaged for each record; more where the noise would hide `frequency_share`.
+        longest_periods: allowed for settling, and for averaging, for each record.
         most_records: for each level.
         amplitude_share: how far the amplitude may lie from the one asked for.
         widest_share: how far the frequency may move from level to level, share of it.
@@ -75,10 +61,11 @@ class ContinuationSettings:
         feedback_damping: damping ratio that the feedback adds to the mode. Too little, and a change of the level leaves
             the branch where resonance curves fold; too much, and the feedback stirs up other modes, which the joints
             mix with this one at large amplitudes.
+        feedback_stiffness: share of its frequency by which the feedback stiffens a mode that hardens, or softens one
+            that softens, as its first two levels tell. Without it the structure leaves the branch where a sensor
+            reaches quadrature beyond the resonance.
         modal_filter: whether the feedback reads the mode through a filter over all sensors, or the drive point alone.
             Where the drive point moves in other modes more than in this one, its own motion can hardly hold the mode.
-        proportional_n_per_m: gain on the displacement that is read, N/m; the one on its velocity follows from
-            `feedback_damping`.
 
     Raises:
         InputError: a value out of range.
@@ -86,6 +73,7 @@ class ContinuationSettings:
 
     n_harmonics: int = 7
     phase_tolerance_rad: float = 5e-3
+    frequency_share: float = 1e-5
     most_invasive: float = 2e-3
     steady_share: float = 3e-4
     settle_periods: int = 10
@@ -95,14 +83,14 @@ class ContinuationSettings:
     amplitude_share: float = 0.02
     widest_share: float = 0.03
     samples_per_period: int = 64
-    feedback_damping: float = 0.015
+    feedback_damping: float = 0.008
+    feedback_stiffness: float = 0.003
     modal_filter: bool = True
-    proportional_n_per_m: float = 0.0
 
     def __post_init__(self) -> None:
         counts = ("n_harmonics", "settle_periods", "record_periods", "longest_periods", "most_records")
         for each in fields(self):
-            value, positive = getattr(self, each.name), each.name != "proportional_n_per_m"
+            value, positive = getattr(self, each.name), each.name != "feedback_stiffness"
             if each.name == "modal_filter":
                 continue
             whole = each.name in (*counts, "samples_per_period")
@@ -131,7 +119,8 @@ class _Standing:
     """Where structure and controller stand: target (n_harmonics + 1,) of the drive point, the mean first, m.
 
     The frequency moves by `slope_hz` for each unit of the phase error's tangent; `before` is the frequency and target
-    that the structure moves at, `held` the last amplitude, m.
+    that the structure moves at, `control_n` the last level's control, `held` its amplitude, m, `averaged` the periods
+    of a record, `done` amplitude, frequency and target of the last levels that converged.
     """
 
     state: State
@@ -139,17 +128,11 @@ class _Standing:
     target: ComplexArray
     slope_hz: float
     before: tuple[float, ComplexArray]
+    averaged: int
+    control_n: complex = 0.0
     held: float = 0.0
     periods: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class _Record:
-    """Harmonics of the mean of some periods: force (n,), sensors (n_sensors, n), control (n + 1,), its mean first."""
-
-    force: ComplexArray
-    sensors: ComplexArray
-    control: ComplexArray
+    done: tuple[tuple[float, float, ComplexArray], ...] = ()
 
 
 def measured_curve(
@@ -191,24 +174,27 @@ def measured_curve(
     _, force_n = linear_start(specimen, mode, controlled_sensor)
     chosen, system = settings or ContinuationSettings(), specimen.system
     watched = system.sensor(sensor), system.sensor(controlled_sensor)
-    loop = closed_loop(
-        specimen,
-        mode,
-        damping_ratio=chosen.feedback_damping,
-        proportional_n_per_m=chosen.proportional_n_per_m,
-        modal_filter=chosen.modal_filter,
-    )
-    bench = _Bench(loop, chosen, noise or ReadingNoise(), rng, watched)
+
+    def loop(stiffness_share: float) -> ClosedLoop:
+        damping, filtered = chosen.feedback_damping, chosen.modal_filter
+        return closed_loop(
+            specimen, mode, damping_ratio=damping, stiffness_share=stiffness_share, modal_filter=filtered
+        )
+
+    bench = _Bench(loop(0.0), chosen, noise or ReadingNoise(), rng, watched)
     standing, failures = _at_rest(bench, specimen, mode, force_n * wanted[0]), 0
     levels: list[ContinuationLevel] = []
     for a in wanted:
-        standing = _ahead(standing, [level for level in levels if level.converged], watched[1], float(a))
+        standing = _ahead(standing, float(a))
         try:
             level, standing = _level(bench, standing, float(a), sensor)
         except InputError as error:
             levels.append(_lost(bench, standing, float(a), str(error)))
             break
         levels.append(level)
+        if level.converged and len(standing.done) == _N_TO_TELL:
+            hardens = standing.done[-1][1] > standing.done[0][1]
+            bench, standing = _relooped(bench, standing, loop((1 if hardens else -1) * chosen.feedback_stiffness))
         failures = 0 if level.converged else failures + 1
         if failures == _MOST_FAILURES:
             break
@@ -225,51 +211,70 @@ def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _S
     modal = float(specimen.modal_damping[place] / specimen.drive_row[place] ** 2)
     target[1] = force_n * (1.0 / (1j * omega * modal) + 1.0 / (bench.loop.gains[0] + 1j * omega * bench.loop.gains[1]))
     slope = -float(specimen.zeta[place]) * frequency
-    return _Standing(state_at(bench.loop.ready), frequency, target, slope, (frequency, np.zeros_like(target)))
+    still = frequency, np.zeros_like(target)
+    return _Standing(state_at(bench.loop.ready), frequency, target, slope, still, bench.settings.record_periods)
 
 
-def _ahead(standing: _Standing, done: list[ContinuationLevel], column: int, wanted: float) -> _Standing:
-    """The target for the next amplitude, and the frequency as a polynomial of the last ones, over amplitude squared."""
-    if not done:
-        return standing
-    held = np.array([abs(level.sensors[column, 0]) for level in done[-3:]])
-    frequency = np.array([level.frequency_hz for level in done[-3:]])
+def _relooped(bench: _Bench, standing: _Standing, loop: ClosedLoop) -> tuple[_Bench, _Standing]:
+    """Another feedback, under which the structure moves on as it does."""
+    omega = 2.0 * np.pi * standing.frequency_hz
+    before, after = (p + 1j * omega * d for p, d in (bench.loop.gains, loop.gains))
     target = standing.target.copy()
-    target[1] *= wanted / standing.held
+    # beside the fundamental the control has nothing left that could change
+    target[1] += standing.control_n * (1.0 / after - 1.0 / before)
+    still = standing.frequency_hz, target
+    return replace(bench, loop=loop), replace(standing, target=target, before=still)
+
+
+def _ahead(standing: _Standing, wanted: float) -> _Standing:
+    """Frequency and target for the next amplitude, as polynomials of the last ones over amplitude squared."""
+    if not standing.done:
+        return standing
+    held = np.array([level[0] for level in standing.done])
     others = (held[:, None] ** 2 - held**2) + np.eye(held.size)
-    weights = (wanted**2 - held**2) + np.zeros((held.size, 1))
-    np.fill_diagonal(weights, 1.0)
-    return replace(standing, target=target, frequency_hz=float((weights / others).prod(axis=1) @ frequency))
+    apart = (wanted**2 - held**2) + np.zeros((held.size, 1))
+    np.fill_diagonal(apart, 1.0)
+    weights = (apart / others).prod(axis=1)
+    frequency = float(weights @ np.array([level[1] for level in standing.done]))
+    target = wanted * (weights / held) @ np.stack([level[2] for level in standing.done])
+    # the level itself is not to depend on the noise of three
+    target[1] = standing.target[1] * wanted / standing.held
+    return replace(standing, target=target, frequency_hz=frequency)
 
 
 def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tuple[ContinuationLevel, _Standing]:
     """Move target and frequency until one amplitude is held at quadrature without invasion."""
-    settings, begun, target = bench.settings, standing.frequency_hz, standing.target
+    settings, begun, before = bench.settings, standing.frequency_hz, standing
     points: list[tuple[float, float]] = []
     for n_records in range(1, settings.most_records + 1):
         record, standing, steady = _settled(bench, standing)
-        first, held = record.sensors[:, 0], abs(record.sensors[bench.watched[1], 0])
-        error = phase_error(record.force[0], first[bench.watched[0]])
+        frequency, held = standing.frequency_hz, abs(record.sensors[bench.watched[1], 0])
+        error = phase_error(record.force[0], record.sensors[bench.watched[0], 0])
         invasion = float(np.linalg.norm(np.delete(record.control, 1)) / abs(record.control[1]))
-        quadrature = abs(error) <= settings.phase_tolerance_rad
+        points.append((frequency, float(np.tan(error))))
+        standing, off = _judged(bench, standing, record, points, before.slope_hz)
+        quadrature = abs(error) <= settings.phase_tolerance_rad and off <= settings.frequency_share
         kept = invasion <= settings.most_invasive + _noise_floor(bench) / abs(record.control[1])
         near = abs(held / wanted - 1.0) <= settings.amplitude_share
-        # a phase at another amplitude is a point of another curve
-        points = [*(points if near else []), (standing.frequency_hz, np.tan(error))]
         if quadrature and kept and near and steady:
             break
-        away = abs(standing.frequency_hz / begun - 1.0) > settings.widest_share
+        away = abs(frequency / begun - 1.0) > settings.widest_share
         if away and not quadrature:
             break
-        last = n_records == settings.most_records
-        standing = standing if last else _moved(bench, standing, record, points, 1.0 if near else wanted / held)
+        if n_records < settings.most_records:
+            standing = _moved(bench, standing, record, points[-1][1], 1.0 if near else wanted / held)
+        # a phase at another amplitude is a point of another curve
+        points = points if near else []
     converged = bool(quadrature and kept and near and steady)
-    reason = "" if converged else _reason(bench, sensor, begun, error, invasion, held / wanted, away)
-    found = points[-1][0], record.force, record.sensors, error, invasion
+    reason = "" if converged else _reason(bench, sensor, begun, error, off, invasion, held / wanted, away)
+    found = frequency, record.force, record.sensors, error, invasion
     level = ContinuationLevel(wanted, *found, converged, n_records, standing.periods, reason)
-    standing = replace(standing, periods=0, held=held)
-    # after a failure the next level starts from what this one did
-    return level, standing if converged else replace(standing, held=wanted, frequency_hz=begun, target=target)
+    if converged:
+        done = (*standing.done[-2:], (held, frequency, standing.target))
+        return level, replace(standing, periods=0, held=held, done=done, control_n=complex(record.control[1]))
+    # the next level starts from what this one did
+    again = replace(standing, frequency_hz=begun, target=before.target, slope_hz=before.slope_hz)
+    return level, replace(again, periods=0, held=wanted)
 
 
 def _lost(bench: _Bench, standing: _Standing, wanted: float, text: str) -> ContinuationLevel:
@@ -288,18 +293,30 @@ def _noise_floor(bench: _Bench) -> float:
     return 2.0 * bench.noise.control_n * float(np.sqrt(share))
 
 
-def _moved(
-    bench: _Bench, standing: _Standing, record: _Record, points: list[tuple[float, float]], larger: float
-) -> _Standing:
-    """Target and frequency for the next record: the control's harmonics gone, a secant on the phase error's tangent."""
-    settings, slope = bench.settings, standing.slope_hz
-    (frequency, value), tolerance = points[-1], settings.phase_tolerance_rad
-    if len(points) > 1 and abs(value - points[-2][1]) > 4.0 * tolerance:
-        # points that lie close give a slope of noise: it stays within what damping can be
+def _judged(
+    bench: _Bench, standing: _Standing, record: Record, points: list[tuple[float, float]], usual_hz: float
+) -> tuple[_Standing, float]:
+    """The slope by the last two points, periods for the next record, and the share by which the frequency is off."""
+    settings, slope, (frequency, value) = bench.settings, standing.slope_hz, points[-1]
+    spread = phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
+    if len(points) > 1 and abs(value - points[-2][1]) > max(_CLOSE_PHASES, _WITHIN_NOISE * spread):
         found = (frequency - points[-2][0]) / (value - points[-2][1])
-        slope *= float(np.clip(found / slope, 1.0 / _STEEPER, _STEEPER))
-    step = float(np.clip(-slope * value, -0.01 * frequency, 0.01 * frequency))
-    h = np.arange(settings.n_harmonics + 1)
+        # while harmonics still settle, two points tell a wrong one: it stays near the last level's
+        slope = usual_hz * float(np.clip(found / usual_hz, 1.0 / _STEEPER, _STEEPER))
+    steep = abs(slope) / frequency
+    # as many periods as make the noise of the frequency half of what is accepted
+    longer = (2.0 * steep * spread / settings.frequency_share) ** 2 * record.n_periods
+    averaged = int(np.clip(np.ceil(longer), settings.record_periods, settings.longest_periods))
+    # a record that is long enough need not be better than its noise
+    explained = 2.0 * spread if record.n_periods >= averaged else 0.0
+    return replace(standing, slope_hz=slope, averaged=averaged), steep * max(abs(value) - explained, 0.0)
+
+
+def _moved(bench: _Bench, standing: _Standing, record: Record, value: float, larger: float) -> _Standing:
+    """Target and frequency for the next record: the control's harmonics gone, a secant on the phase error's tangent."""
+    frequency = standing.frequency_hz
+    step = float(np.clip(-standing.slope_hz * value, -0.01 * frequency, 0.01 * frequency))
+    h = np.arange(bench.settings.n_harmonics + 1)
     gain = bench.loop.gains[0] + 2j * np.pi * frequency * h * bench.loop.gains[1]
     off = np.divide(record.control, gain, out=np.zeros_like(record.control), where=gain != 0.0)
     # the mean stays, the fundamental is the level
@@ -309,7 +326,7 @@ def _moved(
     return replace(standing, frequency_hz=frequency + step, target=target)
 
 
-def _settled(bench: _Bench, standing: _Standing) -> tuple[_Record, _Standing, bool]:
+def _settled(bench: _Bench, standing: _Standing) -> tuple[Record, _Standing, bool]:
     """Run until the first harmonics stand, then record."""
     settings, periods, steady = bench.settings, 0, False
     last, state = None, standing.state
@@ -324,13 +341,13 @@ def _settled(bench: _Bench, standing: _Standing) -> tuple[_Record, _Standing, bo
         periods += settings.settle_periods
         steady = last is not None and _stands(bench, last, record, standing.frequency_hz)
         last = record
-    record, state = _periods(bench, standing, state, settings.record_periods)
-    periods += settings.record_periods
+    record, state = _periods(bench, standing, state, standing.averaged)
+    periods += standing.averaged
     before = standing.frequency_hz, standing.target
     return record, replace(standing, state=state, before=before, periods=standing.periods + periods), steady
 
 
-def _stands(bench: _Bench, last: _Record, record: _Record, frequency_hz: float) -> bool:
+def _stands(bench: _Bench, last: Record, record: Record, frequency_hz: float) -> bool:
     """Whether nothing that is watched has moved by more than the tolerance and the noise of two blocks explain."""
     settings = bench.settings
     of_mean = np.sqrt(4.0 / (settings.settle_periods * settings.samples_per_period)) * _WITHIN_NOISE
@@ -342,46 +359,21 @@ def _stands(bench: _Bench, last: _Record, record: _Record, frequency_hz: float) 
     return bool((moved <= settings.steady_share * size + of_mean * noise).all())
 
 
-def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -> tuple[_Record, State]:
-    """Run whole periods of the drive, each from phase zero, and average them."""
-    settings, frequency, target = bench.settings, standing.frequency_hz, standing.target
-    n, omega = settings.samples_per_period, 2.0 * np.pi * frequency
-    fs = n * frequency
-    steps = int(np.ceil(bench.loop.fastest_rad_s / (STEP * fs)))
-    p, d = bench.loop.gains
-    h = np.arange(target.size)
-    half_steps = np.exp(2j * np.pi / (2 * n * steps) * np.outer(np.arange(2 * n * steps), h))
-    wave = (half_steps @ ((p + 1j * h * omega * d) * target)).real
-    drive = np.append(np.tile(wave, n_periods), wave[0])
-    if bench.noise.control_n:
-        drive[:-1] += bench.noise.control_n * np.repeat(bench.rng.standard_normal(n * n_periods), 2 * steps)
-    motion, after = advance(bench.loop.ready, state, drive[:, None], fs=fs, steps_per_sample=steps)
-
-    def mean(series: FloatArray) -> FloatArray:
-        return series[:-1].reshape(n_periods, n, -1).mean(axis=0)
-
-    x, v, a = mean(motion.displacement), mean(motion.velocity), mean(motion.acceleration)
-    control = mean(drive[:: 2 * steps, None])[:, 0] - p * (x @ bench.loop.reading) - d * (v @ bench.loop.reading)
-    force = control if bench.loop.force is None else x @ bench.loop.force[0] + v @ bench.loop.force[1]
-    # the mean over the periods has less noise than each sample
-    shrunk = 1.0 / np.sqrt(n_periods)
-    force = force + shrunk * bench.noise.force_n * bench.rng.standard_normal(n)
-    acceleration = a @ bench.loop.sensors.T
-    acceleration += shrunk * bench.noise.acceleration_m_per_s2 * bench.rng.standard_normal(acceleration.shape)
-    displacement = -_harmonics(acceleration, target.size)[1:] / (h[1:, None] * omega) ** 2
-    found = _harmonics(np.column_stack([force, control]), target.size)
-    return _Record(found[1:, 0], displacement.T, found[:, 1]), after
-
-
-def _harmonics(series: FloatArray, n_harmonics: int) -> ComplexArray:
-    """(n_harmonics, n_channels) complex amplitudes of one period, the mean first."""
-    found = np.fft.rfft(series, axis=0)[:n_harmonics] * (2.0 / len(series))
-    found[0] *= 0.5
-    return found
+def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -> tuple[Record, State]:
+    return recorded(
+        bench.loop,
+        state,
+        standing.target,
+        frequency_hz=standing.frequency_hz,
+        n_periods=n_periods,
+        samples_per_period=bench.settings.samples_per_period,
+        noise=bench.noise,
+        rng=bench.rng,
+    )
 
 
 def _reason(
-    bench: _Bench, sensor: str, begun_hz: float, error: float, invasion: float, ratio: float, away: bool
+    bench: _Bench, sensor: str, begun_hz: float, error: float, off: float, invasion: float, ratio: float, away: bool
 ) -> str:
     """Why a level has not converged."""
     settings = bench.settings
@@ -389,6 +381,8 @@ def _reason(
         return f"no quadrature at {sensor!r} within {settings.widest_share:.0%} of {begun_hz:.3f} Hz"
     if abs(error) > settings.phase_tolerance_rad:
         return f"after {settings.most_records} records {sensor!r} is still {error:.2g} rad off quadrature"
+    if off > settings.frequency_share:
+        return f"after {settings.most_records} records the frequency still moves by {off:.1g} of it to quadrature"
     if invasion > settings.most_invasive:
         return f"the control keeps harmonics of {invasion:.1%} of its first"
     if abs(ratio - 1.0) > settings.amplitude_share:

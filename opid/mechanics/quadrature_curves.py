@@ -6,7 +6,7 @@ The records that a measurement fills, and the same curves by harmonic balance of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,12 @@ from opid.mechanics.shaker import Shaker
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
+# of the frequencies among which quadrature of the linear structure is looked for
+_N_SCANNED = 6001
+# share of the largest extension by which a solution may differ from its prediction
+_FROM_PREDICTION = 0.05
+# share of an amplitude
+_LEAST_STEP = 1 / 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +165,13 @@ class MeasuredCurve:
 
     @property
     def amplitude(self) -> FloatArray:
-        """(n, n_sensors) first harmonic, m, positive where a sensor moves with the controlled one, else negative."""
+        """(n, n_sensors) first harmonic, m, as far as it is in phase with the controlled sensor.
+
+        At resonance a mode lags the force by a quarter; what the force moves beside the mode is out of phase with it.
+        """
         first = self.harmonics[:, :, 0]
         held = first[:, [self.sensors.index(self.controlled_sensor)]]
-        return np.abs(first) * np.where(np.real(first * held.conj()) < 0.0, -1.0, 1.0)
+        return np.asarray(np.real(first * held.conj()) / np.abs(held))
 
     @property
     def controlled_amplitude(self) -> FloatArray:
@@ -186,6 +195,9 @@ def quadrature_curve(
     widest_share: float = 0.03,
 ) -> MeasuredCurve:
     """Return the curve that single-point forcing tends to, by harmonic balance: what continuation measures, in no time.
+
+    A sensor may be in quadrature more than once. The curve begins at the linear quadrature that is nearest to the mode
+    and keeps to its branch by secants over the amplitude, with steps between the levels where they need them.
 
     With R the receptance of the damped linear modes and f, real, the only harmonic of the force,
 
@@ -211,27 +223,72 @@ def quadrature_curve(
     numbers = tuple(sorted({int(number) for number in harmonics}))
     if 1 not in numbers or numbers[0] < 0:
         raise InputError(f"harmonics are {tuple(harmonics)}: give whole numbers from 0 on, with 1 among them")
-    start, force_n = linear_start(specimen, mode, controlled_sensor)
+    _, force_n = linear_start(specimen, mode, controlled_sensor)
     system = specimen.system
     columns = system.sensor(sensor), system.sensor(controlled_sensor)
-    frequency, levels = float(system.frequency_hz[system.place(mode)]), []
-    place = numbers.index(1)
-    # unknowns: extensions, frequency and force over what the linear mode needs for the amplitude
-    z = np.zeros((len(numbers), len(system.joints)), dtype=complex)
-    z[place] = -1j * start
-    force = 1.0
-    for a in wanted:
-        balance = _Balance(specimen, numbers, columns, a, frequency, force_n * a)
-        result = optimize.root(balance.residual, balance.packed(z, 1.0, force), tol=1e-12)
-        z_new, ratio, force_new = balance.unpacked(result.x)
-        close = np.abs(balance.residual(result.x)).max() < 1e-8
-        if not close or abs(ratio - 1.0) > widest_share or force_new <= 0.0:
-            reason = f"no quadrature at {sensor!r} within {widest_share:.0%} of {frequency:.3f} Hz"
-            levels.append(balance.level(result.x, numbers, reason))
+    linear_hz = float(system.frequency_hz[system.place(mode)])
+    found = _linear_quadrature(specimen, linear_hz, columns[0], widest_share)
+    balance = _Balance(specimen, numbers, columns, 0.0, found or linear_hz, force_n)
+    branch = _Branch(0.0, balance.linear_motion())
+    last, levels = 1.0, []
+    for a in map(float, wanted):
+        followed = _followed(balance, branch, a) if found else None
+        branch, here = followed or branch, replace(balance, amplitude=a)
+        _, ratio, force = here.unpacked(branch.x)
+        if followed is None or abs(ratio / last - 1.0) > widest_share or force <= 0.0:
+            reason = f"no quadrature at {sensor!r} within {widest_share:.0%} of {last * balance.frequency_hz:.3f} Hz"
+            levels.append(here.level(branch.x, numbers, reason))
             break
-        z, frequency, force = z_new, frequency * ratio, force_new
-        levels.append(balance.level(result.x, numbers, ""))
+        last = ratio
+        levels.append(here.level(branch.x, numbers, ""))
     return MeasuredCurve(mode, sensor, controlled_sensor, system.sensors, tuple(levels))
+
+
+@dataclass(frozen=True, eq=False)
+class _Branch:
+    """A solution x at one amplitude, m, and how it changes with that, 1/m."""
+
+    amplitude: float
+    x: FloatArray
+    slope: FloatArray | float = 0.0
+
+
+def _followed(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
+    """The solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
+    goal = amplitude
+    while branch.amplitude < amplitude:
+        step = goal - branch.amplitude
+        predicted = branch.x + step * branch.slope
+        there = replace(balance, amplitude=goal)
+        x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
+        off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
+        # a sensor may have two quadratures that lie close: what is far from the prediction is the other one
+        if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
+            branch, goal = _Branch(goal, x, (x - branch.x) / step), amplitude
+        elif step > _LEAST_STEP * amplitude:
+            goal = branch.amplitude + 0.5 * step
+        else:
+            return None
+    return branch
+
+
+def _linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_share: float) -> float | None:
+    """Frequency of quadrature of a sensor of the linear structure, the nearest to a mode's, Hz; None without one."""
+    system, shapes = specimen.system, specimen.system.at_sensors[column] * specimen.drive_row
+
+    def in_phase(share: ArrayLike) -> FloatArray:
+        omega = 2.0 * np.pi * linear_hz * (1.0 + np.asarray(share))[..., None]
+        stiffness = system.eigenvalue - omega**2
+        damping = omega * specimen.modal_damping
+        return np.asarray((shapes * stiffness / (stiffness**2 + damping**2)).sum(axis=-1))
+
+    shares = np.linspace(-widest_share, widest_share, _N_SCANNED)
+    values = in_phase(shares)
+    turns = np.flatnonzero(np.signbit(values[1:]) != np.signbit(values[:-1]))
+    if not turns.size:
+        return None
+    nearest = turns[np.argmin(np.abs(shares[turns]))]
+    return linear_hz * (1.0 + float(optimize.brentq(in_phase, shares[nearest], shares[nearest + 1], xtol=1e-14)))
 
 
 def growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
@@ -275,21 +332,26 @@ def linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class _Balance:
-    """The equations of one level; unknowns are scaled by the amplitude, the last frequency and the linear force."""
+    """The equations of one level; unknowns are scaled by the amplitude, a frequency, and the force for 1 m, N/m."""
 
     specimen: Specimen
     numbers: tuple[int, ...]
     columns: tuple[int, int]
     amplitude: float
     frequency_hz: float
-    force_n: float
+    force_n_per_m: float
 
-    def packed(self, z: ComplexArray, ratio: float, force: float) -> FloatArray:
-        """Unknowns as one vector; z (n_harmonics, n_joints) for unit amplitude."""
-        return np.concatenate([z.real.ravel(), z.imag.ravel(), [ratio, force]])
+    def linear_motion(self) -> FloatArray:
+        """The unknowns for no amplitude, where nothing but the force moves the structure."""
+        system, omega = self.specimen.system, 2.0 * np.pi * self.frequency_hz
+        q = self.specimen.drive_row / (system.eigenvalue - omega**2 + 1j * omega * self.specimen.modal_damping)
+        stiffness = 1.0 / abs(q @ system.at_sensors[self.columns[1]])
+        z = np.zeros((len(self.numbers), len(system.joints)), dtype=complex)
+        z[self.numbers.index(1)] = system.at_joints @ q * stiffness
+        return np.concatenate([z.real.ravel(), z.imag.ravel(), [1.0, stiffness / self.force_n_per_m]])
 
     def unpacked(self, x: FloatArray) -> tuple[ComplexArray, float, float]:
-        """The inverse of `packed`."""
+        """Extensions (n_harmonics, n_joints) over the amplitude, frequency and force over their scales."""
         parts = x[:-2].reshape(2, len(self.numbers), -1)
         return parts[0] + 1j * parts[1], float(x[-2]), float(x[-1])
 
@@ -300,9 +362,10 @@ class _Balance:
         omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
         held = self._joint_force(self.amplitude * z, omega[:, 0])
         modal = -held @ system.at_joints
-        modal[self.numbers.index(1)] += self.force_n * force * specimen.drive_row
+        force *= self.force_n_per_m * self.amplitude
+        modal[self.numbers.index(1)] += force * specimen.drive_row
         q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / self.amplitude
-        return z - q @ system.at_joints.T, q @ system.at_sensors.T, self.force_n * force
+        return z - q @ system.at_joints.T, q @ system.at_sensors.T, force
 
     def _joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
         """Harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""

@@ -60,7 +60,8 @@ def predicted_backbones(
     """Draw the predicted backbones of a mode with their 95 % bands over the measured points.
 
     Args:
-        bands: the prediction, of all modes and sensors; one panel for each of this mode.
+        bands: the prediction, of all modes and sensors; one panel for each of this mode. A band breaks off where its
+            frequencies are nan.
         measured: the backbones, of all modes.
         mode: number of the mode, from 1.
         axes: as many Axes as panels, or None for a new figure.
@@ -80,7 +81,9 @@ def predicted_backbones(
         for ax, band in zip(grid.ravel(), own, strict=False):
             factor, unit = _length_unit(max(float(band.amplitude.max()), _largest(curves, band.sensor)))
             height = factor * band.amplitude
-            ax.fill_betweenx(height, band.low_hz, band.high_hz, color=VERMILION, alpha=0.22, linewidth=0, label="95 %")
+            ax.fill_betweenx(
+                height, band.low_hz, band.high_hz, color=VERMILION, alpha=0.22, linewidth=0, label="95 % band"
+            )
             ax.plot(band.frequency_hz, height, color=VERMILION, label="predicted")
             for number, curve in enumerate(curve for curve in curves if band.sensor in curve.sensors):
                 ax.plot(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from opid.plots.style import GREY, INK, RUN_COLORS, house_style, panels, thick
@@ -19,6 +20,15 @@ __all__ = ["ForceBand", "joint_forces", "log_evidences"]
 _METHODS = {"laplace": ("o", "Laplace"), "transitional": ("s", "transitional MCMC"), "quadrature": ("x", "quadrature")}
 # from here on the axis of the evidences is logarithmic
 _LINEAR_TO = 10.0
+
+# of the largest force: curves that are nearer to each other than this hide each other
+_SAME_FORCE = 0.02
+# length of a dash, in widths of its line; width of the line of the best class
+_DASH, _WIDE = 4.0, 2.4
+# marks of the truth, which other lines are seen between
+_N_TRUTH = 16
+# classes in one column of a legend
+_IN_ONE_COLUMN = 6
 
 LEAST_STD = 0.005
 """Of a log evidence: what is less is drawn without a bar."""
@@ -104,24 +114,45 @@ def joint_forces(
         ax = panels(ax, 1, height_in=3.8)[0, 0]
         for number, band in enumerate(bands):
             color = RUN_COLORS[number % len(RUN_COLORS)]
-            chosen = band.name == best
-            width, style = (2.2, "-") if chosen else (1.2, "--")
-            ax.plot(x, band.force, color=color, linewidth=width, linestyle=style, label=band.name, zorder=2 + chosen)
-            if chosen:
+            if band.name == best:
+                ax.plot(x, band.force, color=color, linewidth=_WIDE, label=f"{band.name} (best)", zorder=2)
                 ax.fill_between(x, band.low, band.high, color=color, alpha=0.25, linewidth=0, label="its 95 % band")
+            else:
+                style = _dashes(band, bands, best)
+                ax.plot(x, band.force, color=color, label=band.name, zorder=3, **style)
         if truth is not None:
-            ax.plot(x, truth, color=INK, linestyle=":", linewidth=2.2, label="truth", zorder=5)
+            ax.plot(
+                x, truth, color=INK, linestyle="none", marker="o", markersize=4, markerfacecolor="white",
+                markevery=max(1, len(x) // _N_TRUTH), label="truth", zorder=5,
+            )  # fmt: skip
         for mode, place in (reached or {}).items():
             ax.axvline(1e3 * place, color=GREY, linestyle=":", linewidth=1.0)
             ax.annotate(
                 f"mode {mode}", (1e3 * place, 1), (-3, -3), xycoords=("data", "axes fraction"),
                 textcoords="offset points", rotation=90, ha="right", va="top", fontsize=8, color=INK,
             )  # fmt: skip
-        ax.set_xlim(float(x[0]), float(x[-1]))
+        # joints that are not extended at all leave nothing to zoom in on
+        if x[-1] > x[0]:
+            ax.set_xlim(float(x[0]), float(x[-1]))
         ax.set_xlabel("extension of a joint [mm]")
         ax.set_ylabel("nonlinear force [N]")
-        thick(ax.legend(loc="upper left", fontsize=8))
+        legend = ax.legend(loc="upper left", fontsize=8, ncols=1 if len(bands) <= _IN_ONE_COLUMN else 2)
+        thick(legend)
+        for handle in legend.legend_handles:
+            # the turns of a class are too far apart for a legend
+            if isinstance(handle, Line2D) and handle.is_dashed():
+                handle.set_linestyle("--")
     return ax
+
+
+def _dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str, Any]:
+    """The line of a class that is not the best; classes whose curves lie on each other take turns along the curve."""
+    largest = max(float(np.abs(each.force).max()) for each in bands)
+    together = [each.name for each in bands if np.abs(each.force - band.force).max() <= _SAME_FORCE * largest]
+    # the best is drawn whole beneath and shows where it is its turn
+    turn = sum(name != best for name in together[: together.index(band.name)])
+    dashes = (turn * _DASH, (_DASH, max(1, len(together) - 1) * _DASH))
+    return {"linestyle": dashes, "linewidth": _WIDE if best in together else 1.5}
 
 
 def _class_label(each: ClassPosterior) -> str:

@@ -27,8 +27,8 @@ def parameter_samples(
 ) -> np.ndarray:
     """Draw histograms of the parameters and scatters of their pairs, with the Gaussian of the same mean and covariance.
 
-    The contours hold 50, 90 and 99 % of that Gaussian; its densities are as high as the highest bins (Song et al. 2021,
-    Figs. 6 and 8 to 10).
+    Histograms are densities, as the Gaussians beside them; the contours hold 50, 90 and 99 % of the Gaussian (Song et
+    al. 2021, Figs. 6 and 8 to 10).
 
     Args:
         samples: (n_samples, n_parameters); the first five parameters are drawn.
@@ -57,6 +57,7 @@ def parameter_samples(
             ax.xaxis.set_major_locator(MaxNLocator(nbins=5))
             if row == n - 1:
                 ax.set_xlabel(labels[column])
+        grid[0, 0].set_ylabel("density")
         thick(grid[0, 0].legend(loc="best", fontsize=7.5))
     return grid
 
@@ -97,11 +98,11 @@ def running_moments(samples: FloatArray, labels: Sequence[str], axes: Any = None
 
 def _histogram(ax: Axes, values: np.ndarray, truth: float | None) -> None:
     mean, deviation = float(values.mean()), float(values.std())
-    counts, _, _ = ax.hist(values, bins="auto", range=_span(values), color=BLUE, alpha=0.45, label="samples")
+    ax.hist(values, bins="auto", range=_span(values), density=True, color=BLUE, alpha=0.45, label="samples")
     if deviation > 0:
         x = np.linspace(mean - 4 * deviation, mean + 4 * deviation, 300)
-        height = float(np.max(counts))
-        ax.plot(x, height * np.exp(-0.5 * ((x - mean) / deviation) ** 2), color=INK, linewidth=1.2, label="Gaussian")
+        density = np.exp(-0.5 * ((x - mean) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
+        ax.plot(x, density, color=INK, linewidth=1.2, label="Gaussian")
     if truth is not None:
         ax.axvline(truth, color=GREEN, linestyle="--", label="truth")
     ax.set_yticks([])

@@ -9,6 +9,8 @@ import numpy as np
 
 from opid.mechanics.laws import FloatArray, Law, Term
 from opid.report.page import Picture
+from opid.report.updating_coverage import missing_points
+from opid.report.updating_reduction import order_sentences, reduction_sentences
 from opid.report.updating_tables import Truth, law_of, short_kind, true_theta
 from opid.updating.reduction import ReductionErrors
 from opid.updating.result import ClassPosterior, Updating
@@ -23,27 +25,30 @@ N_EXTENSIONS = 200
 """At which a force is drawn."""
 
 
-def updating_pictures(result: Updating, reduction: ReductionErrors | None = None) -> tuple[Picture, ...]:
+def updating_pictures(
+    result: Updating, reduction: ReductionErrors | None = None, free: ReductionErrors | None = None
+) -> tuple[Picture, ...]:
     """Return the figures that a result has something to show in.
 
     Args:
         result: the updating.
         reduction: how the reduced structure differs from the whole one.
+        free: the same of the reduction with free modes.
     """
-    return tuple(_pictures(result, reduction))
+    return tuple(_pictures(result, reduction, free))
 
 
-def _pictures(result: Updating, reduction: ReductionErrors | None) -> Iterator[Picture]:
+def _pictures(result: Updating, reduction: ReductionErrors | None, free: ReductionErrors | None) -> Iterator[Picture]:
     for mode in sorted({curve.mode for curve in result.measured}):
         yield _measured_picture(mode)
     if result.linear is not None:
         yield from _linear_pictures()
     if reduction is not None:
-        yield _reduction_picture(reduction)
+        yield _reduction_picture(result, reduction, free)
     if result.classes:
         yield from _class_pictures(result)
     for mode in sorted({band.mode for band in result.prediction}):
-        yield _predicted_picture(mode)
+        yield _predicted_picture(result, mode)
 
 
 def _measured_picture(mode: int) -> Picture:
@@ -72,11 +77,11 @@ def _linear_pictures() -> Iterator[Picture]:
     yield Picture(
         "linear_samples",
         "Linear parameters",
-        "Samples of the posterior of the factors, with the contours of 50, 90 and 99 % of a Gaussian of the same mean "
-        "and covariance. Green, if any, is the truth of a simulation.",
+        "Samples of the posterior of the factors as densities, with the contours of 50, 90 and 99 % of a Gaussian of "
+        "the same mean and covariance. Green, if any, is the truth of a simulation.",
         lambda result, truth: plots.parameter_samples(
             result.linear.samples,
-            result.linear.names,
+            _linear_labels(result),
             truth=[truth["linear"].get(name) for name in result.linear.names] if truth else None,
         ),
     )
@@ -88,15 +93,17 @@ def _linear_pictures() -> Iterator[Picture]:
     )
 
 
-def _reduction_picture(reduction: ReductionErrors) -> Picture:
+def _reduction_picture(result: Updating, reduction: ReductionErrors, free: ReductionErrors | None) -> Picture:
     from opid import plots
 
+    sentences = (*reduction_sentences(result, reduction, free), *order_sentences(reduction, free))
+    told = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
     return Picture(
         "reduction",
         "What the reduction leaves out",
-        "Frequencies and shapes of the reduced structure against those of the whole one. The modes that are tested and "
-        "those near their multiples should be exact; higher ones need not.",
-        lambda result, truth: plots.reduction_figure(reduction),
+        "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
+        f"are tested and those near their multiples should be exact; higher ones need not. {told}",
+        lambda result, truth: plots.reduction_figure(reduction, free=free),
     )
 
 
@@ -114,7 +121,7 @@ def _class_pictures(result: Updating) -> Iterator[Picture]:
         "joint_forces",
         "What the classes make of the joints",
         "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
-        "extrapolation. Classes whose curves lie on each other cannot be told apart by these data.",
+        "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be told apart by these data.",
         _draw_forces,
     )
     for number, posterior in enumerate(result.classes, start=1):
@@ -129,8 +136,8 @@ def _pictures_of_class(number: int, posterior: ClassPosterior) -> Iterator[Pictu
     yield Picture(
         f"class_{number}_samples",
         f"{name}, {law_of(posterior)}: parameters",
-        "Samples of the posterior and the Gaussian of the same mean and covariance. A narrow slanting cloud says that "
-        "two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
+        "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
+        "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
         lambda result, truth: plots.parameter_samples(
             posterior.samples, labels, truth=true_theta(posterior, truth) if truth else None
         ),
@@ -143,14 +150,17 @@ def _pictures_of_class(number: int, posterior: ClassPosterior) -> Iterator[Pictu
     )
 
 
-def _predicted_picture(mode: int) -> Picture:
+def _predicted_picture(result: Updating, mode: int) -> Picture:
     from opid import plots
 
+    n_missing = sum(missing_points(band) for band in result.prediction if band.mode == mode)
+    gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
     return Picture(
         f"predicted_mode_{mode}",
         f"Mode {mode}: what the best class predicts",
-        "Backbone of the best class with its 95 % band over the measured points. Points that leave the band on one "
-        "side, and more of them with the amplitude, ask for another law.",
+        "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
+        "the share within the band is no test on new data. Points that leave the band on one side, and more of them "
+        f"with the amplitude, ask for another law.{gap}",
         lambda result, truth: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
     )
 
@@ -163,6 +173,10 @@ def class_labels(posterior: ClassPosterior) -> list[str]:
     """
     kinds = posterior.model_class.kinds
     return [f"θ{number} ({short_kind(kind)})" for number, kind in enumerate(kinds, start=1)]
+
+
+def _linear_labels(result: Updating) -> list[str]:
+    return [f"{name} [of nominal]" for name in result.linear.names] if result.linear is not None else []
 
 
 def reached_extension(result: Updating) -> dict[int, float]:
@@ -188,7 +202,8 @@ def _draw_forces(result: Updating, truth: Truth | None) -> Any:
     from opid import plots
 
     reached = reached_extension(result)
-    extension = np.linspace(0, 1.1 * max(reached.values(), default=1e-3), N_EXTENSIONS)
+    # joints that the tests do not extend have laws all the same
+    extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
     return plots.joint_forces(
         extension,
         [_force_band(each, extension) for each in result.classes],

@@ -33,12 +33,15 @@ from opid.updating.reduction import ReductionErrors
 from opid.updating.result import SCHEMA, ClassPosterior, LinearPosterior, Updating
 
 
-def updating_json(result: Updating, *, reduction: ReductionErrors | None = None) -> dict[str, Any]:
+def updating_json(
+    result: Updating, *, reduction: ReductionErrors | None = None, free: ReductionErrors | None = None
+) -> dict[str, Any]:
     """Return an updating as the content of result.json.
 
     Args:
         result: from `update_study`.
         reduction: how the reduced structure differs from the whole one.
+        free: the same of the reduction with free modes.
 
     Returns:
         `schema`, `title`, `form`, `best_class`, `classes` (each with `name`, `law`, `kinds`, `scales`, `priors`,
@@ -46,9 +49,9 @@ def updating_json(result: Updating, *, reduction: ReductionErrors | None = None)
         std, interval95}}, `coefficients` {kind: {mean, std, interval95, unit}} in SI units, `best`, `covariance`,
         `log_likelihood_at_best`, `diagnostics`, `prior_sensitivity`, `warnings`), `linear` (null without phase I;
         `parameters`, `best`, `covariance`, `modes`, `diagnostics`, `warnings`), `system` {frequency_hz, sensors,
-        joints}, `reduction` (null, or frequency_hz, reduced_hz, relative, mac by mode), `measured` [{name, mode,
-        controlled_sensor, frequency_hz, amplitude {sensor: values}}], `prediction` [the fields of `BackboneBand`],
-        `warnings`, `not_determined`, `settings`. Amplitudes in m.
+        joints}, `reduction` and `reduction_free` (null, or the fields of `ReductionErrors`), `measured` [{name, mode,
+        controlled_sensor, frequency_hz, amplitude {sensor: values}}], `prediction` [the fields of `BackboneBand`, null
+        where no backbone was found], `warnings`, `not_determined`, `settings`. Amplitudes in m.
     """
     return plain(
         {
@@ -64,6 +67,7 @@ def updating_json(result: Updating, *, reduction: ReductionErrors | None = None)
                 "joints": result.system.joints,
             },
             "reduction": None if reduction is None else asdict(reduction),
+            "reduction_free": None if free is None else asdict(free),
             "measured": [_measured(curve) for curve in result.measured],
             "prediction": [asdict(band) for band in result.prediction],
             "warnings": result.warnings,
@@ -79,6 +83,7 @@ def write_updating_report(
     truth: Truth | None = None,
     *,
     reduction: ReductionErrors | None = None,
+    free: ReductionErrors | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Write result.json, report.html and the figures as PNG, and return the path of the page.
@@ -88,12 +93,13 @@ def write_updating_report(
         directory: made if it is not there; all files appear together, any other file in it stays.
         truth: of a simulated test, as in truth.json: shown beside each estimate.
         reduction: how the reduced structure differs from the whole one; drawn if it is given.
+        free: the same of the reduction with free modes, drawn beside it.
         progress: called with the name of each step as it begins.
 
     Raises:
         InputError: a place that cannot be written to.
     """
-    pictures = updating_pictures(result, reduction)
+    pictures = updating_pictures(result, reduction, free)
     images = drawn(pictures, result, truth, progress=progress)
     page = rendered(
         "updating.html.jinja",
@@ -116,7 +122,7 @@ def write_updating_report(
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = page.encode()
     # last, so that a result.json is never there without its report
-    contents["result.json"] = json_text(updating_json(result, reduction=reduction)).encode()
+    contents["result.json"] = json_text(updating_json(result, reduction=reduction, free=free)).encode()
     write_together(directory, contents)
     return Path(directory) / "report.html"
 

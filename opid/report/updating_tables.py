@@ -11,7 +11,8 @@ from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
 from opid.report.as_text import Row, aligned, columns, estimate_row, formula, table_lines, wrapped
 from opid.report.truth_file import read_truth_file
-from opid.updating.result import BackboneBand, ClassPosterior, Diagnostics, Updating
+from opid.report.updating_coverage import coverage_note, coverage_table
+from opid.updating.result import ClassPosterior, Diagnostics, Updating
 
 TRUTH_SCHEMA = "opid.updating-truth/1"
 
@@ -27,12 +28,13 @@ FORMS = {
 """What the forms of the likelihood are."""
 
 
-def updating_text(result: Updating, truth: Truth | None = None) -> str:
+def updating_text(result: Updating, truth: Truth | None = None, *, reduction: Sequence[str] = ()) -> str:
     """Return an updating as text: linear parameters, classes, coefficients, sampling, coverage, and what to doubt.
 
     Args:
         result: from `update_study`.
         truth: of a simulated test, as in truth.json: shown beside each estimate.
+        reduction: sentences of `reduction_sentences`.
     """
     parts = [result.title or "Bayesian updating", "", *wrapped(basis(result)), ""]
     if result.not_determined:
@@ -40,6 +42,8 @@ def updating_text(result: Updating, truth: Truth | None = None) -> str:
     if result.linear is not None:
         parts += ["Linear structure", "", *table_lines(linear_rows(result, truth), columns(truth)), ""]
         parts += [*aligned(mode_table(result), n_left=1), ""]
+    if reduction:
+        parts += [*(line for sentence in reduction for line in wrapped(f"{sentence}.", "Reduction: ")), ""]
     if result.classes:
         parts += ["Model classes", "", *aligned(class_table(result), n_left=2), *wrapped(best_sentence(result)), ""]
         parts += [*table_lines(coefficient_rows(result, truth), columns(truth)), ""]
@@ -63,8 +67,9 @@ def basis(result: Updating) -> str:
     system = result.system
     form = FORMS.get(result.form)
     return (
-        f"{len(result.measured)} backbones ({', '.join(counts)}), {points} points, {len(system.sensors)} sensors, "
-        f"{len(system.joints)} joints, {system.n_modes} modes kept; likelihood {result.form!r}"
+        f"{counted(len(result.measured), 'backbone')} ({', '.join(counts)}), {counted(points, 'point')}, "
+        f"{counted(len(system.sensors), 'sensor')}, {counted(len(system.joints), 'joint')}, "
+        f"{counted(system.n_modes, 'mode')} kept; likelihood {result.form!r}"
         f"{f' ({form})' if form else ''}."
     )
 
@@ -85,7 +90,7 @@ def tables(result: Updating) -> list[tuple[Table, str]]:
             "What a prior twice as wide does to the log evidence: of a wide uniform prior -0.69, for log 2.",
         ),
         (sampling_table(result), ""),
-        (coverage_table(result), "Share of the measured points within the 95 % band of the best class."),
+        (coverage_table(result), coverage_note(result)),
     )
     return [(table, note) for table, note in noted if len(table) > 1]
 
@@ -191,19 +196,17 @@ def sampling_table(result: Updating) -> Table:
     return table
 
 
-def coverage_table(result: Updating) -> Table:
-    """Return the share of measured points within the predicted band, one row a sensor and one column a mode.
+def counted(number: int, word: str) -> str:
+    """Return a number with its word in the singular or the plural.
 
     Args:
-        result: the updating.
+        number: of things.
+        word: for one of them.
+
+    >>> counted(1, "joint"), counted(2, "joint")
+    ('1 joint', '2 joints')
     """
-    modes = sorted({band.mode for band in result.prediction})
-    table: Table = [("within the band", *(f"mode {mode}" for mode in modes))]
-    found: dict[tuple[str, int], BackboneBand] = {(band.sensor, band.mode): band for band in result.prediction}
-    for sensor in dict.fromkeys(band.sensor for band in result.prediction):
-        shares = [found[sensor, mode].coverage if (sensor, mode) in found else math.nan for mode in modes]
-        table.append((f"sensor {sensor}", *(f"{100 * s:.0f} %" if math.isfinite(s) else "-" for s in shares)))
-    return table
+    return f"{number} {word}{'s' * (number != 1)}"
 
 
 def best_sentence(result: Updating) -> str:

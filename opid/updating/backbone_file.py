@@ -26,6 +26,9 @@ LARGEST_UNSTATED = 0.05
 LARGEST_STATED = 1.0
 """m: no backbone of a structure is measured there."""
 
+SMALLEST_IN_PARTS = 1e-5
+"""m: smaller amplitudes in mm, cm or inches are taken for numbers that are metres."""
+
 DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}
 """Units of motion, and how often it is the derivative of the displacement."""
 
@@ -57,8 +60,8 @@ def read_backbone(
 
     Raises:
         InputError: no such file, no header, no or two columns of frequencies, a column that is no sensor, a unit that
-            is none of motion, a cell that is no number, amplitudes that no structure has, or what `MeasuredBackbone`
-            refuses.
+            is none of motion, a cell that is no number, amplitudes that no structure has, metres called millimetres, or
+            what `MeasuredBackbone` refuses.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -104,6 +107,7 @@ def _backbone(
     header, values = _table(source)
     frequency_hz, column = _frequency(header, values)
     own: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
     stated = True
     for place, cell in enumerate(header):
         if place == column:
@@ -118,9 +122,11 @@ def _backbone(
             raise InputError(f"the sensor {sensor!r} has two columns: leave one out")
         own[sensor] = found
         stated = stated and (given or unit) is not None
+        units[sensor] = given or unit or "m"
     if not own:
         raise InputError("it has no column of a sensor: give one column of amplitudes for each sensor")
     _require_credible(own, stated)
+    _refuse_metres(own, units)
     order = [sensor for sensor in sensors if sensor in own] if sensors is not None else list(own)
     amplitude = np.column_stack([own[sensor] for sensor in order])
     return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order))
@@ -191,4 +197,16 @@ def _require_credible(own: dict[str, FloatArray], stated: bool) -> None:
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {told}: name the unit in the header, like "
             f"'{sensor} [mm]'"
+        )
+
+
+def _refuse_metres(own: dict[str, FloatArray], units: dict[str, str]) -> None:
+    """Refuse amplitudes of a few micrometres that are given in mm, cm or inches: their numbers are metres."""
+    sensor = max(own, key=lambda name: float(np.nanmax(np.abs(own[name]), initial=0.0)))
+    largest = float(np.nanmax(np.abs(own[sensor]), initial=0.0))
+    factor, quantity = to_si(units[sensor])
+    if quantity == "m" and 1e-3 <= factor < 1 and 0 < largest < SMALLEST_IN_PARTS:
+        raise InputError(
+            f"the amplitude at sensor {sensor!r} reaches {largest / factor:.3g} {units[sensor]}, {1e6 * largest:.3g} "
+            "micrometres: are the numbers metres? Name the unit they are in ('m', or 'µm' if they are that small)"
         )

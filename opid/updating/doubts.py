@@ -9,8 +9,10 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
 from opid.updating.diagnostics import Pressure
+from opid.updating.lack_of_fit import LackOfFit
 from opid.updating.likelihood import BackboneData, curves_of, residuals
 from opid.updating.model_class import ModelClass
+from opid.updating.model_curves import named_points
 from opid.updating.result import BackboneBand, ClassPosterior, Diagnostics, Evidence
 
 FEW_SAMPLES = 200.0
@@ -19,8 +21,14 @@ FEW_SAMPLES = 200.0
 WARNED_R_HAT = 1.05
 """Above it the chains have not found the same distribution."""
 
+RARE = 1e-3
+"""Probability, of all modes together, below which a misfit that all curves share is no chance."""
+
+LEAST_MISFIT = 0.05
+"""Of the measured growth of lambda: a smaller misfit is told from none by many curves, and does no harm."""
+
 MOST_UNEXPLAINED = 0.3
-"""Of the measured growth of lambda: what a class may leave before it fits nothing."""
+"""Of the measured growth of lambda: what a class may leave where the curves are too short to tell their noise."""
 
 METHODS_DIFFER = 0.5
 """Between the logarithms of two evidences, beside three of their standard deviations."""
@@ -39,9 +47,10 @@ def doubts_of_class(
     diagnostics: Diagnostics,
     pressures: Sequence[Pressure],
     *,
+    misfits: Sequence[LackOfFit],
     unexplained: float,
-    failed: int,
-    rows: int,
+    gaps: Sequence[str],
+    lost: Sequence[str],
 ) -> Iterator[str]:
     """Yield what to doubt about the posterior of one class.
 
@@ -51,21 +60,25 @@ def doubts_of_class(
         evidences: by every method.
         diagnostics: of the sampling.
         pressures: where the posterior presses against its priors.
+        misfits: what the best parameters leave in each mode, the same way in all curves.
         unexplained: share of the measured growth of lambda that the best parameters leave.
-        failed: points of the model that did not converge.
-        rows: of theta that the likelihood was asked for.
+        gaps: where the model did not converge for samples of the posterior, from `where_it_fails`.
+        lost: where it did not for parameters three times as far out, which have no curve then.
     """
     for pressure in pressures:
         yield pressure.sentence
-    if not unexplained <= MOST_UNEXPLAINED:
+    yield from _doubts_of_fit(misfits, unexplained)
+    if gaps:
         yield (
-            f"at its best it leaves {100 * unexplained:.0f} % of the measured growth of the frequencies unexplained: "
-            "this law does not fit the backbones, its intervals mean nothing"
+            f"in {'; in '.join(gaps)} of the samples the model does not converge: its curve is bridged there from its "
+            "other points; take fewer harmonics, or leave out measured points near those amplitudes (an interaction of "
+            "modes, which continued_backbone follows)"
         )
-    if failed:
+    elif lost:
         yield (
-            f"{failed} points of the model did not converge in {rows} evaluations and count as impossible: where that "
-            "lies near the posterior, take fewer harmonics or leave out the points of an interaction"
+            f"beside the posterior, in {'; in '.join(lost)} of the parameters, the model does not converge: they count "
+            "as impossible, which may cut the posterior off; take fewer harmonics, or leave out measured points near "
+            "those amplitudes"
         )
     if diagnostics.effective_samples < FEW_SAMPLES:
         yield (
@@ -84,6 +97,23 @@ def doubts_of_class(
         for (name, estimate), kind in zip(estimates.items(), model_class.kinds, strict=True):
             if estimate.holds(0.0):
                 yield f"the interval of {name} contains 0: the data do not ask for the term {kind}"
+
+
+def _doubts_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[str]:
+    """A misfit that all curves of a mode share, larger than chance and large enough to matter."""
+    rare = [each for each in misfits if each.probability < RARE / len(misfits) and each.share > LEAST_MISFIT]
+    if rare:
+        worst = max(rare, key=lambda each: each.share)
+        yield (
+            f"at its best it leaves {100 * worst.share:.0f} % of the measured growth of the frequencies of mode "
+            f"{worst.mode} unexplained, the same way in all curves (by chance in less than one of "
+            f"{1 / RARE:.0f} sets): this law does not fit the backbones, its intervals mean nothing"
+        )
+    elif not misfits and not unexplained <= MOST_UNEXPLAINED:
+        yield (
+            f"at its best it leaves {100 * unexplained:.0f} % of the measured growth of the frequencies unexplained: "
+            "this law does not fit the backbones, its intervals mean nothing"
+        )
 
 
 def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBand]) -> Iterator[str]:
@@ -105,6 +135,13 @@ def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbone
         else:
             yield from _prior_decides(ranked[0], ranked[1], apart)
     for band in bands:
+        missing = ~np.isfinite(band.frequency_hz)
+        if missing.any():
+            where = named_points(band.amplitude, missing, band.sensor)
+            yield (
+                f"mode {band.mode}: there is no band at {where}, where the model does not converge for most draws: "
+                "take fewer harmonics, or leave out measured points near those amplitudes"
+            )
         if band.coverage < POOR_COVERAGE:
             yield (
                 f"mode {band.mode}: the 95 % band holds {100 * band.coverage:.0f} % of the measured points: the law or "
@@ -133,8 +170,8 @@ def unexplained_share(data: BackboneData, model_class: ModelClass, theta: FloatA
     """
     left, shift = [], []
     for mode in data.modes:
-        eigenvalue, _, failed = curves_of(data, mode, model_class)(theta[None])
-        if failed.any():
+        eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta[None])
+        if lost.any():
             return float("nan")
         of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
         mean = of_curve @ (of_curve / of_curve.sum(axis=0)).T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +12,10 @@ from opid.errors import NotDeterminedError
 from opid.mechanics.jointed_modes import JointedModes
 from opid.updating.doubts import doubts_of_choice
 from opid.updating.likelihood import BackboneData, backbone_data
+from opid.updating.linear_error import growth_of_linear_error
 from opid.updating.linear_updating import update_linear
 from opid.updating.measured import MeasuredBackbone
+from opid.updating.noise_settings import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.reduction import reduce
@@ -41,7 +43,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     say = progress or (lambda step: None)
     linear, system = _linear(study, say)
     say("backbones")
-    data = backbone_data(system, study.backbones, form=study.form, harmonics=study.harmonics, noise=study.noise)
+    growth = _growth(study, linear)
+    data = _data(study, system, growth)
     classes, lost = _classes(study, data, say)
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
@@ -59,7 +62,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         prediction=bands,
         warnings=(*of_linear, *lost, *of_classes, *doubts_of_choice(classes, bands), *gone),
         not_determined="",
-        settings=_settings(study, data),
+        settings=_settings(study, data, growth),
     )
 
 
@@ -79,40 +82,63 @@ def _linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, Joi
             progress=lambda share: say(f"linear structure {share:.0%}"),
             **_linear_noise(study),
         )
-        linear = replace(linear, warnings=(*linear.warnings, *_common_error(study, linear)))
         factors = dict(zip(linear.names, (float(value) for value in linear.best), strict=True))
     say("reduction")
     return linear, reduce(study.structure, factors, n_modes=study.n_internal)
 
 
 def _linear_noise(study: UpdatingStudy) -> dict[str, Any]:
-    """How phase I weighs frequencies and shapes: the scatter of the curves, inferred in the recommended form."""
+    """How phase I weighs frequencies and shapes: the scatter of the curves, inferred in the recommended form.
+
+    Beside it stands an error that all curves of a mode share, but in the forms that are the paper's.
+    """
     modes = [one.mode for one in study.backbones]
-    single = [mode for mode in set(modes) if modes.count(mode) < 2]
-    weights = dict.fromkeys(modes, study.noise.weight)
+    begun = {mode: {float(one.frequency_hz[0]) for one in study.backbones if one.mode == mode} for mode in modes}
+    single = [mode for mode, first_hz in begun.items() if len(first_hz) < 2]
+    papers = study.form in ("paper", "literal")
+    given: dict[str, Any] = {} if papers else {"common_error": study.noise.linear_error}
     if study.form != "recommended" or study.noise.cov:
-        return {"cov": study.noise.cov or "scatter", "weights": weights}
+        weights = dict.fromkeys(modes, study.noise.weight)
+        return given | {"cov": study.noise.cov or "scatter", "weights": weights}
     if single:
-        # one curve has no scatter: its offset is what is expected of one
-        return {"cov": dict.fromkeys(single, 2 * study.noise.curve_offset)}
+        # one curve has no scatter, and curves that begin alike: its offset is what is expected of one
+        return given | {"cov": dict.fromkeys(single, 2 * study.noise.curve_offset)}
+    given["cov"] = "inferred"
     if min(len(one.sensors) for one in study.backbones) < 2:
-        return {"cov": "inferred"}  # one sensor has no shape
-    return {"cov": "inferred", "shape_std": "inferred"}
+        return given  # one sensor has no shape
+    return given | {"shape_std": "inferred"}
 
 
-def _common_error(study: UpdatingStudy, linear: LinearPosterior) -> Iterator[str]:
-    """What the intervals of phase I leave out: an error that all curves of a mode share."""
-    for name, estimate in linear.estimates.items():
-        if estimate.interval95 is None or not estimate.value:
-            continue
-        half = 0.5 * (estimate.interval95[1] - estimate.interval95[0]) / abs(estimate.value)
-        shared = 1.96 * 2 * study.noise.linear_error
-        if shared > half:
-            yield (
-                f"{name} is known to +-{100 * half:.2g} % if the model is exact; an error of its frequencies of "
-                f"{100 * study.noise.linear_error:g} % (linear_error), which all curves share, moves it by some "
-                f"{100 * shared:.2g} % more"
-            )
+def _growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
+    """How far the linear error may grow along the backbones of each mode: as set, else by what phase I leaves."""
+    growth = dict.fromkeys(sorted({one.mode for one in study.backbones}), study.noise.linear_error_growth)
+    given = study.noise.linear_error_growth != LINEAR_ERROR_GROWTH
+    if linear is None or given or study.form != "recommended" or isinstance(study.structure, JointedModes):
+        return growth
+    left = growth_of_linear_error(
+        study.structure,
+        dict(zip(linear.names, (float(value) for value in linear.best), strict=True)),
+        linear.covariance,
+        study.backbones,
+        linear_error=study.noise.linear_error,
+        n_modes=study.n_internal,
+    )
+    return growth | {mode: float(np.hypot(value, UNMENDED_GROWTH)) for mode, value in left.items()}
+
+
+def _data(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, float]) -> BackboneData:
+    """The backbones, each mode with the growth of its own linear error."""
+    of_modes = [
+        backbone_data(
+            system,
+            [one for one in study.backbones if one.mode == mode],
+            form=study.form,
+            harmonics=study.harmonics,
+            noise=replace(study.noise, linear_error_growth=value),
+        )
+        for mode, value in growth.items()
+    ]
+    return replace(of_modes[0], modes=tuple(mode for each in of_modes for mode in each.modes), noise=study.noise)
 
 
 def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
@@ -146,10 +172,12 @@ def _prediction(
         return (), [f"there is no prediction: {error}"]
 
 
-def _settings(study: UpdatingStudy, data: BackboneData) -> Mapping[str, Any]:
+def _settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:
     """What the result was made with, in plain values."""
     noise = dict(vars(study.noise))
     noise["cov"] = {str(mode.mode): mode.cov for mode in data.modes if mode.cov > 0}
+    if study.form == "recommended":
+        noise["linear_error_growth"] = {str(mode): value for mode, value in growth.items()}
     return {
         "form": study.form,
         "sampler": study.sampler,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from scipy import sparse
 
 from opid.errors import InputError, nearest
 from opid.signals.files import written_whole
+from opid.signals.tables import refuse
 from opid.updating.structure import AffineStructure
 from opid.updating.study_checks import structure_faults
 
@@ -54,37 +55,67 @@ def read_structure(
         InputError: a file that is missing, damaged, or of another format; a matrix that is missing, not symmetric, not
             positive or of the wrong size; sensors or joints that are no degrees of freedom; an unknown parameter.
     """
-    found = _read_each(matrices) if isinstance(matrices, Mapping) else _read_one(Path(matrices))
+    structure, faults = checked_structure(matrices, sensors=sensors, joints=joints, dofs=dofs, parameters=parameters)
     where = "the matrices" if isinstance(matrices, Mapping) else str(matrices)
-    unknown = [name for name in found if name not in ("mass", "stiffness", *NAMES) and not name.startswith(PART)]
-    if "mass" not in found:
-        held = [name for name in found if name not in NAMES]
-        hint = nearest("mass", held) if held else "there is no matrix in it"
-        raise InputError(f"{where}: there is no matrix 'mass': {hint}")
-    if unknown:
-        raise InputError(
-            f"{where}: {unknown[0]!r} is no matrix that is known: {nearest(unknown[0], _known(found))}; a matrix that "
-            f"a parameter multiplies is called {PART}NAME"
-        )
-    mass = _matrix(where, "mass", found["mass"])
-    parts = {name[len(PART) :]: _matrix(where, name, value) for name, value in found.items() if name.startswith(PART)}
-    stiffness = _matrix(where, "stiffness", found["stiffness"]) if "stiffness" in found else None
-    if stiffness is None and not parts:
-        raise InputError(f"{where}: there is neither a matrix 'stiffness' nor a {PART}NAME: give at least one of them")
-    _check_sizes(where, mass, {"stiffness": stiffness, **{PART + name: part for name, part in parts.items()}})
-    stiffness = sparse.csr_matrix(mass.shape) if stiffness is None else stiffness
-    parts, fixed = _chosen(where, parts, parameters)
-    structure = AffineStructure(
-        mass,
-        sum(fixed, stiffness),
-        parts,
-        _dof_names(where, dofs if dofs is not None else found.get("dofs"), mass.shape[0]),
-        _texts(where, "sensors", sensors if sensors is not None else found.get("sensors", ())),
-        _joint_ends(where, joints if joints is not None else found.get("joints", {})),
-    )
-    for fault in structure_faults(structure):
-        raise InputError(f"{where}: {fault}")
+    # what is wrong with a file as a whole names it
+    refuse(faults, None if any(where in fault for fault in faults) else Path(where))
+    assert structure is not None  # or it would have been refused
     return structure
+
+
+def checked_structure(
+    matrices: Source | Mapping[str, Source],
+    *,
+    sensors: Sequence[str] | None = None,
+    joints: Mapping[str, Sequence[str]] | None = None,
+    dofs: Source | Sequence[str] | None = None,
+    parameters: Sequence[str] | None = None,
+) -> tuple[AffineStructure | None, list[str]]:
+    """Return what `read_structure` reads, or None, and everything that is wrong with it, one clause each.
+
+    Args:
+        matrices: as in `read_structure`, like the others.
+        sensors: likewise.
+        joints: likewise.
+        dofs: likewise.
+        parameters: likewise.
+    """
+    faults: list[str] = []
+    found = _read_each(matrices, faults) if isinstance(matrices, Mapping) else _tried(faults, _read_one, Path(matrices))
+    if found is None:
+        return None, faults
+    faults += _name_faults(found, unread=bool(faults))
+    read = {
+        name: _tried(faults, _matrix, name, value)
+        for name, value in found.items()
+        if name in ("mass", "stiffness") or name.startswith(PART)
+    }
+    whole = {name: matrix for name, matrix in read.items() if matrix is not None}
+    faults += _size_faults(whole)
+    parts = {name[len(PART) :]: matrix for name, matrix in whole.items() if name.startswith(PART)}
+    # of parts that cannot be read, the names are there
+    held = [name[len(PART) :] for name in found if name.startswith(PART)]
+    for name in parameters or ():
+        if name not in held:
+            hint = nearest(name, held) if held else "there is none at all"
+            faults.append(f"there is no matrix {PART + name!r} for the parameter {name!r}: {hint}")
+    n_dof = whole["mass"].shape[0] if "mass" in whole else None
+    names = _tried(faults, _dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
+    given = sensors if sensors is not None else found.get("sensors", ())
+    seen = _tried(faults, _texts, "sensors", given)
+    ends = _tried(faults, _joint_ends, joints if joints is not None else found.get("joints", {}))
+    first: list[str] = []
+    structure = None
+    if not faults and names is not None:
+        stiffness = whole.get("stiffness", sparse.csr_matrix(whole["mass"].shape))
+        chosen = {name: parts[name] for name in (parts if parameters is None else parameters)}
+        fixed = [part for name, part in parts.items() if name not in chosen]
+        structure = _tried(first, AffineStructure, whole["mass"], sum(fixed, stiffness), chosen, names, seen, ends)
+    if structure is not None:
+        faults += structure_faults(structure)
+    else:  # it stops at the first fault, and these go on
+        faults += _structure_faults(whole, names, seen, ends) or first
+    return (None if faults else structure), faults
 
 
 def write_structure(path: Source, structure: AffineStructure) -> None:
@@ -120,20 +151,30 @@ def _read_one(path: Path) -> dict[str, Any]:
     raise InputError(f"{path} is of no format that is known: give .npz, .mat, or .mtx for each matrix")
 
 
-def _read_each(files: Mapping[str, Source]) -> dict[str, Any]:
-    """One matrix from each file."""
-    found = {}
-    for name, file in files.items():
-        path, kind = Path(file), Path(file).suffix.lower()
-        if path.name.lower().endswith((".mtx", ".mtx.gz")):
-            found[name] = _opened(path, _market)
-        elif kind == ".npz":
-            found[name] = _opened(path, _sparse_npz)
-        elif kind == ".npy":
-            found[name] = _opened(path, lambda each: np.load(each, allow_pickle=False))
-        else:
-            raise InputError(f"{path} is of no format that is known for a matrix: give .mtx, .mtx.gz, .npz or .npy")
-    return found
+def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
+    """One matrix from each file that can be read."""
+    found = {name: _tried(faults, _one_matrix, Path(file)) for name, file in files.items()}
+    return {name: matrix for name, matrix in found.items() if matrix is not None}
+
+
+def _one_matrix(path: Path) -> Any:
+    kind = path.suffix.lower()
+    if path.name.lower().endswith((".mtx", ".mtx.gz")):
+        return _opened(path, _market)
+    if kind == ".npz":
+        return _opened(path, _sparse_npz)
+    if kind == ".npy":
+        return _opened(path, lambda each: np.load(each, allow_pickle=False))
+    raise InputError(f"{path} is of no format that is known for a matrix: give .mtx, .mtx.gz, .npz or .npy")
+
+
+def _tried(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
+    """What is made of the arguments; None, and a fault more, where it is refused."""
+    try:
+        return make(*given)
+    except InputError as error:
+        faults.append(str(error))
+        return None
 
 
 def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
@@ -200,62 +241,92 @@ def _joined(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _matrix(where: str, name: str, value: Any) -> sparse.csr_matrix:
+def _matrix(name: str, value: Any) -> sparse.csr_matrix:
     """One matrix, real and of two dimensions."""
     if not sparse.issparse(value):
         value = np.asarray(value)
         if value.dtype.kind not in "iuf":
-            raise InputError(f"{where}: {name!r} holds no real numbers (type {value.dtype}): give a real matrix")
+            raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
     elif value.dtype.kind not in "iuf":
-        raise InputError(f"{where}: {name!r} holds no real numbers (type {value.dtype}): give a real matrix")
+        raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
     if value.ndim != 2 or value.shape[0] != value.shape[1] or not value.shape[0]:
-        raise InputError(f"{where}: {name!r} has shape {value.shape}: give a square matrix")
+        raise InputError(f"{name!r} has shape {value.shape}: give a square matrix")
     return sparse.csr_matrix(value, dtype=np.float64)
 
 
-def _check_sizes(where: str, mass: sparse.csr_matrix, others: Mapping[str, sparse.csr_matrix | None]) -> None:
-    for name, matrix in others.items():
-        if matrix is not None and matrix.shape != mass.shape:
-            raise InputError(
-                f"{where}: {name!r} has shape {matrix.shape} and 'mass' {mass.shape}: export both for the same degrees "
+def _name_faults(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
+    """Matrices that are missing or unknown; those of files that cannot be read are told already."""
+    matrices = [name for name in found if name not in NAMES]
+    if "mass" not in found and not unread:
+        yield f"there is no matrix 'mass': {nearest('mass', matrices) if matrices else 'there is no matrix in it'}"
+    for name in matrices:
+        if name not in ("mass", "stiffness") and not name.startswith(PART):
+            yield (
+                f"{name!r} is no matrix that is known: {nearest(name, _known(found))}; a matrix that a parameter "
+                f"multiplies is called {PART}NAME"
+            )
+    if not unread and not any(name == "stiffness" or name.startswith(PART) for name in matrices):
+        yield f"there is neither a matrix 'stiffness' nor a {PART}NAME: give at least one of them"
+
+
+def _size_faults(whole: Mapping[str, sparse.csr_matrix]) -> Iterator[str]:
+    for name, matrix in whole.items():
+        if "mass" in whole and matrix.shape != whole["mass"].shape:
+            yield (
+                f"{name!r} has shape {matrix.shape} and 'mass' {whole['mass'].shape}: export both for the same degrees "
                 "of freedom"
             )
 
 
-def _chosen(
-    where: str, parts: dict[str, sparse.csr_matrix], parameters: Sequence[str] | None
-) -> tuple[dict[str, sparse.csr_matrix], list[sparse.csr_matrix]]:
-    """Parts that are updated, in the order asked for, and those that are not."""
-    if parameters is None:
-        return parts, []
-    for name in parameters:
-        if name not in parts:
-            hint = nearest(name, parts) if parts else "there is none at all"
-            raise InputError(f"{where}: there is no matrix {PART + name!r} for the parameter {name!r}: {hint}")
-    return {name: parts[name] for name in parameters}, [part for name, part in parts.items() if name not in parameters]
+def _structure_faults(
+    whole: Mapping[str, sparse.csr_matrix],
+    names: Sequence[str] | None,
+    sensors: Sequence[str] | None,
+    joints: Mapping[str, tuple[str, str]] | None,
+) -> list[str]:
+    """What `AffineStructure` refuses, each thing by itself, so that the first fault does not hide the others."""
+    trials: list[tuple[Any, ...]] = []
+    unique = tuple(dict.fromkeys(names or ()))
+    for name, matrix in whole.items():
+        size = matrix.shape[0]
+        own = unique if len(unique) == size else tuple(str(place) for place in range(1, size + 1))
+        one, nothing = sparse.identity(size, format="csr"), sparse.csr_matrix(matrix.shape)
+        parts = {name.removeprefix(PART): matrix}
+        alone = {"mass": (matrix, nothing, {}), "stiffness": (one, matrix, {})}.get(name, (one, nothing, parts))
+        trials.append((*alone, own, own[:1]))
+    if names:
+        for given in dict.fromkeys((tuple(names), unique)):
+            one, nothing = sparse.identity(len(given), format="csr"), sparse.csr_matrix((len(given),) * 2)
+            empty: tuple[Any, ...] = (one, nothing, {}, given)
+            trials.append((*empty, given[:1]))
+        # the last one has names that are all different
+        trials += [(*empty, (sensor,)) for sensor in sensors or ()] + [(*empty, ())] * (sensors == ())
+        trials += [(*empty, given[:1], {name: ends}) for name, ends in (joints or {}).items()]
+    faults: list[str] = []
+    for trial in trials:
+        _tried(faults, AffineStructure, *trial)
+    return list(dict.fromkeys(faults))
 
 
 def _known(found: Mapping[str, Any]) -> list[str]:
     return ["mass", "stiffness", *NAMES, *(name for name in found if name.startswith(PART))]
 
 
-def _dof_names(where: str, given: Any, n_dof: int) -> tuple[str, ...]:
+def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
     """Names of the degrees of freedom from a list, a file, or by number."""
     if given is None:
-        return tuple(str(place) for place in range(1, n_dof + 1))
-    if isinstance(given, str | os.PathLike):
-        where = str(given)
-        names = _label_lines(Path(given), n_dof)
-    else:
-        names = _texts(where, "dofs", given)
-    if len(names) != n_dof:
+        return tuple(str(place) for place in range(1, (n_dof or 0) + 1))
+    of_file = isinstance(given, str | os.PathLike)
+    names = _label_lines(Path(given), n_dof) if of_file else _texts("dofs", given)
+    if n_dof is not None and len(names) != n_dof:
         raise InputError(
-            f"{where} names {len(names)} degrees of freedom, the matrices have {n_dof}: give one name for each row"
+            f"{given if of_file else 'dofs'} names {len(names)} degrees of freedom, the matrices have {n_dof}: give "
+            "one name for each row"
         )
     return names
 
 
-def _label_lines(path: Path, n_dof: int) -> tuple[str, ...]:
+def _label_lines(path: Path, n_dof: int | None) -> tuple[str, ...]:
     """Labels of a text or CSV file; a first line too many is a header."""
     if not path.is_file():
         raise InputError(f"there is no file {path}: check the name and the folder")
@@ -268,37 +339,37 @@ def _label_lines(path: Path, n_dof: int) -> tuple[str, ...]:
     rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(map(str.strip, row))]
     header = [cell.lower() for cell in rows[0]] if rows else []
     column = header.index("dof") if "dof" in header else None
-    if column is not None or len(rows) == n_dof + 1:
+    if column is not None or (n_dof is not None and len(rows) == n_dof + 1):
         rows = rows[1:]
     if column is not None and any(len(row) <= column for row in rows):
         raise InputError(f"{path} has lines without the column 'dof': give every line all columns")
     return tuple(" ".join(row) if column is None else row[column] for row in rows)
 
 
-def _texts(where: str, name: str, given: Any) -> tuple[str, ...]:
+def _texts(name: str, given: Any) -> tuple[str, ...]:
     """Text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
     if isinstance(given, str):
-        raise InputError(f"{where}: {name} is the text {given!r}: give a list of names")
+        raise InputError(f"{name} is the text {given!r}: give a list of names")
     cells = [cell for entry in np.ravel(np.asarray(given)) for cell in np.ravel(np.asarray(entry))]
     for cell in cells:
         if not isinstance(cell, str | int | np.integer | float) or cell != cell:
-            raise InputError(f"{where}: {name} holds {cell!r}: give names")
+            raise InputError(f"{name} holds {cell!r}: give names")
     return tuple((f"{cell:g}" if isinstance(cell, float) else str(cell)).strip() for cell in cells)
 
 
-def _joint_ends(where: str, given: Any) -> dict[str, tuple[str, str]]:
+def _joint_ends(given: Any) -> dict[str, tuple[str, str]]:
     """Joints by name from a table or from rows of name, one end, other end."""
     if isinstance(given, Mapping):
         rows = [(name, *((ends,) if isinstance(ends, str) else ends)) for name, ends in given.items()]
     else:
-        texts = _texts(where, "joints", given)
+        texts = _texts("joints", given)
         width = np.shape(given)[-1] if texts else 3
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
     for row in rows:
         if len(row) != 3:
-            raise InputError(f"{where}: the joint {row[0]!r} lies between {list(row[1:])}: name two degrees of freedom")
+            raise InputError(f"the joint {row[0]!r} lies between {list(row[1:])}: name two degrees of freedom")
     names = [str(row[0]) for row in rows]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{where}: the joint {name!r} stands twice: give each a name of its own")
+            raise InputError(f"the joint {name!r} stands twice: give each a name of its own")
     return {str(name): (str(one), str(other)) for name, one, other in rows}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,10 +15,13 @@ from opid.updating.diagnostics import diagnose, presses_against
 from opid.updating.doubts import doubts_of_class, unexplained_share
 from opid.updating.ensemble import ensemble
 from opid.updating.evidence import laplace, laplace_of_samples, quadrature
+from opid.updating.lack_of_fit import lack_of_fit
 from opid.updating.likelihood import BackboneData, likelihood_function
 from opid.updating.maximum import Maximum, maximum_a_posteriori
 from opid.updating.metropolis import adaptive_metropolis, metropolis
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import ModelClass
+from opid.updating.model_curves import where_it_fails
+from opid.updating.prior_sensitivity import prior_sensitivity
 from opid.updating.result import ClassPosterior, Evidence
 from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.transitional import Transitional, transitional
@@ -26,8 +29,8 @@ from opid.updating.transitional import Transitional, transitional
 N_CHAINS, SHORTEST = 20, 250
 """Metropolis chains side by side, for which the model is solved at once, and samples below which there are fewer."""
 
-N_WALKERS = 20
-"""Of the ensemble."""
+N_WALKERS = 8
+"""Of the ensemble, where emcee does not advise more: twenty have no more effective samples, in chains that mix less."""
 
 WARM_UP = 11
 """One in so many samples is warm-up: 500 of 5500, as Song et al. have it."""
@@ -49,6 +52,9 @@ MOST_BY_QUADRATURE = 3
 
 MOST_NODES = 6_000
 """Evaluations after which quadrature gives up, ten times as many for three parameters."""
+
+N_CHECKED, FAR_OUT = 200, 3.0
+"""Samples at which it is seen where the model converges, and how much farther out than they lie."""
 
 METHODS = ("quadrature", "laplace", "transitional")
 
@@ -120,7 +126,8 @@ def update_class(
         n_samples: of all chains, the warm-up among them.
         evidences: of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None:
             quadrature, which is exact, and Laplace up to three parameters; Laplace and transitional beyond.
-        progress: called with the share of the samples that is drawn.
+        progress: called with the share of the samples that is drawn; of transitional Markov chain Monte Carlo with the
+            exponent of the likelihood, which ends at 1, too.
 
     Raises:
         InputError: an unknown sampler or evidence, or quadrature of more than three parameters.
@@ -131,10 +138,10 @@ def update_class(
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     density = density_of(data, model_class)
     support = [prior.support for prior in model_class.priors]
-    peak, doubts = _peak(density, model_class, rng)
+    peak, doubts = _peak(density, data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
-        stages = _transitional(density, model_class, n_samples, rng)
+        stages = _transitional(density, model_class, n_samples, rng, progress)
     chain = stages.chain if stages and (peak is None or sampler == "transitional") else None
     if chain is None and peak is not None:
         chain = _sampled(density, peak, sampler, n_samples, rng, progress)
@@ -155,10 +162,12 @@ def update_class(
         f"theta_{k + 1}": Estimate(float(samples[:, k].mean()), float(std[k]), (float(low[k]), float(high[k])))
         for k in range(model_class.n_parameters)
     }
+    near = chain.thinned(N_CHECKED)
     doubts += doubts_of_class(
         model_class, estimates, kept, diagnostics, presses_against(samples, model_class.priors),
-        unexplained=unexplained_share(data, model_class, best),
-        failed=density.counts["failed"], rows=density.counts["rows"],
+        misfits=lack_of_fit(data, model_class, best), unexplained=unexplained_share(data, model_class, best),
+        gaps=where_it_fails(data, model_class, near),
+        lost=where_it_fails(data, model_class, _far_out(model_class, near, best), lost=True),
     )  # fmt: skip
     return ClassPosterior(
         model_class=model_class,
@@ -169,8 +178,9 @@ def update_class(
         samples=samples,
         log_likelihood_at_best=float(density.likelihood(best[None])[0]),
         diagnostics=diagnostics,
-        prior_sensitivity=_prior_sensitivity(density, model_class, samples, best),
+        prior_sensitivity=prior_sensitivity(density.likelihood, model_class, samples, best),
         warnings=tuple(doubts),
+        chain=chain,
     )
 
 
@@ -187,15 +197,19 @@ def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, .
     return tuple(evidences)
 
 
-def _peak(density: Density, model_class: ModelClass, rng: np.random.Generator) -> tuple[Maximum | None, list[str]]:
+def _peak(
+    density: Density, data: BackboneData, model_class: ModelClass, rng: np.random.Generator
+) -> tuple[Maximum | None, list[str]]:
     """The highest maximum from several starts; None where none has a curvature."""
     support = [prior.support for prior in model_class.priors]
     drawn = _prior_draws(model_class, N_STARTS, rng)
     values = density.posterior(drawn)
     if not np.isfinite(values).any():
+        where = "; in ".join(where_it_fails(data, model_class, drawn, lost=True))
         raise NotDeterminedError(
-            f"class {model_class.name!r} has no backbone anywhere in its prior ({density.counts['failed']} points of "
-            "the model did not converge): take a smaller scale or prior, or other harmonics"
+            f"class {model_class.name!r} has no backbone anywhere in its prior (in {where or 'any mode'} of its draws "
+            "the model does not converge): take a smaller scale or prior, other harmonics, or leave out measured "
+            "points at those amplitudes"
         )
     peaks: list[Maximum] = []
     for _ in range(3):
@@ -277,7 +291,9 @@ def _prior_draws(model_class: ModelClass, n: int, rng: np.random.Generator) -> F
     return np.stack([prior.sample(n, rng) for prior in model_class.priors], axis=1)
 
 
-def _transitional(density: Density, model_class: ModelClass, n_samples: int, rng: np.random.Generator) -> Transitional:
+def _transitional(
+    density: Density, model_class: ModelClass, n_samples: int, rng: np.random.Generator, progress: Progress | None
+) -> Transitional:
     return transitional(
         density.likelihood,
         density.prior,
@@ -285,13 +301,16 @@ def _transitional(density: Density, model_class: ModelClass, n_samples: int, rng
         rng=rng,
         n_particles=max(n_samples // N_MOVES, 100),
         n_moves=N_MOVES,
+        progress=progress,
     )
 
 
 def _sampled(
     density: Density, peak: Maximum, sampler: str, n_samples: int, rng: np.random.Generator, progress: Progress | None
 ) -> Chain:
-    n_chains = N_WALKERS if sampler == "ensemble" else int(np.clip(n_samples // SHORTEST, 4, N_CHAINS))
+    # emcee advises more than twice as many walkers as parameters
+    n_walkers = max(N_WALKERS, 2 * peak.theta.size + 2)
+    n_chains = n_walkers if sampler == "ensemble" else int(np.clip(n_samples // SHORTEST, 4, N_CHAINS))
     # starts drawn from the Laplace approximation, which they double: the warm-up may be short
     start = spread_starts(density.posterior, peak.theta, peak.covariance / 4, n_chains=n_chains, rng=rng)
     dropped = n_samples // (WARM_UP * n_chains)
@@ -331,56 +350,7 @@ def _evidence(
         return f"no evidence by {method}: {error}"
 
 
-def _prior_sensitivity(
-    density: Density, model_class: ModelClass, samples: FloatArray, best: FloatArray
-) -> dict[str, float]:
-    """Change of the log evidence with each prior twice as wide."""
-    pressed = {each.parameter for each in presses_against(samples, model_class.priors)}
-    found = {}
-    for k, prior in enumerate(model_class.priors):
-        wide = wider(prior)
-        if k + 1 not in pressed or prior.family != "uniform":
-            # what the wide prior adds outside the narrow one is nothing here: a mean over the samples
-            ratio = wide.log_density(samples[:, k]) - prior.log_density(samples[:, k])
-            change = float(np.logaddexp.reduce(ratio) - np.log(len(ratio)))
-        else:
-            change = _change_beyond(density, model_class, k, wide, best)
-        found[f"theta_{k + 1}"] = change
-    return found
-
-
-def _change_beyond(density: Density, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
-    """The same by two Laplace approximations, where the posterior goes on beyond the narrow prior; nan if it fails."""
-    priors = (*model_class.priors[:k], wide, *model_class.priors[k + 1 :])
-    both = (model_class, replace(model_class, priors=priors))
-    values = []
-    for each in both:
-
-        def posterior(theta: FloatArray, each: ModelClass = each) -> FloatArray:
-            value = each.log_prior(theta)
-            inside = np.isfinite(value)
-            if inside.any():
-                value[inside] += density.likelihood(theta[inside])
-            return value
-
-        support = [prior.support for prior in each.priors]
-        try:
-            values.append(laplace(maximum_a_posteriori(posterior, best, support=support), support=support).log_evidence)
-        except NotDeterminedError:
-            return float("nan")
-    return values[1] - values[0]
-
-
-def wider(prior: Prior) -> Prior:
-    """Return the prior twice as wide about the same centre.
-
-    Args:
-        prior: any family.
-
-    >>> wider(Prior("uniform", 0.0, 10.0))
-    Prior(family='uniform', first=-5.0, second=15.0)
-    """
-    if prior.family == "uniform":
-        half = (prior.second - prior.first) / 2
-        return Prior("uniform", prior.first - half, prior.second + half)
-    return Prior(prior.family, prior.first, 2 * prior.second)
+def _far_out(model_class: ModelClass, samples: FloatArray, best: FloatArray) -> FloatArray:
+    """Samples moved away from the best parameters, those that the prior allows."""
+    moved = best + FAR_OUT * (samples - best)
+    return np.concatenate([best[None], moved[np.isfinite(model_class.log_prior(moved))]])

@@ -7,10 +7,14 @@ import numpy as np
 from opid.errors import NotDeterminedError
 from opid.mechanics.backbones import family_evaluator
 from opid.signals.recording import FloatArray
+from opid.updating.backbone_data import BackboneData, ModeData
 from opid.updating.curve_noise import draw_errors
-from opid.updating.likelihood import BackboneData, ModeData, curves_of
 from opid.updating.measured import MeasuredBackbone
+from opid.updating.model_curves import curves_of, named_points
 from opid.updating.result import BackboneBand, ClassPosterior
+
+LEAST_DRAWS = 0.5
+"""Share of the draws that must have a backbone at an amplitude for a band there."""
 
 
 def predict(
@@ -26,7 +30,8 @@ def predict(
 
     lambda = lambda(theta) + e - r_m with theta drawn from the posterior. In the paper's forms e is drawn from
     N(0, sigma_lambda^2) and r_m is the mean of the curves; in the recommended one offset and noise of a further curve
-    are drawn from what the measured ones tell.
+    are drawn from what the measured ones tell. Where the model converges for less than `LEAST_DRAWS` of the draws there
+    is no band: nan.
 
     Args:
         data: the backbones, from `backbone_data`.
@@ -37,10 +42,18 @@ def predict(
         n_amplitudes: points of each band, between the smallest and the largest measured amplitude.
 
     Raises:
-        NotDeterminedError: no draw has a backbone.
+        NotDeterminedError: no mode has a band anywhere.
     """
     drawn = posterior.samples[rng.integers(len(posterior.samples), size=n_draws)]
-    return tuple(_band(data, mode, posterior, measured, drawn, n_amplitudes, rng) for mode in data.modes)
+    bands = tuple(_band(data, mode, posterior, measured, drawn, n_amplitudes, rng) for mode in data.modes)
+    if not any(np.isfinite(band.frequency_hz).any() for band in bands):
+        every = np.ones(n_amplitudes, dtype=bool)
+        where = " or ".join(f"mode {b.mode} at {named_points(b.amplitude, every, b.sensor)}" for b in bands)
+        raise NotDeterminedError(
+            f"most draws of {posterior.model_class.name!r} have no backbone of {where}: take fewer harmonics, or "
+            "smaller amplitudes"
+        )
+    return bands
 
 
 def _band(
@@ -61,19 +74,18 @@ def _band(
         harmonics=data.harmonics,
     )  # fmt: skip
     found = solve(posterior.model_class.coefficients(drawn))
-    ok = found.converged.all(axis=1)
-    if not ok.any():
-        raise NotDeterminedError(
-            f"no draw of {posterior.model_class.name!r} has a backbone of mode {mode.mode} up to {amplitude[-1]:.3g} m"
-        )
-    eigenvalue = found.eigenvalue[ok] + _errors(data, mode, posterior, drawn[ok], found.eigenvalue[ok], rng)
-    frequency = np.sqrt(np.maximum(eigenvalue, 0.0)) / (2 * np.pi)
-    low, middle, high = np.quantile(frequency, [0.025, 0.5, 0.975], axis=0)
-    inside = [
-        (one.frequency_hz >= np.interp(a, amplitude, low)) & (one.frequency_hz <= np.interp(a, amplitude, high))
-        for one, a in zip(curves, seen, strict=True)
-    ]
-    return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, float(np.concatenate(inside).mean()))
+    errors = _errors(data, mode, posterior, drawn, found.eigenvalue, rng)
+    frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)
+    there = np.isfinite(frequency)
+    band = np.full((3, n_amplitudes), np.nan)
+    for place in np.flatnonzero(there.mean(axis=0) >= LEAST_DRAWS):
+        band[:, place] = np.quantile(frequency[there[:, place], place], [0.025, 0.5, 0.975])
+    low, middle, high = band
+    hz = np.concatenate([one.frequency_hz for one in curves])
+    ends = [np.interp(np.concatenate(seen), amplitude, end) for end in (low, high)]
+    inside = ((hz >= ends[0]) & (hz <= ends[1]))[np.isfinite(ends[0])]
+    coverage = float(inside.mean()) if inside.size else float("nan")
+    return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, coverage)
 
 
 def _errors(
@@ -84,11 +96,21 @@ def _errors(
     eigenvalue: FloatArray,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(n, n_amplitudes) of lambda: what the measured curves show beside the model, drawn anew."""
+    """(n, n_amplitudes) of lambda: what the measured curves show beside the model, drawn anew; nan without a model."""
     if mode.frequency_noise is not None:
-        at_nodes, _, _ = curves_of(data, mode, posterior.model_class)(drawn)
-        growth = eigenvalue / mode.linear - 1
-        return mode.linear * draw_errors(mode.frequency_noise, at_nodes[..., None] / mode.linear, growth, rng)
+        at_nodes, _, _, lost = curves_of(data, mode, posterior.model_class)(drawn)
+        growth = _without_gaps(eigenvalue, mode.linear) / mode.linear - 1
+        errors = mode.linear * draw_errors(mode.frequency_noise, at_nodes[..., None] / mode.linear, growth, rng)
+        return np.where(lost[:, None], np.nan, errors)
     first = np.unique(mode.curve, return_index=True)[1]
     r_m = float(np.mean(mode.linear - mode.eigenvalue[first]))
     return data.noise.weight * mode.cov * eigenvalue * rng.standard_normal(eigenvalue.shape) - r_m
+
+
+def _without_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:
+    """Rows with values between their neighbours where they have none: the errors of a curve depend on all of it."""
+    filled, places = eigenvalue.copy(), np.arange(eigenvalue.shape[1])
+    for row in np.flatnonzero(np.isnan(eigenvalue).any(axis=1)):
+        there = np.isfinite(eigenvalue[row])
+        filled[row] = np.interp(places, places[there], eigenvalue[row, there]) if there.any() else otherwise
+    return filled

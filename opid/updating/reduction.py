@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from opid.errors import InputError
 from opid.mechanics.jointed_modes import JointedModes, jointed_modes
 from opid.signals.recording import FloatArray
 from opid.updating.structure import AffineStructure
+
+IntArray = NDArray[np.int64]
 
 RANK = 1e-10
 """Share of the mass of a constraint mode below which a direction is taken for one that the free modes hold."""
@@ -22,6 +25,8 @@ DENSE = 200
 """Degrees of freedom up to which the dense eigensolver is the faster one."""
 SAME_FREQUENCY = 1e-4
 """Relative difference below which modes share their space."""
+ALIKE = 0.5
+"""Modal assurance criterion from which a shape is taken for that of another mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +43,7 @@ class ReducedStructure:
         sensors: names of the sensors.
         joints: names of the joints.
         method: "fixed" or "free".
+        n_cut: directions that were cut off because the free modes hold them.
     """
 
     mass: FloatArray
@@ -49,6 +55,7 @@ class ReducedStructure:
     sensors: tuple[str, ...]
     joints: tuple[str, ...]
     method: str
+    n_cut: int = 0
 
     @property
     def n_dof(self) -> int:
@@ -64,14 +71,25 @@ class ReductionErrors:
         frequency_hz: (n,) of the full structure, Hz.
         reduced_hz: (n,) of the reduced one, Hz.
         relative: (n,) reduced over full, less 1.
-        mac: (n,) modal assurance criterion of the shapes over all degrees of freedom. Of modes with equal frequencies
-            it is that of the nearest shape in their common space.
+        mac: (n,) modal assurance criterion of the shapes over all degrees of freedom, the same number of mode in both.
+            Of modes with equal frequencies it is that of the nearest shape in their common space.
+        nearest: (n,) number, from 1, of the mode of the full structure whose shape each reduced mode has: its own, or
+            another one where the order has changed; 0 where none of the n has a MAC of 0.5.
+        nearest_mac: (n,) modal assurance criterion with that one, or the largest where there is none.
+        method: "fixed" or "free".
+        n_dof: coordinates of the reduced structure.
+        n_cut: directions that were cut off because other coordinates hold them.
     """
 
     frequency_hz: FloatArray
     reduced_hz: FloatArray
     relative: FloatArray
     mac: FloatArray
+    nearest: IntArray
+    nearest_mac: FloatArray
+    method: str = "fixed"
+    n_dof: int = 0
+    n_cut: int = 0
 
 
 def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, FloatArray]:
@@ -157,7 +175,8 @@ def craig_bampton(
     elif n_modes:
         shapes = lowest_modes(structure.mass, stiffness, n_modes)[1]
         basis = _with_free_modes(structure.mass, basis[:, : len(boundary)], shapes)
-    return _projected(structure, stiffness, basis, tuple(boundary), method)
+    n_cut = len(boundary) + n_modes - basis.shape[1]
+    return _projected(structure, stiffness, basis, tuple(boundary), method, n_cut)
 
 
 def reduce(
@@ -216,14 +235,21 @@ def reduction_errors(
     found, coordinates = linalg.eigh(reduced.stiffness, reduced.mass, subset_by_index=(0, n - 1))
     other = reduced.basis @ coordinates
     full_hz, reduced_hz = (np.sqrt(np.maximum(part, 0.0)) / (2 * np.pi) for part in (eigenvalue, found))
-    mac = np.empty(n)
+    # [i, j]: reduced mode i with the full mode j, or the nearest shape in the space that j shares with its equals
+    mac = np.empty((n, n))
     for mode in range(n):
         alike = np.flatnonzero(np.abs(full_hz - full_hz[mode]) <= SAME_FREQUENCY * full_hz[mode])
-        nearest_shape, *_ = np.linalg.lstsq(shapes[:, alike], other[:, mode], rcond=None)
-        mac[mode] = modal_assurance(shapes[:, alike] @ nearest_shape, other[:, mode])
+        nearest_shapes = shapes[:, alike] @ np.linalg.lstsq(shapes[:, alike], other, rcond=None)[0]
+        mac[:, mode] = [modal_assurance(one, found) for one, found in zip(nearest_shapes.T, other.T, strict=True)]
+    own = mac.diagonal()
+    nearest = np.where(own >= ALIKE, np.arange(n), np.argmax(mac, axis=1)).astype(np.int64)
+    nearest_mac = mac[np.arange(n), nearest]
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(full_hz > 0, reduced_hz / full_hz - 1, 0.0)
-    return ReductionErrors(full_hz, reduced_hz, relative, mac)
+    return ReductionErrors(
+        full_hz, reduced_hz, relative, own.copy(), np.where(nearest_mac >= ALIKE, nearest + 1, 0), nearest_mac,
+        reduced.method, reduced.n_dof, reduced.n_cut,
+    )  # fmt: skip
 
 
 def modal_assurance(one: FloatArray, other: FloatArray) -> float:
@@ -272,6 +298,7 @@ def _projected(
     basis: FloatArray,
     boundary: tuple[str, ...],
     method: str,
+    n_cut: int,
 ) -> ReducedStructure:
     mass, reduced = (basis.T @ (matrix @ basis) for matrix in (structure.mass, stiffness))
     symmetric = (mass + mass.T) / 2, (reduced + reduced.T) / 2
@@ -279,4 +306,6 @@ def _projected(
     for array in (*symmetric, basis, at_sensors, at_joints):
         array.flags.writeable = False
     joints = tuple(structure.joints)
-    return ReducedStructure(*symmetric, basis, at_sensors, at_joints, boundary, structure.sensors, joints, method)
+    return ReducedStructure(
+        *symmetric, basis, at_sensors, at_joints, boundary, structure.sensors, joints, method, n_cut
+    )

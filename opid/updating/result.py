@@ -9,6 +9,7 @@ from typing import Any
 from opid.estimate import Estimate
 from opid.mechanics.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
+from opid.updating.chains import Chain
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
 
@@ -66,6 +67,7 @@ class ClassPosterior:
         diagnostics: of the sampling.
         prior_sensitivity: how the logarithm of the evidence changes when each prior is twice as wide, by parameter.
         warnings: what to doubt.
+        chain: as sampled, chain by chain; None where it was not kept.
     """
 
     model_class: ModelClass
@@ -78,6 +80,7 @@ class ClassPosterior:
     diagnostics: Diagnostics
     prior_sensitivity: Mapping[str, float]
     warnings: tuple[str, ...]
+    chain: Chain | None = None
 
     @property
     def log_evidence(self) -> float:
@@ -119,6 +122,7 @@ class LinearPosterior:
         modes: frequencies and MAC before and after.
         diagnostics: of the sampling.
         warnings: what to doubt.
+        chain: as sampled, chain by chain; None where it was not kept.
     """
 
     names: tuple[str, ...]
@@ -129,6 +133,7 @@ class LinearPosterior:
     modes: tuple[LinearMode, ...]
     diagnostics: Diagnostics
     warnings: tuple[str, ...]
+    chain: Chain | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,19 +8,26 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, get_args
 
+from opid.errors import InputError
+from opid.mechanics.harmonic_balance import harmonics_of
 from opid.mechanics.jointed_modes import JointedModes
 from opid.signals.tables import refuse
-from opid.updating.likelihood import FORMS, Form
+from opid.updating.backbone_data import FORMS, Form, coefficient_of_variation, scatter_fault
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.noise_settings import NoiseSettings
 from opid.updating.structure import AffineStructure
+from opid.updating.study_checks import mode_faults, sensor_faults
 
 Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 FEWEST_SAMPLES = 1000
 """Of all chains, the warm-up among them: fewer tell no 95 % interval."""
+
+
+FAR = 5.0
+"""Standard deviations above its mean where a normal prior ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,3 +113,50 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
         unknown = [name for name in one.sensors if name not in study.structure.sensors]
         if unknown:
             yield f"backbone {one.name!r} has the sensors {', '.join(unknown)}, which the structure does not have"
+    yield from sensor_faults(study.backbones)
+    if isinstance(study.structure, JointedModes):
+        yield from mode_faults(study.structure, study.backbones)
+    yield from _prior_faults(study)
+    yield from _harmonic_faults(study)
+    yield from _scatter_faults(study)
+
+
+def _prior_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Factors of stiffness that could not be positive."""
+    for name, prior in study.parameters.items():
+        high = prior.first + FAR * prior.second if prior.family == "normal" else prior.support[1]
+        if high <= 0:
+            yield f"the prior of {name!r} allows nothing above 0, a factor of stiffness is positive"
+
+
+def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Laws that are not odd and harmonics without a mean."""
+    if 1 not in study.harmonics or min(study.harmonics) < 0:
+        return  # told already
+    for each in study.classes:
+        try:
+            harmonics_of(each.law([1.0] * each.n_parameters).terms, study.harmonics)
+        except InputError as error:
+            yield f"class {each.name!r}: {error}"
+
+
+def _scatter_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Modes whose curves must tell how lambda scatters and do not, and levels that are given for other modes."""
+    modes = sorted({one.mode for one in study.backbones})
+    given = study.noise.cov or {}
+    for mode in given:
+        if mode not in modes:
+            yield f"cov names mode {mode}, of which there is no backbone, there are {modes}"
+    if study.form == "recommended" and not given:
+        return
+    for mode in modes:
+        curves = [one for one in study.backbones if one.mode == mode]
+        if mode in given:
+            continue
+        if study.form != "recommended" and not coefficient_of_variation(curves) > 0:
+            yield scatter_fault(mode)
+        elif study.parameters and len({float(one.frequency_hz[0]) for one in curves}) < 2:
+            yield (
+                f"the curves of mode {mode} begin at one frequency, which has no scatter for the linear parameters, "
+                f"give cov of mode {mode}"
+            )

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from opid.errors import InputError
+from opid.mechanics.backbones import refuse_unseen
 from opid.mechanics.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone
@@ -25,6 +26,75 @@ APART = 0.1
 
 N_ABOVE = 8
 """Modes beyond the highest that is named, to look for the right one in."""
+
+
+LEAST_EXTENSION = 1e-3
+"""Of the largest extension that any mode gives a joint: below it the joints' law does not show in a mode."""
+
+
+def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield where curves of one mode have different sensors: both phases compare shapes entry by entry.
+
+    Args:
+        backbones: all of a study.
+    """
+    first: dict[int, MeasuredBackbone] = {}
+    for curve in backbones:
+        other = first.setdefault(curve.mode, curve)
+        if curve.sensors == other.sensors:
+            continue
+        for one, two in ((curve, other), (other, curve)):
+            lacking = [name for name in two.sensors if name not in one.sensors]
+            if lacking:
+                yield (
+                    f"backbone {one.name!r} of mode {one.mode} lacks the sensor(s) {', '.join(lacking)} of "
+                    f"{two.name!r}: give all curves of a mode the same sensors, leave out those that one lacks"
+                )
+        if set(curve.sensors) == set(other.sensors):
+            yield (
+                f"backbone {curve.name!r} of mode {curve.mode} has the sensors of {other.name!r} in another order: "
+                "give all curves of a mode the same order"
+            )
+
+
+def joint_fault(modes: JointedModes, mode: int) -> list[str]:
+    """Return one clause where a mode extends no joint, so that no law of the joints changes it.
+
+    Args:
+        modes: of the structure.
+        mode: number of the mode, from 1.
+    """
+    size = np.abs(modes.at_joints).max(axis=0, initial=0.0)
+    share = float(size[mode - 1] / max(float(size.max(initial=0.0)), 1e-300))
+    if not modes.joints or share > LEAST_EXTENSION:
+        return []
+    others = np.flatnonzero(size > LEAST_EXTENSION * size.max()) + 1
+    return [
+        f"mode {mode} extends no joint ({share:.1g} of the largest extension), so that their law does not change it: "
+        f"take another mode, such as {', '.join(map(str, others[:3]))}"
+    ]
+
+
+def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield what is wrong with the modes that backbones name: not there, still at the joints or the controlled sensor.
+
+    Args:
+        modes: of the structure.
+        backbones: measured on it.
+    """
+    for mode in sorted({curve.mode for curve in backbones}):
+        if mode > modes.n_modes:
+            names = ", ".join(repr(curve.name) for curve in backbones if curve.mode == mode)
+            yield f"backbone {names} is of mode {mode}, and the structure has {modes.n_modes}"
+            continue
+        yield from joint_fault(modes, mode)
+        held = dict.fromkeys(curve.controlled_sensor for curve in backbones if curve.mode == mode)
+        for sensor in held:
+            try:
+                if sensor in modes.sensors:
+                    refuse_unseen(modes, mode - 1, modes.sensors.index(sensor))
+            except InputError as error:
+                yield str(error)
 
 
 def structure_faults(structure: AffineStructure) -> Iterator[str]:
@@ -75,6 +145,7 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
         fault = _frequency_fault(modes, curve)
         wrong += [curve.name] * bool(fault)
         yield from fault
+    yield from mode_faults(modes, [curve for curve in backbones if curve.name not in wrong])
     if not wrong:
         yield from _crossings(backbones)
 

@@ -16,7 +16,7 @@ from opid.signals.files import written_whole
 from opid.signals.tables import TEXT, Document, Key, load, maybe, refuse, table_faults
 from opid.updating.backbone_file import read_backbone, write_backbone
 from opid.updating.class_tables import class_faults, class_table, model_class, prior_list, prior_of
-from opid.updating.matrices_file import read_structure, write_structure
+from opid.updating.matrices_file import checked_structure, write_structure
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
 from opid.updating.noise_settings import NoiseSettings
@@ -94,11 +94,8 @@ def read_updating_study(path: str | os.PathLike[str], *, progress: Say | None = 
     table = document["structure"]
     faults: list[str] = []
     say("the matrices")
-    structure = None
-    try:
-        structure = _structure(table, source.parent)
-    except InputError as error:
-        faults.append(f"[structure]: {error}")
+    structure, wrong = _structure(table, source.parent)
+    faults += [f"[structure]: {fault}" for fault in wrong]
     backbones = []
     for entry in document["backbones"]:
         say(entry["file"])
@@ -202,11 +199,11 @@ def _structure_faults(table: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name!r} in [structure.matrices] is {file!r}, give the name of a file in quotes"
 
 
-def _structure(table: Mapping[str, Any], directory: Path) -> AffineStructure:
+def _structure(table: Mapping[str, Any], directory: Path) -> tuple[AffineStructure | None, list[str]]:
     given = table["matrices"]
     files = {name: directory / file for name, file in given.items()} if isinstance(given, dict) else directory / given
     dofs, joints, sensors = table.get("dofs"), table.get("joints"), table.get("sensors")
-    return read_structure(
+    return checked_structure(
         files,
         sensors=None if sensors is None else [str(sensor) for sensor in sensors],
         joints=None if joints is None else {name: [str(end) for end in ends] for name, ends in joints.items()},

@@ -1,0 +1,135 @@
+"""The backbones that a law has at the nodes of the measured ones; gaps where Newton's method fails are bridged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.mechanics.backbones import family_evaluator
+from opid.signals.recording import FloatArray
+from opid.updating.backbone_data import BackboneData, ModeData
+from opid.updating.model_class import ModelClass
+
+MOST_MISSING = 0.25
+"""Share of the points of a curve that may be bridged."""
+
+LEAST_SPAN = 0.9
+"""Share of the range of amplitudes that the points with a solution must span: no more is extrapolated."""
+
+DEGREE = 6
+"""Of the polynomial over the amplitude that bridges a gap, at most."""
+
+MOST_NAMED = 4
+"""Points that a sentence names."""
+
+BoolArray = NDArray[np.bool_]
+
+Curves = Callable[[FloatArray], tuple[FloatArray, FloatArray, BoolArray, BoolArray]]
+"""theta (n, d) -> lambda (n, n_nodes), shapes of unit length (n, n_nodes, n_sensors), where there is no solution
+(n, n_nodes), and whether so many are missing that there is no curve (n,)."""
+
+
+def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Curves:
+    """Return theta -> the model of one mode at its nodes.
+
+    A point where Newton's method fails, as in an interaction with another mode, gets the value of a polynomial through
+    the others, so that the rest of the curve still tells about the law. Where more than `MOST_MISSING` of the points
+    fail, or those at an end beyond `LEAST_SPAN` of the range, there is no curve.
+
+    Args:
+        data: the backbones.
+        mode: one entry of its modes.
+        model_class: the law.
+    """
+    solvers = [
+        family_evaluator(
+            data.system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics
+        )
+        for sensor, amplitude in mode.parts
+    ]
+    middle = mode.shapes.mean(axis=0)
+
+    def curves(theta: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+        found = [solve(model_class.coefficients(theta)) for solve in solvers]
+        lost = np.zeros(len(theta), dtype=bool)
+        whole = []
+        for each in found:
+            values = np.concatenate([each.eigenvalue[..., None], each.shapes[..., mode.rows]], axis=2)
+            for row in np.flatnonzero(~each.converged.all(axis=1)):
+                bridged = _bridged(values[row], each.amplitude, each.converged[row])
+                lost[row] |= bridged is None
+                # any numbers do for a curve that is lost
+                values[row] = np.append(mode.linear, middle) if bridged is None else bridged
+            whole.append(values)
+        values = np.concatenate(whole, axis=1)
+        shapes = values[..., 1:]
+        # the sign of a shape is that of the measured ones
+        size = np.sqrt(np.einsum("nks,nks->nk", shapes, shapes)) * np.where(shapes @ middle < 0, -1.0, 1.0)
+        missing = ~np.concatenate([each.converged for each in found], axis=1)
+        return values[..., 0], shapes / size[..., None], missing, lost
+
+    return curves
+
+
+def where_it_fails(data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False) -> list[str]:
+    """Return where Newton's method fails for some theta: mode, amplitude and point of the curve, one clause a mode.
+
+    Args:
+        data: the backbones.
+        model_class: the law.
+        theta: (n, n_parameters).
+        lost: count only those theta that have no curve.
+    """
+    rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+    clauses = []
+    for mode in data.modes:
+        _, _, missing, gone = curves_of(data, mode, model_class)(rows)
+        if lost:
+            missing = missing[gone]
+        ends = np.cumsum([0, *(amplitude.size for _, amplitude in mode.parts)])
+        for (sensor, amplitude), (first, last) in zip(mode.parts, pairwise(ends), strict=True):
+            often = missing[:, first:last].sum(axis=0)
+            if often.any():
+                share = 100 * missing[:, first:last].any(axis=1).sum() / len(rows)
+                percent = f"{share:.0f}" if share >= 1 else f"{share:.1f}"
+                clauses.append(f"mode {mode.mode} at {named_points(amplitude, often > 0, sensor)} for {percent} %")
+    return clauses
+
+
+def named_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
+    """Return some points of a curve in words, with their amplitude in mm.
+
+    Args:
+        amplitude: (n,) m.
+        chosen: (n,) which of them.
+        sensor: whose amplitude it is.
+
+    >>> named_points(np.array([1e-3, 2e-3, 3e-3]), np.array([False, True, True]), "tip")
+    "2 to 3 mm of sensor 'tip' (points 2 and 3 of 3)"
+    """
+    places = np.flatnonzero(chosen)
+    low, high = 1e3 * amplitude[places].min(), 1e3 * amplitude[places].max()
+    numbers = [str(place + 1) for place in places]
+    if len(numbers) > MOST_NAMED:
+        numbers = [*numbers[: MOST_NAMED - 1], f"{len(numbers) - MOST_NAMED + 1} more"]
+    listed = numbers[0] if len(numbers) == 1 else f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+    span = f"{low:.3g}" if f"{low:.3g}" == f"{high:.3g}" else f"{low:.3g} to {high:.3g}"
+    return f"{span} mm of sensor {sensor!r} (point{'s' * (len(numbers) > 1)} {listed} of {amplitude.size})"
+
+
+def _bridged(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
+    """Values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None where too much is missing."""
+    n_found = int(converged.sum())
+    if n_found < 4 or n_found < (1 - MOST_MISSING) * converged.size:
+        return None
+    known = amplitude[converged]
+    if np.ptp(known) < LEAST_SPAN * np.ptp(amplitude):
+        return None
+    powers = np.polynomial.chebyshev.chebvander(
+        2 * (amplitude - amplitude.min()) / np.ptp(amplitude) - 1, min(DEGREE, n_found - 2)
+    )
+    smooth = powers @ np.linalg.lstsq(powers[converged], values[converged], rcond=None)[0]
+    return np.where(converged[:, None], values, smooth)

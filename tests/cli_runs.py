@@ -1,0 +1,35 @@
+"""The command as tests drive it: in this process or in one of its own, and how it refuses."""
+
+import subprocess
+import sys
+
+from click.testing import CliRunner
+
+from opid import cli
+from opid.report import page
+
+PICTURES = page.pictures()
+CHANNELS = ("--sprung", "upper_z", "--unsprung", "lower_z")
+
+
+def shell(*arguments, cwd=None):
+    """Run the command in a process of its own."""
+    command = [sys.executable, "-W", "error", "-m", "opid.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", cwd=cwd)
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    """Check that a command ended with one sentence on stderr that has these words, and return the sentence."""
+    assert done.exit_code == status, done.output
+    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+    assert len(lines) == 1
+    assert done.stderr.rstrip().endswith(lines[0])
+    assert "Traceback" not in done.output
+    for word in words:
+        assert word in lines[0]
+    return lines[0]

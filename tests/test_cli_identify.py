@@ -1,0 +1,224 @@
+"""`opid identify` as a user drives it: what it writes, what it says, and with which status it ends."""
+
+import json
+from pathlib import Path
+
+import pytest
+from cli_runs import CHANNELS, opid, refused
+
+from opid import cli
+
+
+@pytest.fixture
+def logs(field_test, tmp_path):
+    """Copies of both logs that a test may spoil, as lists of lines, with a function that identifies them."""
+
+    class Logs:
+        heavy = (field_test / "heavy.csv").read_text().splitlines()
+        light = (field_test / "light.csv").read_text().splitlines()
+
+        def identify(self, *arguments):
+            for name in ("heavy", "light"):
+                (tmp_path / f"{name}.csv").write_text("\n".join(getattr(self, name)) + "\n")
+            paths = (tmp_path / "heavy.csv", tmp_path / "light.csv")
+            change = () if "--mass-change" in arguments else ("--mass-change", "-220")
+            names = () if "--sprung" in arguments else CHANNELS
+            done = opid("identify", *paths, *names, *change, "--out", tmp_path / "result", *arguments)
+            if done.exit_code == 2:
+                assert not (tmp_path / "result").exists()
+            return done
+
+    each = Logs()
+    each.heavy, each.light = list(Logs.heavy), list(Logs.light)
+    return each
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_logs_without_a_study_give_the_same(field_test, identified, logs, tmp_path):
+    done = logs.identify()
+    assert done.exit_code == 0
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    for name, estimate in identified.result.parameters.items():
+        assert result["parameters"][name]["value"] == pytest.approx(estimate.value, rel=1e-9)
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_the_options_of_identify_reach_the_result(field_test, tmp_path):
+    options = [
+        "--method",
+        "paper",
+        "--law",
+        "arctan_velocity",
+        "--band",
+        "1",
+        "10",
+        "--high-pass",
+        "0.4",
+        "--no-ground",
+    ]
+    done = opid("identify", field_test / "study.toml", *options, "--out", tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert done.exit_code == (1 if result["not_determined"] else 0)
+    assert result["method"] == "paper"
+    assert result["diagnostics"]["settings"] == {
+        "study": "study.toml",
+        "sprung": "upper_z",
+        "unsprung": "lower_z",
+        "band_hz": [1.0, 10.0],
+        "high_pass_hz": 0.4,
+        "law": "arctan_velocity",
+        "ground": False,
+    }
+    assert all(estimate["std"] is None for estimate in result["parameters"].values())
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "--band 1 10 --high-pass 0.4 --law arctan_velocity --no-ground" in html
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_the_result_is_called_after_the_study(field_test, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.group.result_name(Path("runs/study.toml")) == "runs"
+    assert cli.group.result_name(Path("study.toml")) == tmp_path.name
+    assert cli.group.result_name(Path("runs/autumn.toml")) == "autumn"
+    opid("identify", field_test / "study.toml")
+    assert [path.name for path in tmp_path.iterdir()] == [f"{field_test.name}_result"]
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_equal_masses_give_ratios_and_status_1(logs, tmp_path):
+    # the law is given: masses that contradict the runs make a search long
+    done = logs.identify("--mass-change", "0", "--law", "arctan_velocity")
+    refused(done, "not determined: all runs", "same sprung mass", status=1)
+    assert "K2/M2" in done.stdout
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert result["parameters"]["sprung_mass_kg"]["value"] is None
+    assert result["ratios"]["stiffness_per_mass"]["value"] == pytest.approx(3.9e5 / 1850, rel=0.1)
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
+    refused(logs.identify("--mass-change", "220"), "not determined", "sign of the mass change", status=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("nothing.toml",), "there is no study file nothing.toml"),
+        (("nothing.csv", *CHANNELS), "there is no file nothing.csv"),
+        (("nothing.csv",), "name the channels"),
+        (("a.toml", "b.csv"), "give one study file"),
+        (("a.toml", *CHANNELS), "leave out --sprung"),
+        (("a.csv", "b.csv", *CHANNELS), "one mass change for each log after it"),
+        ((".",), "is a directory"),
+        ((), "Missing argument"),
+        (("a.toml", "--lwa", "linear"), "Did you mean"),
+        (("a.csv", *CHANNELS, "--mass-change", "light"), "'light' is not a valid float"),
+        (("a.toml", "--truth", "none.json"), "cannot read none.json"),
+    ],
+)
+def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused(opid("identify", *arguments), word)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ("--method classic", "did you mean 'classical'"),
+        ("--law arctan_velocty", "did you mean 'arctan_velocity'"),
+        ("--band 12 1", "band_hz"),
+        ("--band 1 1.1", "lines"),
+        ("--high-pass 0.01", "high-pass"),
+        ("--sprung upper --unsprung lower_z", "did you mean 'upper_z'"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(options, word, logs):
+    refused(logs.identify(*options.split()), word)
+
+
+def _replace(lines, number, text):
+    lines[number - 1] = text
+
+
+def _cell(lines, number, column, text):
+    cells = lines[number - 1].split(",")
+    cells[column] = text
+    lines[number - 1] = ",".join(cells)
+
+
+def _column(lines, column, text):
+    for number in range(2, len(lines) + 1):
+        _cell(lines, number, column, text)
+
+
+# each fault of the issue's list, made in the light log
+FAULTS = {
+    "an unknown unit": (lambda rows: _replace(rows, 1, "time [s],lower_z [furlong],upper_z [g]"), "furlong"),
+    "no unit": (lambda rows: _replace(rows, 1, "time [s],lower_z,upper_z [g]"), "channel 'lower_z' states no unit"),
+    "a missing column": (lambda rows: _replace(rows, 1, "time [s],lower_z [g],other [g]"), "'upper_z'"),
+    "text in a number column": (lambda rows: _cell(rows, 30, 1, "spike"), "line 30, column 'lower_z'"),
+    "one sample": (lambda rows: rows.__delitem__(slice(2, None)), "holds one sample"),
+    "no samples": (lambda rows: rows.__delitem__(slice(1, None)), "no samples"),
+    "too few samples": (lambda rows: rows.__delitem__(slice(100, None)), "99 samples"),
+    "a mute channel": (lambda rows: _column(rows, 2, "0.5"), "'upper_z' is mute"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_log_gets_one_sentence(fault, logs):
+    spoil, word = FAULTS[fault]
+    spoil(logs.light)
+    sentence = refused(logs.identify(), word)
+    assert "light" in sentence
+
+
+# what is wrong with a part of the light log is left out, and said
+PARTLY = {
+    "NaN": (lambda rows: _cell(rows, 40, 2, "nan"), "1 value(s) are missing", "at fault"),
+    "an empty cell": (lambda rows: _cell(rows, 50, 2, ""), "1 value(s) are missing", "at fault"),
+    "a repeated time stamp": (lambda rows: _cell(rows, 61, 0, rows[59].split(",")[0]), "stand twice", "at fault"),
+    "a gap": (lambda rows: rows.__delitem__(slice(100, 140)), "40 sample(s) lost", "at fault"),
+}
+
+
+@pytest.mark.parametrize("fault", PARTLY)
+def test_a_fault_in_a_part_of_a_log_is_left_out_and_said(fault, logs, tmp_path, request):
+    if fault != "a gap":  # of one such study the whole report is drawn
+        request.getfixturevalue("few_figures")
+    spoil, *words = PARTLY[fault]
+    spoil(logs.light)
+    done = logs.identify("--law", "arctan_velocity")
+    assert done.exit_code == 0, done.stderr
+    text = " ".join(done.stdout.split())
+    for word in words:
+        assert word in text
+    findings = json.loads((tmp_path / "result" / "result.json").read_text())["diagnostics"]["runs"][1]["findings"]
+    assert any("at fault" in finding["message"] for finding in findings)
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_runs_of_two_rates_are_put_at_the_lower_one(logs, tmp_path):
+    del logs.light[1::2]
+    done = logs.identify("--law", "arctan_velocity")
+    assert done.exit_code == 0, done.stderr
+    assert {
+        run["fs"] for run in json.loads((tmp_path / "result" / "result.json").read_text())["diagnostics"]["runs"]
+    } == {128.0}
+
+
+def test_an_empty_file_is_named(field_test, tmp_path):
+    (tmp_path / "light.csv").write_text("")
+    done = opid("identify", field_test / "heavy.csv", tmp_path / "light.csv", *CHANNELS, "--mass-change", -220)
+    refused(done, "light.csv is empty")
+
+
+def test_swapped_sensors_are_said(logs):
+    done = logs.identify("--sprung", "lower_z", "--unsprung", "upper_z")
+    refused(done, "quieter", "exchange sprung and unsprung")
+
+
+def test_an_unknown_key_of_a_study_names_the_nearest(field_test, tmp_path):
+    text = (field_test / "study.toml").read_text().replace("title", "tittle")
+    (tmp_path / "study.toml").write_text(text)
+    refused(opid("identify", tmp_path / "study.toml"), "'tittle'", "did you mean 'title'")

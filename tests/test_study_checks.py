@@ -1,0 +1,130 @@
+"""What is wrong with matrices and backbones of a study, told when it is read."""
+
+from dataclasses import replace
+
+import made_backbones as made
+import numpy as np
+import pytest
+from made_chain import DOFS, curve_of, small_chain
+
+from opid.errors import InputError
+from opid.mechanics.jointed_modes import JointedModes
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.noise_settings import NoiseSettings
+from opid.updating.study import UpdatingStudy
+from opid.updating.study_checks import backbone_faults, nominal_modes, sensor_faults, structure_faults
+
+
+def test_sound_backbones_have_no_faults():
+    assert list(backbone_faults(small_chain(), [curve_of(), curve_of(2, name="second")])) == []
+    # an initial structure may be stiffer by far, as in the paper
+    assert list(backbone_faults(small_chain(2.4 * 4e4), [curve_of()])) == []
+
+
+def test_frequencies_far_from_any_mode_are_told_with_the_nearest():
+    # radians a second
+    (fault,) = backbone_faults(small_chain(), [curve_of(4, factor=2 * np.pi)])
+    assert "begins at 265.8 Hz" in fault
+    assert "nearest is mode 4 at 42.3" in fault
+    assert "look at the unit" in fault
+
+
+def test_a_mode_with_another_number_is_told_by_its_shape():
+    (fault,) = backbone_faults(small_chain(), [replace(curve_of(4), mode=1)])
+    assert "its shape and frequency are those of mode 4 at 42.3" in fault
+    (fault,) = backbone_faults(small_chain(), [replace(curve_of(), mode=9)])
+    assert "is of mode 9, and the structure has 4" in fault
+
+
+def test_modes_that_cross_and_curves_that_stand_apart_are_told():
+    crossing = [curve_of(1, factor=2.9), curve_of(2, name="second", factor=0.8)]
+    (fault,) = backbone_faults(small_chain(), crossing)
+    assert "they cross" in fault
+    apart = [curve_of(), curve_of(name="b"), curve_of(name="c", factor=1.2)]
+    (fault,) = backbone_faults(small_chain(), apart)
+    assert "'c' begins at" in fault
+    assert "of another mode?" in fault
+
+
+def test_matrices_that_are_not_positive_are_told():
+    chain = small_chain()
+    assert list(structure_faults(chain)) == []
+    free = np.diag([1.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    assert list(structure_faults(replace(chain, stiffness=1e6 * free, parts={}))) == []  # it may float
+    wrong = replace(chain, stiffness=-1.2 * chain.stiffness)
+    assert "the stiffness matrix is not positive" in next(iter(structure_faults(wrong)))
+    mass = 2 * np.eye(4) + 3 * np.eye(4, k=1) + 3 * np.eye(4, k=-1)
+    assert "the mass matrix is not positive" in next(iter(structure_faults(replace(chain, mass=mass))))
+
+
+def test_a_mode_that_extends_no_joint_is_told():
+    modes = nominal_modes(small_chain(), 4)
+    still = replace(modes, at_joints=modes.at_joints * np.array([1.0, 1e-5, 1.0, 1.0]))
+    given = {"title": "x", "structure": still, "classes": (made.CUBIC,), "harmonics": (1,)}
+    match = "mode 2 extends no joint .* so that their law does not change it: take another mode, such as 1, 3, 4"
+    with pytest.raises(InputError, match=match):
+        UpdatingStudy(backbones=(curve_of(2),), **given)
+    UpdatingStudy(backbones=(curve_of(1),), **given)
+
+
+def test_a_symmetric_structure_has_modes_without_its_joint():
+    # two equal masses on equal springs, the joint between them: the first mode moves both alike
+    one = JointedModes([1e4, 3e4], [[1.0, 1.0], [1.0, -1.0]], [[0.0, 2.0]], ("left", "right"), ("link",))
+    level = np.array([1e-4, 2e-4, 3e-4])[:, None] * [1.0, 1.0]
+    curve = replace(curve_of(), mode=1, sensors=("left", "right"), controlled_sensor="left", amplitude=level,
+                    frequency_hz=np.array([15.9, 15.91, 15.92]))  # fmt: skip
+    with pytest.raises(InputError, match="mode 1 extends no joint"):
+        UpdatingStudy("x", one, (curve,), (made.CUBIC,))
+    unseen = replace(one, at_sensors=[[1.0, 0.0], [1.0, -1.0]])
+    with pytest.raises(InputError, match="mode 2 does not move the sensor 'left': prescribe the amplitude of 'right'"):
+        UpdatingStudy("x", unseen, (replace(curve, mode=2),), (made.CUBIC,))
+    with pytest.raises(InputError, match="backbone 'first' is of mode 5, and the structure has 2"):
+        UpdatingStudy("x", one, (replace(curve, mode=5),), (made.CUBIC,))
+
+
+def test_curves_of_a_mode_have_the_same_sensors():
+    whole = curve_of()
+    fewer = replace(whole, name="b", sensors=DOFS[1:], amplitude=whole.amplitude[:, 1:])
+    (fault,) = sensor_faults([whole, fewer, curve_of(2, name="c")])
+    assert "backbone 'b' of mode 1 lacks the sensor(s) a of 'first'" in fault
+    turned = replace(whole, name="d", sensors=DOFS[::-1], amplitude=whole.amplitude[:, ::-1])
+    (fault,) = sensor_faults([whole, turned])
+    assert "backbone 'd' of mode 1 has the sensors of 'first' in another order" in fault
+    with pytest.raises(InputError, match="leave out those that one lacks"):
+        UpdatingStudy("x", small_chain(), (whole, fewer), (made.CUBIC,))
+
+
+EVEN = ModelClass("uneven", ("even_quadratic_stiffness",), (1e5,), (Prior(),))
+OF_MODE_2 = NoiseSettings(cov={2: 0.01})
+TWICE = (curve_of(), curve_of(name="b"))
+APART = (curve_of(), curve_of(name="b", factor=1.001))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"noise": OF_MODE_2}, r"cov names mode 2, of which there is no backbone, there are \[1\]"),
+        ({"classes": (EVEN,)}, "class 'uneven': even_quadratic_stiffness is not odd, .* give harmonics such as"),
+        ({"form": "paper"}, "the curves of mode 1 do not tell how lambda varies .*: give cov of mode 1"),
+        ({"form": "paper", "backbones": TWICE}, "the curves of mode 1 do not tell how lambda varies"),
+        (
+            {"noise": OF_MODE_2, "backbones": (*TWICE, curve_of(2, name="c")), "parameters": {"E": Prior()}},
+            "the curves of mode 1 begin at one frequency, .* give cov of mode 1",
+        ),
+        ({"parameters": {"E": Prior("uniform", -2.0, -1.0)}}, "the prior of 'E' allows nothing above 0"),
+        ({"parameters": {"E": Prior("normal", -6.0, 1.0)}}, "the prior of 'E' allows nothing above 0"),
+        ({"parameters": {"F": Prior()}}, "parameter 'F' is none of the structure's: E"),
+    ],
+)  # fmt: skip
+def test_what_update_study_would_refuse_is_told_when_the_study_is_made(wrong, match):
+    given = {"title": "x", "structure": small_chain(), "backbones": (curve_of(),), "classes": (made.CUBIC,)}
+    with pytest.raises(InputError, match=match):
+        UpdatingStudy(**(given | wrong))
+
+
+def test_what_can_be_used_is_accepted():
+    given = {"title": "x", "structure": small_chain(), "backbones": (curve_of(),), "classes": (made.CUBIC,)}
+    UpdatingStudy(**given, parameters={"E": Prior("normal", 1.0, 0.5)})
+    UpdatingStudy(**(given | {"classes": (EVEN,), "harmonics": (0, 1, 2, 3)}))
+    UpdatingStudy(**given, form="paper", noise=NoiseSettings(cov={1: 0.01}), parameters={"E": Prior("uniform", 0.1, 2)})
+    UpdatingStudy(**(given | {"backbones": APART}), form="paper", parameters={"E": Prior("lognormal", 1.0, 0.5)})
