@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 from trials import Case, simulated
 
-from opid.identify.driven_run import BAND_HZ
+from opid.identify.band_lines import BAND_HZ
 from opid.signals.recording import FloatArray
 
 # the state at the begin of a run (equally, the difference of the states at both ends) is two real unknowns

@@ -4,10 +4,17 @@ from .estimate import Estimate
 from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
 from .identify.bench import Bench, bench_from_recording
 from .identify.bench_law import BenchLaw, law_of_bench
+from .identify.body.identification import identify_body
+from .identify.body.own_structure import StructureIdentification, identify_structure
+from .identify.body.result import BodyIdentification
+from .identify.body.study import BodySensor, BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from .identify.body.study_file import read_body_study, write_body_study
 from .identify.classical import classical_chain
+from .identify.comparison import Comparison, compare
 from .identify.demands import let_in
 from .identify.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
 from .identify.driven_run import driven_run
+from .identify.flights import read_flights
 from .identify.force_surface import force_surface
 from .identify.identification import identify_study
 from .identify.joint_fit import JointFit, chosen
@@ -29,6 +36,7 @@ from .identify.transmissibility import (
     transmissibility_without_force,
 )
 from .identify.whiteness import whiteness
+from .mechanics.airframe import Airframe, BendingMode, Gear, Loading, airframe_structure, loaded
 from .mechanics.backbones import backbone, backbone_family
 from .mechanics.bolted_structures import component_assembly, fixture_and_plate
 from .mechanics.continuation import continued_backbone
@@ -45,6 +53,9 @@ from .mechanics.rig import Rig, impact, rig_run
 from .mechanics.sensors import Sensor
 from .mechanics.shaker import Shaker
 from .mechanics.structure import Joint, Structure
+from .mechanics.taxiing_aircraft import aircraft_run, aircraft_test
+from .mechanics.virtual_aircraft import default_aircraft, random_aircraft, with_bending
+from .mechanics.wheel_tracks import iso8608_tracks
 from .modal.appropriation import appropriate_force, levels_for
 from .modal.coordinates import ModalTest, modal_test
 from .modal.excitation import (

@@ -14,6 +14,9 @@ from opid.mechanics.prediction import Noise, predict
 FS, N = 1024.0, 120
 ACCELERANCE = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1500
 NOISE = Noise([0.02, 0.03], [0.01, 0.02], [1e-3, 2e-3], [2e-3, 1e-3])
+# of sensors that are not at their interfaces, and what the change of the accelerance does to it
+READING = np.array([[0.9, 0.35], [0.25, 1.1]]) / 1500
+BY_READING = np.array([[0.5, -0.2], [0.1, 0.3]]) / 1500
 
 
 def _of(n, *, ground, laws=("linear", "linear")):
@@ -116,6 +119,7 @@ def _at(world, theta):
         "accelerance": world["accelerance"] + theta[place] * by_mass[0],
         "drive": world["drive"] + theta[place + 1] * by_drive[:, 0] + theta[place + 2] * by_drive[:, 1],
         "measured": world["measured"] + theta[place + 3] * by_measured[:, 0],
+        **({"reading": world["reading"] + theta[place] * BY_READING} if "reading" in world else {}),
         "start": np.vstack([theta[place + 4 :].reshape(-1, n), world["start"][-2:]]),
     }
 
@@ -123,7 +127,8 @@ def _at(world, theta):
 def _check_derivatives(world, innovation):
     """Derivatives of `predict` are the differences of `innovation`, a function of a world."""
     n, base = len(world["interfaces"]), _vector(world)
-    found = predict(**world, **_directions(n)).sensitivity
+    displaced = {"reading_directions": BY_READING[np.newaxis]} if "reading" in world else {}
+    found = predict(**world, **_directions(n), **displaced).sensitivity
     assert found.shape == (n, base.size, N)
     firsts = np.cumsum([0, *(i.n_parameters for i in world["interfaces"])])[:n]
     for place, value in enumerate(base):
@@ -166,7 +171,8 @@ def _rate(world, state, drive):
     body = -world["accelerance"] @ force
     still = np.zeros_like(z)
     moving = [v, body - drive[:, np.newaxis] - rest[-2], *([rest[1], body] if world["ground"] else [])]
-    return np.concatenate([*moving, still, still]), body + rest[-1]
+    read = -world.get("reading", world["accelerance"]) @ force
+    return np.concatenate([*moving, still, still]), read + rest[-1]
 
 
 def _step(world, state, drives):
@@ -222,6 +228,36 @@ def test_corrected_predictions_and_their_derivatives_are_those_of_a_plain_filter
     np.testing.assert_allclose(found.innovation, innovation, atol=1e-5 * np.abs(innovation).max())
     np.testing.assert_allclose(found.spread.T, [np.diag(factor) for _, factor in gains], rtol=1e-5)
     _check_derivatives(world, lambda changed: _plain_filter(changed, gains)[0])
+
+
+def test_a_sensor_beside_its_interface_is_filtered_and_differentiated_as_the_plain_filter_does():
+    world = _of(2, ground=False, laws=LAWS) | {"reading": READING}
+    innovation, gains = _plain_filter(world)
+    found = predict(**world)
+    np.testing.assert_allclose(found.innovation, innovation, atol=1e-5 * np.abs(innovation).max())
+    np.testing.assert_allclose(found.spread.T, [np.diag(factor) for _, factor in gains], rtol=1e-5)
+    _check_derivatives(world, lambda changed: _plain_filter(changed, gains)[0])
+    assert np.abs(found.innovation - predict(**_of(2, ground=False, laws=LAWS)).innovation).max() > 0.1
+
+
+def test_a_displaced_sensor_reads_the_body_where_it_is():
+    """Of a bar on two springs: the acceleration at another place is that of the line through both ends."""
+    world = _of(2, ground=False) | {"noise": Noise(0.0, 1e9), "start_std": np.zeros((4, 2))}
+    line = np.array([[0.8, 0.2], [-0.3, 1.3]])
+    here = predict(**world)
+    there = predict(**world, reading=line @ ACCELERANCE)
+    np.testing.assert_allclose(there.travel, here.travel, rtol=1e-12)
+    size = np.abs(here.acceleration).max()
+    np.testing.assert_allclose(there.acceleration, here.acceleration @ line.T, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("ground", [False, True])
+def test_sensors_at_their_interfaces_need_no_reading(ground):
+    world, ways = _of(2, ground=ground, laws=LAWS), _directions(2)
+    old = predict(**world, **ways)
+    new = predict(**world, **ways, reading=world["accelerance"], reading_directions=ways["accelerance_directions"])
+    for name in ("innovation", "spread", "sensitivity", "travel", "velocity", "acceleration"):
+        np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
 
 
 @pytest.mark.parametrize("ground", [False, True])
@@ -322,6 +358,11 @@ def test_bad_input_is_named():
         predict(**world | {"ground": True})
     with pytest.raises(InputError, match="ground is False"):
         predict(**world | {"interfaces": _of(2, ground=True)["interfaces"]})
+    with pytest.raises(InputError, match=r"reading and its directions have shapes \(1, 2\) and \(0, 2, 2\): give"):
+        predict(**world | {"reading": READING[:1]})
+    ways = {"accelerance_directions": np.ones((2, 2, 2)), "reading_directions": np.ones((1, 2, 2))}
+    with pytest.raises(InputError, match=r"have shapes \(2, 2\) and \(1, 2, 2\): give .* \(2, 2, 2\)"):
+        predict(**world | ways)
     for name, way in _directions(2).items():
         with pytest.raises(InputError, match=rf"{name} has shape .*: give \(.*n_directions"):
             predict(**world | {name: way[..., :1]})

@@ -39,6 +39,7 @@ KEYS = {
     "schema",
     "method",
     "title",
+    "date",
     "parameters",
     "ratios",
     "law",

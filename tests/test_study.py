@@ -1,6 +1,7 @@
 """A study: what is read, what is written, and that everything wrong is said at once."""
 
 import tomllib
+from datetime import date
 
 import numpy as np
 import pytest
@@ -316,3 +317,15 @@ def test_a_leak_is_another_axis_and_stands_once(leaks, said):
     runs = (Run("heavy", log(0, names=("lower_z", "upper_z", "lower_x")), 0.0),)
     with pytest.raises(InputError, match=said):
         Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=SensorPair(leaks=leaks))
+
+
+def test_the_date_of_the_runs(read, tmp_path):
+    assert read(STUDY).date is None
+    taxi = read("date = 2026-03-01\n" + STUDY)
+    assert taxi.date == date(2026, 3, 1)
+    write_study(taxi, tmp_path / "again.toml")
+    assert read_study(tmp_path / "again.toml").date == date(2026, 3, 1)
+    with pytest.raises(InputError, match="'date' in the study is '1 March', give a date without quotes"):
+        read("date = '1 March'\n" + STUDY)
+    with pytest.raises(InputError, match="give the day alone, as 2026-03-01"):
+        read("date = 2026-03-01T10:00:00\n" + STUDY)

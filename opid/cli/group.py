@@ -14,6 +14,7 @@ from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
     from opid.identify.bench_law import BenchLaw
+    from opid.identify.body.result import BodyIdentification
     from opid.identify.result import Identification
     from opid.modal.result import ModalIdentification
     from opid.updating.result import Updating
@@ -68,7 +69,7 @@ def main() -> None:
     """
 
 
-def end(result: Identification | BenchLaw | ModalIdentification | Updating) -> None:
+def end(result: Identification | BodyIdentification | BenchLaw | ModalIdentification | Updating) -> None:
     """Leave with status 1 and the reason if something is not determined."""
     if result.not_determined:
         raise NotDetermined(f"not determined: {result.not_determined}")

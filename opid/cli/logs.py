@@ -82,10 +82,15 @@ class _Inspected:
 
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
     """How the log is to be read, and which of its channels."""
+    from opid.identify.body.study_file import body_log_readings
+    from opid.identify.body.study_tables import is_body_study
     from opid.identify.study_file import LogReading, log_readings
     from opid.signals.log_settings import AS_WRITTEN
+    from opid.signals.tables import load
 
-    return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)
+    if study is None:
+        return (LogReading(AS_WRITTEN),)
+    return body_log_readings(study, log) if is_body_study(load(study)) else log_readings(study, log)
 
 
 def _health(log: Path, reading: LogReading, *, of_study: bool) -> Health:

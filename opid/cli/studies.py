@@ -1,4 +1,4 @@
-"""Two runs at two masses: `opid identify`."""
+"""Two runs at two masses, or a body on several suspensions: `opid identify`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from opid.cli.group import end, main, progress, result_name
+from opid.errors import InputError
 
 if TYPE_CHECKING:
     from opid.identify.study import Study
@@ -59,8 +60,28 @@ def identify(
 ) -> None:
     """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
 
+    A study with [[interfaces]] is one of a body on several suspensions: its masses, inertias, and each suspension.
+
     The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
     """
+    if _is_of_a_body(paths):
+        useless = {
+            "--method": method != "model",
+            "--high-pass": high_pass is not None,
+            "--both-roads": both_roads,
+            "--no-ground": no_ground,
+            "--sprung": sprung is not None,
+            "--unsprung": unsprung is not None,
+            "--mass-change": bool(mass_changes),
+        }
+        given = [name for name, is_given in useless.items() if is_given]
+        if given:
+            raise click.UsageError(
+                f"{paths[0]} is the study of a body on several suspensions, which has no {' or '.join(given)}: "
+                f"leave {'it' if len(given) == 1 else 'them'} out"
+            )
+        _identify_body(paths[0], out, law, band, truth)
+        return
     from opid.identify.identification import identify_study
     from opid.report import read_truth, result_text, write_report
     from opid.report.directory import require_directory
@@ -76,6 +97,39 @@ def identify(
         result = identify_study(study, progress=say, **settings)
         page = write_report(result, target, known, progress=say)
     click.echo(result_text(result, known))
+    click.echo(f"Report: {page} (open it in a browser)")
+    end(result)
+
+
+def _is_of_a_body(paths: tuple[Path, ...]) -> bool:
+    """Whether it is one study file with interfaces; what is wrong with a file is said when it is read."""
+    from opid.identify.body.study_tables import is_body_study
+    from opid.signals.tables import load
+
+    if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
+        return False
+    try:
+        return is_body_study(load(paths[0]))
+    except InputError:
+        return False
+
+
+def _identify_body(
+    path: Path, out: Path | None, law: str | None, band: tuple[float, float] | None, truth: Path | None
+) -> None:
+    from opid.identify.body.identification import identify_body
+    from opid.identify.body.study_file import read_body_study
+    from opid.report import body_text, read_body_truth, write_body_report
+    from opid.report.directory import require_directory
+
+    target = require_directory(out or Path(f"{result_name(path)}_result"))
+    known = None if truth is None else read_body_truth(truth)
+    settings: dict[str, Any] = {} if band is None else {"band_hz": band}
+    with progress() as say:
+        study = read_body_study(path, progress=say)
+        result = identify_body(study, law=law, progress=say, **settings)
+        page = write_body_report(result, target, known, progress=say)
+    click.echo(body_text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     end(result)
 

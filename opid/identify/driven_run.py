@@ -8,18 +8,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft, integrate, interpolate, signal
+from scipy import integrate, interpolate
 
 from opid.errors import InputError
+from opid.identify.band_lines import BAND_HZ, at_lines, band_lines, places_of
 from opid.identify.sensor_facts import IDEAL, SensorPair
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-
-BAND_HZ = (0.3, 40.0)
-LEAST_LINES = 20
-# below, a step of the model a sample is too coarse; band-limited runs are sampled finer
-LOWEST_RATE_HZ = 250.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +50,11 @@ class DrivenRun:
     @property
     def lines(self) -> slice:
         """Places of the lines of the band among all lines of the transform."""
-        first = round(float(self.omega[0]) / (2 * np.pi) * self.n_samples / self.fs)
-        return slice(first, first + self.omega.size)
+        return places_of(self.omega, self.n_samples, self.fs)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
         """Fourier lines along the last axis, scaled so that unit white noise has unit parts."""
-        return fft.rfft(samples)[..., self.lines] / np.sqrt(self.n_samples / 2)
+        return at_lines(samples, self.omega, self.fs)
 
     def drive(self, nuisance: Mapping[str, float]) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Return the true spindle acceleration at half steps, (2 n - 1,) m/s^2, and its derivatives by name.
@@ -176,30 +171,14 @@ def driven_run(
     if across.shape != (lower.size, len(sensors.leaks)):
         needed = (lower.size, len(sensors.leaks))
         raise InputError(f"leaks has shape {across.shape} where {needed} is needed: give one column for each leak")
-    n = fft.prev_fast_len(lower.size, real=True)
-    frequency_hz = fft.rfftfreq(n, 1 / fs)
-    if not 0 < band_hz[0] < band_hz[1]:
-        raise InputError(f"band_hz is ({band_hz[0]:g}, {band_hz[1]:g}): give 0 < low < high, Hz")
-    low, high = float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs)
-    keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
-    if keep.size < LEAST_LINES:
-        raise InputError(
-            f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {lower.size / fs:.3g} s: give a "
-            "longer run or a wider band"
-        )
-    finer = max(1, int(np.ceil(LOWEST_RATE_HZ / fs)))
-
-    def prepared(samples: FloatArray) -> FloatArray:
-        centred = samples[:n] - samples[:n].mean(axis=0)
-        return centred if finer == 1 else signal.resample_poly(centred, finer, 1, axis=0, padtype="line")
-
+    lines = band_lines(lower.size, fs=fs, band_hz=band_hz)
     return DrivenRun(
-        unsprung=prepared(lower),
-        sprung=prepared(upper),
-        leaks=prepared(across) if across.size else np.empty((n * finer, 0)),
-        omega=2 * np.pi * frequency_hz[keep],
-        fs=float(fs) * finer,
-        finer=finer,
+        unsprung=lines.prepared(lower),
+        sprung=lines.prepared(upper),
+        leaks=lines.prepared(across) if across.size else np.empty((lines.n_samples * lines.finer, 0)),
+        omega=lines.omega,
+        fs=float(fs) * lines.finer,
+        finer=lines.finer,
         mass_change_kg=float(mass_change_kg),
         sensors=sensors,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
-from opid.identify import driven_run
+from opid.identify import band_lines
 from opid.identify.added_mass import AddedMass, absolute_parameters
 from opid.identify.classical import BAND_HZ, HIGH_PASS_HZ, Evidence, PeakPair, classical_start, evidence_of
 from opid.identify.diagnostics import diagnostics
@@ -89,7 +89,7 @@ def identify_study(
         "ground": ground,
     }
     if method == "model":
-        band_hz = band_hz or driven_run.BAND_HZ
+        band_hz = band_hz or band_lines.BAND_HZ
         evidence = model_chain(
             start, search=law is None, ground=ground, band_hz=band_hz, roads=roads, progress=progress
         )
@@ -138,6 +138,7 @@ def _conclude(method: str, study: Study, evidence: Evidence, settings: dict[str,
         warnings=tuple(doubts(evidence, parameters)),
         not_determined=evidence.not_determined,
         evidence=evidence,
+        date=study.date,
     )
     return _withheld(result)
 
@@ -196,6 +197,7 @@ def _refuse(method: str, study: Study, evidence: Evidence, settings: dict[str, A
         warnings=tuple(doubts(evidence, parameters)),
         not_determined=reason,
         evidence=evidence,
+        date=study.date,
     )
 
 
@@ -269,6 +271,7 @@ def _conclude_paper(study: Study, evidence: Evidence, settings: dict[str, Any]) 
         warnings=tuple(warnings),
         not_determined=reason,
         evidence=evidence,
+        date=study.date,
     )
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from opid.identify.band_lines import BAND_HZ
 from opid.identify.classical import Evidence, Start, evidence_of
 from opid.identify.demands import EXPLAINED, Demand, at_last, let_in
-from opid.identify.driven_run import BAND_HZ, DrivenRun, driven_run
+from opid.identify.driven_run import DrivenRun, driven_run
 from opid.identify.first_fit import DOUBTFUL, first_fit
 from opid.identify.force_surface import force_surface
 from opid.identify.imitations import ground_imitations

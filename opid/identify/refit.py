@@ -10,18 +10,14 @@ import numpy as np
 from opid.identify.driven_model import Errors, Model
 from opid.identify.driven_run import DrivenRun
 from opid.identify.law_parameters import positive, to_free
+from opid.identify.levenberg_marquardt import MOST_EVALUATIONS, least_squares
 from opid.identify.model_fit import ModelFit, fit_at
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 
-MOST_EVALUATIONS = 15
-# the search ends when the next step promises less than this of the squared error over its variance
-LEAST_PROMISE = 1e-2
 # the logarithm of a scale moves by so much in a step at the most
 LARGEST_LOG_STEP = 1.0
-# first damping of a step that failed, over the squared size of each column
-DAMPING = 1e-3
 
 
 def refit(runs: Sequence[DrivenRun], fit: ModelFit, law: Law, *, most_evaluations: int = MOST_EVALUATIONS) -> ModelFit:
@@ -66,9 +62,7 @@ def settled(
     free: slice = slice(None),
     most_evaluations: int = MOST_EVALUATIONS,
 ) -> tuple[FloatArray, int]:
-    """Return the vector of least squared error near `theta` and the simulations spent (Levenberg 1944, Marquardt 1963).
-
-    The last step is taken on its promise, without a look.
+    """Return the vector of least squared error near `theta` and the simulations spent.
 
     Args:
         model: the model.
@@ -79,24 +73,17 @@ def settled(
     Raises:
         UnboundedResponseError: the start itself grows without bound.
     """
-    lower, upper = (bound[free] for bound in model.bounds(float(theta[1])))
-    caps = _caps(model)[free]
-    best = theta.copy()
-    best[free] = np.clip(best[free], lower, upper)
-    errors = model.evaluate(best)
-    cost, damping, n_data = _cost(errors), 0.0, errors.stacked.size
-    for spent in range(1, most_evaluations):
-        step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
-        trial = best.copy()
-        trial[free] = np.clip(best[free] + step, lower, upper)
-        if promise * n_data < LEAST_PROMISE * cost:
-            return trial, spent
-        new = _evaluated(model, trial)
-        if new is not None and _cost(new) < cost:
-            best, errors, cost, damping = trial, new, _cost(new), damping / 10 if damping > DAMPING else 0.0
-        else:
-            damping = max(10 * damping, DAMPING)
-    return best, most_evaluations
+    lower, upper = model.bounds(float(theta[1]))
+
+    def evaluate(vector: FloatArray) -> Errors | None:
+        try:
+            return model.evaluate(vector)
+        except UnboundedResponseError:
+            return None
+
+    return least_squares(
+        evaluate, theta, lower, upper, _caps(model), free=free, most_evaluations=most_evaluations, first=model.evaluate
+    )
 
 
 def left_out_error(runs: Sequence[DrivenRun], fit: ModelFit) -> float | None:
@@ -138,47 +125,9 @@ def _predicted(runs: Sequence[DrivenRun], fit: ModelFit, place: int) -> Errors:
     return alone.evaluate(theta, sensitivity=False)
 
 
-def _cost(errors: Errors) -> float:
-    return float(errors.stacked @ errors.stacked)
-
-
-def _evaluated(model: Model, theta: FloatArray) -> Errors | None:
-    try:
-        return model.evaluate(theta)
-    except UnboundedResponseError:
-        return None
-
-
 def _caps(model: Model) -> FloatArray:
     """How far each entry may move in a step."""
     caps = np.full(len(model.names) + 2 * len(model.runs), np.inf)
     of_law = slice(model.n_head, model.n_head + model.law.vector.size)
     caps[of_law][positive(model.law)] = LARGEST_LOG_STEP
     return caps
-
-
-def _step(
-    errors: Errors,
-    free: slice,
-    damping: float,
-    at: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    caps: FloatArray,
-) -> tuple[FloatArray, float]:
-    """Return the next step of the free entries and how far the linear model says it lowers the squared error."""
-    jacobian, residual = errors.jacobian[:, free], errors.stacked
-    gradient = jacobian.T @ residual
-    # an entry at its bound that would go beyond stays there
-    moving = ~(((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0)))
-    columns = jacobian[:, moving]
-    size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
-    scaled = columns / size
-    if damping:
-        scaled = np.concatenate([scaled, np.sqrt(damping) * np.eye(size.size)])
-        residual = np.concatenate([residual, np.zeros(size.size)])
-    step = np.zeros(at.size)
-    step[moving] = -np.linalg.lstsq(scaled, residual, rcond=1e-12)[0] / size
-    step /= max(1.0, float(np.max(np.abs(step) / caps)))
-    ahead = errors.stacked + jacobian @ step
-    return step, _cost(errors) - float(ahead @ ahead)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,7 @@ class Identification:
         warnings: what to doubt, one sentence each.
         not_determined: why absolute values are missing, or None.
         evidence: the intermediate results, for figures (`opid.identify.classical.Evidence`).
+        date: of the runs; None if it is not known.
     """
 
     method: str
@@ -77,6 +79,7 @@ class Identification:
     warnings: tuple[str, ...]
     not_determined: str | None
     evidence: Any
+    date: date | None = None
 
 
 def visited_force(

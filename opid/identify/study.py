@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import date
 from itertools import combinations
 from pathlib import Path
 
@@ -56,6 +57,7 @@ class Study:
         runs: one or more.
         source: the study file, None if the study was made otherwise.
         sensors: what is known of the sensors beforehand.
+        date: of the runs; None if it is not known.
 
     Raises:
         InputError: everything that is wrong at once: a missing channel, another unit than m/s^2, different
@@ -75,6 +77,7 @@ class Study:
     runs: tuple[Run, ...]
     source: Path | None = None
     sensors: SensorPair = IDEAL_PAIR
+    date: date | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))

@@ -11,6 +11,7 @@ from typing import Any
 import tomli_w
 
 from opid.errors import InputError
+from opid.identify.body.study_tables import is_body_study
 from opid.identify.run_files import RunFiles, Source, at_one_rate, run_from_files
 from opid.identify.sensor_facts import IDEAL_PAIR, SIDES, Leak, SensorFacts, SensorPair
 from opid.identify.study import Study
@@ -18,6 +19,7 @@ from opid.identify.study_tables import SENSOR_KEYS, document_faults
 from opid.signals.files import written_whole
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
+from opid.signals.recording import Recording
 from opid.signals.tables import Document, channel_settings, load, log_settings, refuse
 
 Say = Callable[[str], None]
@@ -42,15 +44,16 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
     """Read a study file and the logs that it names.
 
     Args:
-        path: a TOML file with `title`, a table `[channels]` (`sprung`, `unsprung`, and further ones by any name: each
-            the name of a channel in the logs, or a table with the fields of `ChannelSettings` and `SensorFacts`), and
-            one table `[[runs]]` for each log: `name`, `log` (path beside the study file), `mass_change_kg`, and
-            optionally `start_s` and `stop_s` on the time axis of the log (where neither is given, the sound stretch of
-            sustained motion is found), and `[runs.channels]` for what differs in this run. How logs are to be read
-            goes into `[log]` (the fields of `LogSettings`; `log` in a channel's table for its own file). `{run}` in a
-            channel's `file` stands for the run's name. `fs_hz` is the rate to identify at. What is known of the
-            sensors may also stand in `[sensors.sprung]` and `[sensors.unsprung]`, a further recorded axis that leaks in
-            in `[[sensors.leak]]` (`channel`, `into`, `tolerance`; without `into`, both sides).
+        path: a TOML file with `title`, `date` (of the runs, without quotes: 2026-03-01), a table `[channels]`
+            (`sprung`, `unsprung`, and further ones by any name: each the name of a channel in the logs, or a table with
+            the fields of `ChannelSettings` and `SensorFacts`), and one table `[[runs]]` for each log: `name`, `log`
+            (path beside the study file), `mass_change_kg`, and optionally `start_s` and `stop_s` on the time axis of
+            the log (where neither is given, the sound stretch of sustained motion is found), and `[runs.channels]` for
+            what differs in this run. How logs are to be read goes into `[log]` (the fields of `LogSettings`; `log` in a
+            channel's table for its own file). `{run}` in a channel's `file` stands for the run's name. `fs_hz` is the
+            rate to identify at. What is known of the sensors may also stand in `[sensors.sprung]` and
+            `[sensors.unsprung]`, a further recorded axis that leaks in in `[[sensors.leak]]` (`channel`, `into`,
+            `tolerance`; without `into`, both sides).
         progress: called with the name of each log as it is read.
 
     Raises:
@@ -58,11 +61,16 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
     """
     source = Path(path)
     document = load(source)
+    if is_body_study(document):
+        raise InputError(
+            f"{source} has [[interfaces]], so it is the study of a body on several suspensions: read it with "
+            "read_body_study, or identify it with `opid identify`"
+        )
     refuse(list(document_faults(document)), source)
     runs, faults = [], []
     try:
         sensors = _sensors(document)
-        all_files = [_run_files(document, entry, source.parent) for entry in document["runs"]]
+        all_files = [run_files_of(document, entry, source.parent) for entry in document["runs"]]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     for files in all_files:
@@ -73,7 +81,7 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
     refuse(faults, source)
     names = {side: _name(document["channels"], side) for side in SIDES}
     title = document.get("title", source.stem)
-    return Study(title, names["sprung"], names["unsprung"], at_one_rate(runs), source, sensors)
+    return Study(title, names["sprung"], names["unsprung"], at_one_rate(runs), source, sensors, document.get("date"))
 
 
 def study_from_logs(
@@ -134,9 +142,22 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     refuse(list(document_faults(document)), source)
     try:
         settings = log_settings(document.get("log", {}))
-        all_files = [_run_files(document, entry, source.parent) for entry in document["runs"]]
+        all_files = [run_files_of(document, entry, source.parent) for entry in document["runs"]]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+    return readings_of(all_files, settings, log)
+
+
+def readings_of(
+    all_files: Sequence[RunFiles], settings: LogSettings, log: str | os.PathLike[str]
+) -> tuple[LogReading, ...]:
+    """Return how one log is read, given where the channels of each run are found.
+
+    Args:
+        all_files: of the runs.
+        settings: for a log from which no run takes a channel.
+        log: the file, by any path that leads to it.
+    """
     users = [(files.name, taken) for files in all_files if (taken := _taken(files, _place(log)))]
     if not users:
         return (LogReading(settings),)
@@ -155,17 +176,14 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> None:
         InputError: a place that cannot be written to, or a run whose name is no file name.
     """
     target = Path(path)
-    for run in study.runs:
-        if run.name in ("", ".", "..") or Path(run.name).name != run.name:
-            raise InputError(f"the run {run.name!r} cannot name its log: call it by one plain word")
-    for run in study.runs:
-        write_log(run.recording, target.parent / f"{run.name}.csv")
+    write_logs({run.name: run.recording for run in study.runs}, target.parent)
     channels = {"unsprung": study.unsprung, "sprung": study.sprung}
     # every further channel of the runs by its own name, so that it is read back
     channels |= {name: name for run in study.runs for name in run.recording.names if name not in channels.values()}
     sensors = _sensor_tables(study.sensors)
     known = {"sensors": sensors} if sensors else {}
-    text = tomli_w.dumps({"title": study.title, "channels": channels, **known})
+    day = {} if study.date is None else {"date": study.date}
+    text = tomli_w.dumps({"title": study.title, **day, "channels": channels, **known})
     for run in study.runs:
         entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
         # all of it: without a start the stretch in motion would be looked for
@@ -173,6 +191,23 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> None:
         text += "\n[[runs]]\n" + tomli_w.dumps(entry)
     with written_whole(target) as file:
         file.write(text)
+
+
+def write_logs(recordings: Mapping[str, Recording], directory: Path) -> None:
+    """Write `NAME.csv` for each run.
+
+    Args:
+        recordings: by the name of the run.
+        directory: must exist.
+
+    Raises:
+        InputError: a place that cannot be written to, or a run whose name is no file name.
+    """
+    for name in recordings:
+        if name in ("", ".", "..") or Path(name).name != name:
+            raise InputError(f"the run {name!r} cannot name its log: call it by one plain word")
+    for name, recording in recordings.items():
+        write_log(recording, directory / f"{name}.csv")
 
 
 # ---- tables -> settings ----------------------------------------------------------------------------
@@ -184,8 +219,17 @@ def _name(channels: Mapping[str, Any], key: str) -> str:
     return entry if isinstance(entry, str) else key
 
 
-def _run_files(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
-    """Where each channel of a run is found, and how it is read."""
+def run_files_of(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
+    """Return where each channel of a run is found, and how it is read.
+
+    Args:
+        document: what a study file holds, checked.
+        entry: the table [[runs]] of the run.
+        directory: that paths start from.
+
+    Raises:
+        InputError: a value that cannot be, a channel that is in no file, two of one name.
+    """
     channels = document["channels"]
     wanted: dict[str, str | int | Mapping[str, Any]] = {}
     for key in channels:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from datetime import date, datetime
 from typing import Any
 
 from opid.errors import nearest
@@ -14,6 +15,7 @@ from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe
 # Every key of a study file. A further table is one more row here and one more line in `document_faults`.
 _STUDY = {
     "title": maybe(str, "text in quotes"),
+    "date": maybe(date, "a date without quotes, as 2026-03-01"),
     "fs_hz": maybe((int, float), "a number"),
     "log": maybe(dict, "a table [log]"),
     "channels": Key(dict, "a table [channels]"),
@@ -50,6 +52,9 @@ def document_faults(document: Document) -> Iterator[str]:
         document: what the file holds.
     """
     yield from table_faults("the study", document, _STUDY)
+    # a date with a time is a date to Python
+    if isinstance(document.get("date"), datetime):
+        yield f"'date' in the study is {document['date']}, give the day alone, as {document['date'].date()}"
     if isinstance(document.get("log"), dict):
         yield from table_faults("[log]", document["log"], LOG)
     if isinstance(document.get("channels"), dict):
@@ -57,7 +62,7 @@ def document_faults(document: Document) -> Iterator[str]:
             if side not in document["channels"]:
                 hint = nearest(side, document["channels"])
                 yield f"[channels] lacks {side!r}, give the name of a channel or a table ({hint})"
-        yield from _channel_faults("channels", document["channels"])
+        yield from channel_faults("channels", document["channels"])
         yield from _useless_facts("channels", document["channels"], SIDES)
     fs_hz = document.get("fs_hz", 1.0)
     if isinstance(fs_hz, (int, float)) and not (math.isfinite(fs_hz) and fs_hz > 0):
@@ -66,16 +71,23 @@ def document_faults(document: Document) -> Iterator[str]:
         for number, entry in enumerate(document["runs"], start=1):
             yield from table_faults(f"[[runs]] number {number}", entry, _RUN)
             if isinstance(entry, dict) and isinstance(entry.get("channels"), dict):
-                yield from _channel_faults("runs.channels", entry["channels"])
+                yield from channel_faults("runs.channels", entry["channels"])
                 yield from _useless_facts("runs.channels", entry["channels"], ())
     if isinstance(document.get("sensors"), dict):
         yield from _sensor_faults(document["sensors"])
 
 
-def _channel_faults(where: str, entries: Mapping[str, Any]) -> Iterator[str]:
+def channel_faults(where: str, entries: Mapping[str, Any], keys: Mapping[str, Key] = _CHANNEL) -> Iterator[str]:
+    """Yield what is wrong with the entries of [channels], or of [runs.channels].
+
+    Args:
+        where: what the table is called.
+        entries: what stands there.
+        keys: of a channel's table.
+    """
     for name, entry in entries.items():
         if isinstance(entry, dict):
-            yield from table_faults(f"[{where}.{name}]", entry, _CHANNEL)
+            yield from table_faults(f"[{where}.{name}]", entry, keys)
             if isinstance(entry.get("log"), dict):
                 yield from table_faults(f"[{where}.{name}.log]", entry["log"], LOG)
         elif not isinstance(entry, (str, int)) or isinstance(entry, bool):

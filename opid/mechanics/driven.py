@@ -119,10 +119,13 @@ def driven_response(
     # readings of zero: the innovation is what the body does, with the other sign
     nothing, exact = np.zeros((n_samples, n)), np.array([[0.0], [1.0], [0.0], [0.0]]).repeat(n, axis=1)
     states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
+    by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
     _, _, changes, motion = predictions(
         joint_arrays(interfaces, ground=ground),
         matrix,
-        directions("accelerance_directions", accelerance_directions, (0, n, n)),
+        by_accelerance,
+        matrix,
+        by_accelerance,
         u,
         directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
         nothing,

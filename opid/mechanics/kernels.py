@@ -149,6 +149,8 @@ def predictions(
     joints: tuple[Any, ...],
     accelerance: FloatArray,
     by_mass: FloatArray,
+    reading: FloatArray,
+    by_reading: FloatArray,
     drive: FloatArray,
     by_drive: FloatArray,
     measured: FloatArray,
@@ -167,6 +169,8 @@ def predictions(
             of the laws.
         accelerance: (n_interfaces, n_interfaces), 1/kg.
         by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
+        reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg.
+        by_reading: (n_directions, n_interfaces, n_interfaces) the same directions of that.
         drive: (2 n - 1, n_interfaces), m/s^2.
         by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive.
         measured: (n, n_interfaces), m/s^2.
@@ -187,12 +191,15 @@ def predictions(
         into = into[np.arange(6 * n).reshape(6, n)[[0, 1, 4, 5, 2, 3]].ravel()]
         into[4 * n :, : 2 * n] = -np.eye(2 * n)
     states = (into @ start, into[:, : start.size - 2 * n].copy(), into @ covariance_start @ into.T)
-    # None, not False: numba leaves out what is behind it
-    kernel, followed = ("_predictions_of_one", ground or None) if n == 1 else ("_predictions", ground)
-    return _kernel(kernel, joints[2])(
-        joints, accelerance, by_mass, drive, by_drive, measured, by_measured, step_s, *states, noise, followed, correct,
-        sensitivity,
-    )  # fmt: skip
+    rest = (drive, by_drive, measured, by_measured, step_s, *states, noise)
+    if n == 1 and np.array_equal(reading, accelerance) and np.array_equal(by_reading, by_mass):
+        # None, not False: numba leaves out what is behind it
+        kernel = _kernel("_predictions_of_one", joints[2])
+        return kernel(joints, accelerance, by_mass, *rest, ground or None, correct, sensitivity)
+    kernel = _kernel("_predictions", joints[2])
+    # directions last: the innermost loops go over them
+    ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
+    return kernel(joints, accelerance, ways[0], reading, ways[1], *rest, ground, correct, sensitivity)
 
 
 def check_compiles(kind: Kind) -> None:

@@ -63,7 +63,7 @@ class Prediction:
             start, those by ground stiffness zero without ground; no parameters if not asked for.
         travel: (n, n_interfaces) z, m.
         velocity: (n, n_interfaces) z', m/s.
-        acceleration: (n, n_interfaces) predicted x2'' of the body at the interfaces, m/s^2.
+        acceleration: (n, n_interfaces) predicted x2'' of the body at its sensors, m/s^2.
     """
 
     innovation: FloatArray
@@ -85,6 +85,8 @@ def predict(
     start: ArrayLike,
     start_std: ArrayLike,
     accelerance_directions: ArrayLike | None = None,
+    reading: ArrayLike | None = None,
+    reading_directions: ArrayLike | None = None,
     drive_directions: ArrayLike | None = None,
     measured_directions: ArrayLike | None = None,
     ground: bool = False,
@@ -96,13 +98,17 @@ def predict(
         interfaces: the suspensions.
         accelerance: (n_interfaces, n_interfaces) A, 1/kg.
         drive: (2 n - 1, n_interfaces) acceleration below each suspension at half steps, m/s^2.
-        measured: (n, n_interfaces) acceleration of the body at each interface, m/s^2.
+        measured: (n, n_interfaces) acceleration of the body as the sensor of each interface reads it, m/s^2.
         fs: samples a second, Hz.
         noise: of the sensors.
         start: (6 or 4, n_interfaces) rows z, z', [x2, x2'], offset of the drive and of the readings at the first
             sample; the two in brackets with `ground` only.
         start_std: likewise, standard deviations.
         accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
+        reading: (n_interfaces, n_interfaces) R, 1/kg: the sensor of a row reads -R F of the forces of the interfaces,
+            for one that is not at its interface; A where left out.
+        reading_directions: (n_directions, n_interfaces, n_interfaces) what the same changes do to R; those of A where
+            left out.
         drive_directions: (2 n - 1, n_directions, n_interfaces) changes of the drive to differentiate by.
         measured_directions: (n, n_directions, n_interfaces) changes of the readings to differentiate by.
         ground: whether a spring acts between body and ground, which needs the body's own displacement.
@@ -124,6 +130,18 @@ def predict(
         np.ascontiguousarray(array, dtype=np.float64) for array in (accelerance, drive, measured, start, start_std)
     )
     rows = 6 if ground else 4
+    seen = matrix if reading is None else np.ascontiguousarray(reading, dtype=np.float64)
+    by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
+    by_reading = (
+        by_accelerance
+        if reading_directions is None
+        else directions("reading_directions", reading_directions, (0, n, n))
+    )
+    if seen.shape != (n, n) or by_reading.shape != by_accelerance.shape:
+        raise InputError(
+            f"reading and its directions have shapes {seen.shape} and {by_reading.shape}: give {(n, n)} and "
+            f"{by_accelerance.shape}, as of the accelerance"
+        )
     shapes = (matrix.shape, u.shape, y.shape, first.shape, std.shape)
     needed = ((n, n), (2 * y.shape[0] - 1, n), (y.shape[0], n), (rows, n), (rows, n))
     if shapes != needed:
@@ -134,7 +152,9 @@ def predict(
     innovation, spread, changes, motion = predictions(
         joint_arrays(interfaces, ground=ground),
         matrix,
-        directions("accelerance_directions", accelerance_directions, (0, n, n)),
+        by_accelerance,
+        seen,
+        by_reading,
         u,
         directions("drive_directions", drive_directions, (u.shape[0], 0, n)),
         y,

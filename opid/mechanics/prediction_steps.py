@@ -2,7 +2,7 @@
 
 State of n interfaces, n numbers each: z, v, offset of the drive o, offset of the readings r, [d, e]. The last two only
 where a ground spring needs the place of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. With
-b = -A F, z' = v and v' = b - u - o, a sensor reads b + r.
+b = -A F, z' = v and v' = b - u - o, a sensor reads b + r; one that sits beside its interface reads -R F + r.
 
 A small change y of (z, v) obeys y' = J_s y + (0, c_s) at stage s of a step, J_s = [0, 1; -A kz_s, -A kv_s] with the
 slopes kz, kv of the forces, and the classical Runge-Kutta step is linear in y and c:
@@ -172,9 +172,17 @@ def _correct(gain, innovation, change, state, by):  # type: ignore[no-untyped-de
                 by[s, p] += share * change[i, p]
 
 
-def _push(owns, step, step_s, ground, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, by):  # type: ignore[no-untyped-def]
-    """What the parameters themselves do to the state in a step."""
-    n, n_own, n_mass, n_drive = force.shape[1], by_own.shape[1], by_mass.shape[0], by_drive.shape[1]
+def _push(owns, step, step_s, ground, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, body, by):  # type: ignore[no-untyped-def]
+    """What the parameters themselves do to the state in a step; `body` is room for what they do to the body."""
+    n, n_own, n_mass, n_drive = force.shape[1], by_own.shape[1], by_mass.shape[2], by_drive.shape[1]
+    for stage in range(4):
+        for i in range(n):
+            for m in range(n_mass):
+                body[stage, i, m] = 0.0
+            for k in range(n):
+                share = force[stage, k]
+                for m in range(n_mass):
+                    body[stage, i, m] += by_mass[i, k, m] * share
     for row in range(2 * n):
         for stage in range(4):
             for i in range(n):
@@ -182,8 +190,7 @@ def _push(owns, step, step_s, ground, by_mass, by_drive, force, by_own, of_accel
                 for p in range(owns[i], owns[i + 1]):
                     by[row, p] += share * by_own[stage, p]
                 for m in range(n_mass):
-                    for k in range(n):
-                        by[row, n_own + m] -= on_body * by_mass[m, i, k] * force[stage, k]
+                    by[row, n_own + m] -= on_body * body[stage, i, m]
         for half in range(3):
             for c in range(n_drive):
                 for i in range(n):
@@ -198,29 +205,33 @@ def _push(owns, step, step_s, ground, by_mass, by_drive, force, by_own, of_accel
 
 
 def _predictions(  # type: ignore[no-untyped-def]
-    joints, accelerance, by_mass, drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start,
-    noise, ground, correct, differentiate,
+    joints, accelerance, by_mass, reading, by_reading, drive, by_drive, measured, by_measured, step_s, start, by_start,
+    covariance_start, noise, ground, correct, differentiate,
 ):  # fmt: skip
     """Predict each sample from the ones before it, see `opid.mechanics.prediction`.
 
-    Parameters: those of the joints, directions of A, of the drive, of the measured, then those of `by_start`.
+    Parameters: those of the joints, directions of A (the last axis of `by_mass`), of the drive, of the measured, then
+    those of `by_start`.
     """
     n, n_samples, n_states, linear = drive.shape[1], measured.shape[0], start.size, joints[0]
     owns = _places(joints)
-    n_own, n_mass, n_drive, n_measured = owns[n], by_mass.shape[0], by_drive.shape[1], by_measured.shape[1]
+    n_own, n_mass, n_drive, n_measured = owns[n], by_mass.shape[2], by_drive.shape[1], by_measured.shape[1]
     first_measured = n_own + n_mass + n_drive
     n_known = first_measured + n_measured
     n_parameters = n_known + by_start.shape[1] if differentiate else 0
     state, covariance = start.copy(), covariance_start.copy()
     by = np.zeros((n_states, n_parameters))
     if differentiate:
-        by[:, n_known:] = by_start
+        for s in range(n_states):
+            for c in range(by_start.shape[1]):
+                by[s, n_known + c] = by_start[s, c]
     by_next = by.copy()
     # of the rows of the stages the last is that of the prediction, which is the first stage where nothing is corrected
     seen = 4 if correct else 0
     force, by_z, by_v, by_own = np.zeros((5, n)), np.zeros((5, n)), np.zeros((5, n)), np.zeros((5, n_own))
     of_acceleration, of_force, of_drive = np.zeros((4, 2 * n, n)), np.zeros((4, 2 * n, n)), np.zeros((3, 2 * n, n))
     transition, work = np.zeros((2 * n, n_states)), np.zeros(2 * n)
+    body_by_mass = np.zeros((4, n, n_mass))
     product, transposed = np.zeros((n_states, n_states)), np.zeros((n_states, n_states))
     by_state, gain, scale = np.zeros((n, n_states)), np.zeros((n, n_states)), np.zeros((n, n))
     white, change = np.zeros(n), np.zeros((n, n_parameters))
@@ -234,8 +245,10 @@ def _predictions(  # type: ignore[no-untyped-def]
             _, slope, _, place = _joint_force(joints, i, place, 0, 0.0, 0.0, 0.0, by_own)
             if slope + linear[i, 2] > 0.0:
                 tied[i] = linear[i, 2] / (slope + linear[i, 2])
-            covariance[i] += tied[i] * covariance[4 * n + i]
-            covariance[:, i] += tied[i] * covariance[:, 4 * n + i]
+            for s in range(n_states):
+                covariance[i, s] += tied[i] * covariance[4 * n + i, s]
+            for s in range(n_states):
+                covariance[s, i] += tied[i] * covariance[s, 4 * n + i]
     innovation, spread = np.empty((n, n_samples)), np.empty((n, n_samples))
     sensitivity, motion = np.empty((n, n_parameters, n_samples)), np.empty((3, n, n_samples))
 
@@ -249,11 +262,11 @@ def _predictions(  # type: ignore[no-untyped-def]
         for i in range(n):
             body = 0.0
             for k in range(n):
-                body -= accelerance[i, k] * force[seen, k]
-                by_state[i, k] = -accelerance[i, k] * by_z[seen, k]
-                by_state[i, n + k] = -accelerance[i, k] * by_v[seen, k]
+                body -= reading[i, k] * force[seen, k]
+                by_state[i, k] = -reading[i, k] * by_z[seen, k]
+                by_state[i, n + k] = -reading[i, k] * by_v[seen, k]
                 if ground:
-                    by_state[i, 4 * n + k] = -accelerance[i, k] * linear[k, 2]
+                    by_state[i, 4 * n + k] = -reading[i, k] * linear[k, 2]
             motion[0, i, step], motion[1, i, step], motion[2, i, step] = state[i], state[n + i], body
             white[i] = measured[step, i] - body - state[3 * n + i]
         if differentiate:
@@ -269,9 +282,9 @@ def _predictions(  # type: ignore[no-untyped-def]
                         for p in range(n_parameters):
                             change[i, p] -= d * by[4 * n + k, p]
                     for p in range(owns[k], owns[k + 1]):
-                        change[i, p] += accelerance[i, k] * by_own[seen, p]
+                        change[i, p] += reading[i, k] * by_own[seen, p]
                     for m in range(n_mass):
-                        change[i, n_own + m] += by_mass[m, i, k] * force[seen, k]
+                        change[i, n_own + m] += by_reading[i, k, m] * force[seen, k]
                 for c in range(n_measured):
                     change[i, first_measured + c] += by_measured[step, c, i]
         if correct:
@@ -302,7 +315,8 @@ def _predictions(  # type: ignore[no-untyped-def]
             here[0, i], here[1, i] = state[i], state[n + i]
             if ground:
                 here[2, i], here[3, i] = state[4 * n + i], state[5 * n + i]
-            following[:, i] = here[:, i]
+            for row in range(4):
+                following[row, i] = here[row, i]
         for stage in range(4):
             place = 0
             for i in range(0 if stage > 0 or correct else n, n):
@@ -351,6 +365,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                 of_acceleration,
                 of_force,
                 of_drive,
+                body_by_mass,
                 by_next,
             )
             by, by_next = by_next, by

@@ -13,6 +13,9 @@ from opid.plots.appropriation import (
     sensor_harmonics,
 )
 from opid.plots.bench import bench_curves, bench_ladder, bench_residual, force_against_motion
+from opid.plots.body import plan_view, structure_candidates, suspension_parameters
+from opid.plots.body_motion import body_residuals, predicted_accelerations, suspension_forces
+from opid.plots.comparison import compared_quantity
 from opid.plots.decays import free_decay_figure
 from opid.plots.force import law_curves, restoring_force_map, restoring_force_surface, slices
 from opid.plots.health import health_picture
@@ -36,6 +39,8 @@ __all__ = [
     "bench_curves",
     "bench_ladder",
     "bench_residual",
+    "body_residuals",
+    "compared_quantity",
     "drive_point_response",
     "equation_residual",
     "estimates",
@@ -61,7 +66,9 @@ __all__ = [
     "mode_restoring_force",
     "model_ladder",
     "parameter_samples",
+    "plan_view",
     "png",
+    "predicted_accelerations",
     "predicted_backbones",
     "recording",
     "reduction_figure",
@@ -71,6 +78,9 @@ __all__ = [
     "sensor_harmonics",
     "sine_beats",
     "slices",
+    "structure_candidates",
+    "suspension_forces",
+    "suspension_parameters",
     "transmissibilities",
     "truth_test",
     "truth_test_figures",

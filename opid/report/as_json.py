@@ -22,7 +22,8 @@ def result_json(result: Identification) -> dict[str, Any]:
         result: the identification.
 
     Returns:
-        `schema`, `method`, `title`, `parameters` {name: {value, std, interval95}}, `ratios` likewise, `law` {name,
+        `schema`, `method`, `title`, `date` (ISO 8601, or null), `parameters` {name: {value, std, interval95}},
+        `ratios` likewise, `law` {name,
         latex, per_mass, parameters {kind: {parameter: {value, std, interval95}}}}, `restoring_force` {travel,
         velocity, force, nonlinear_force, per_mass, units}, `diagnostics`, `warnings`, `not_determined`.
     """
@@ -31,6 +32,7 @@ def result_json(result: Identification) -> dict[str, Any]:
             "schema": SCHEMA,
             "method": result.method,
             "title": result.title,
+            "date": None if result.date is None else result.date.isoformat(),
             "parameters": _estimates(result.parameters),
             "ratios": _estimates(result.ratios),
             "law": {

@@ -1,0 +1,196 @@
+"""The figures of merit of the whole aircraft, as a Markdown table.
+
+Run `python benchmarks/aircraft_figures.py`; in parts `--rows independent,bending --seeds 20 --jobs 2`. Seeds count from
+0 and none is dropped. Each seed is a random aircraft of 4 to 8 t on three gears (`random_aircraft`), taxied twice for
+40 s with and without a load of about a tenth of its mass, each time on a runway of its own; sensors on the airframe
+stand 0.1 to 0.4 m beside the struts, every coordinate is stated with an error of 1 cm, all channels carry 5 mm/s2 of
+noise. Nothing is known of the laws.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from multiprocessing import get_context
+from time import perf_counter
+
+# before numpy is loaded, here and in every process that this one starts
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+from tqdm import tqdm
+
+from opid.estimate import Estimate
+from opid.identify.body.identification import identify_body
+from opid.identify.body.result import BodyIdentification
+from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.mechanics.airframe import Airframe, Loading
+from opid.mechanics.sensors import Sensor
+from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.mechanics.virtual_aircraft import random_aircraft, with_bending
+
+NOISE = 5e-3
+TOLERANCE_M = 0.01
+# rows: coherent tracks, frequency of a bending mode or None, kinds of structure, what is said of the noise
+ROWS: dict[str, tuple[bool, float | None, str, float | None]] = {
+    "independent": (False, None, "rigid_body", NOISE),
+    "coherent": (True, None, "rigid_body", NOISE),
+    "noise not stated": (False, None, "rigid_body", None),
+    "bending 8 Hz": (False, 8.0, "rigid_body", NOISE),
+    "bending 8 Hz, coherent": (True, 8.0, "rigid_body", NOISE),
+    "choice": (False, None, "auto", NOISE),
+    "choice, coherent": (True, None, "auto", NOISE),
+}
+Figures = dict[str, float]
+
+
+def study_of(
+    seed: int, *, coherent: bool, bending_hz: float | None, kind: str, noise: float | None
+) -> tuple[Airframe, BodyStudy]:
+    """A random aircraft and the study of its two runs, coordinates off by 1 cm."""
+    rng = np.random.default_rng([seed, 7])
+    aircraft = random_aircraft(rng)
+    if bending_hz:
+        aircraft = with_bending(aircraft, frequency_hz=bending_hz)
+    places = {
+        gear.name: (gear.x_m - rng.uniform(0.1, 0.4), gear.y_m - np.sign(gear.y_m) * rng.uniform(0.1, 0.4))
+        for gear in aircraft.gears
+    }
+    loading = Loading(rng.uniform(0.07, 0.13) * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
+    test = aircraft_test(
+        aircraft,
+        rng=rng,
+        loadings=[[loading]],
+        coherent_tracks=coherent,
+        sprung_sensors=places,
+        sensor=Sensor(noise_m_per_s2=NOISE),
+    )
+
+    def stated(place: tuple[float, float]) -> tuple[float, float]:
+        return tuple(float(each + TOLERANCE_M * rng.standard_normal()) for each in place)
+
+    interfaces = tuple(
+        MeasuredInterface(
+            gear.name,
+            f"{gear.name}_upper_z",
+            f"{gear.name}_lower_z",
+            *stated((gear.x_m, gear.y_m)),
+            *stated(places[gear.name]),
+        )
+        for gear in aircraft.gears
+    )
+    runs = tuple(
+        LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+        for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
+    )
+    settings = StructureSettings(kind, position_tolerance_m=TOLERANCE_M, noise_m_per_s2=noise)
+    return aircraft, BodyStudy(f"aircraft {seed}", interfaces, runs, settings)
+
+
+def figures(aircraft: Airframe, found: BodyIdentification) -> Figures:
+    """Relative errors in per cent, which intervals hold, and what was left."""
+    out: Figures = {"residual": found.residual_over_noise, "rigid": float(found.structure == "rigid_body")}
+    out["recommended"] = float(any(each.recommended and each.kind == "rigid_body" for each in found.candidates))
+    truths = {
+        "mass": (found.parameters["sprung_mass_kg"], aircraft.mass_kg),
+        "Ixx": (found.parameters["roll_inertia_kg_m2"], aircraft.ixx_kg_m2),
+        "Iyy": (found.parameters["pitch_inertia_kg_m2"], aircraft.iyy_kg_m2),
+    }
+    right = True
+    for gear, each in zip(aircraft.gears, found.interfaces, strict=True):
+        truths[f"K {gear.name}"] = (each.stiffness, gear.suspension_stiffness_n_per_m)
+        truths[f"C {gear.name}"] = (each.damping, gear.suspension_damping_n_s_per_m)
+        friction = each.law_estimates.get("arctan_velocity", {}).get("amplitude_n", Estimate())
+        truths[f"F {gear.name}"] = (friction, gear.law.parameters["arctan_velocity"]["amplitude_n"])
+        right = right and each.law.name == gear.law.name
+    out["law right"] = float(right)
+    for name, (estimate, truth) in truths.items():
+        out[name] = 100 * abs(estimate.value / truth - 1) if estimate.value is not None else np.nan
+        out[f"holds {name}"] = float(estimate.holds(truth)) if estimate.interval95 else np.nan
+    truth = aircraft.x_cg_m
+    out["holds x_cg"] = (
+        float(found.parameters["x_cg_m"].holds(truth)) if found.parameters["x_cg_m"].interval95 else np.nan
+    )
+    for each in found.candidates:
+        out[f"explains {each.kind} {', '.join(each.interfaces)}"] = float(each.explains)
+        if each.kind != "rigid_body" and each.sprung_mass_kg.value is not None:
+            out[f"ratio {each.kind} {', '.join(each.interfaces)}"] = each.residual_over_noise
+    return out
+
+
+def one(job: tuple[str, int]) -> tuple[str, int, Figures | str]:
+    """One aircraft of one row."""
+    name, seed = job
+    coherent, bending_hz, kind, noise = ROWS[name]
+    try:
+        aircraft, study = study_of(seed, coherent=coherent, bending_hz=bending_hz, kind=kind, noise=noise)
+        begun = perf_counter()
+        found = identify_body(study)
+        return name, seed, figures(aircraft, found) | {"seconds": perf_counter() - begun}
+    except Exception as error:
+        return name, seed, f"{type(error).__name__}: {error}"
+
+
+def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Iterator[str]:
+    """What is printed of a row."""
+    yield f"\n### {name}: {len(found)} aircraft, {len(failed)} failed"
+    yield from (f"- seed {seed}: {error}" for seed, error in failed.items())
+    if not found:
+        return
+    yield "\n| | median error % | 95th percentile % | worst % (seed) | interval holds |\n|---|---|---|---|---|"
+
+    def column(key: str) -> np.ndarray:
+        return np.array([each.get(key, np.nan) for each in found.values()])
+
+    groups = {"mass": ["mass"], "Ixx": ["Ixx"], "Iyy": ["Iyy"]}
+    for letter in "KCF":
+        groups[letter] = [f"{letter} {gear}" for gear in ("nose", "left", "right")]
+    for label, keys in groups.items():
+        values = np.stack([column(key) for key in keys])
+        held = np.concatenate([column(f"holds {key}") for key in keys])
+        n = int(np.isfinite(held).sum())
+        share = f"{int(np.nansum(held))} of {n}" if n else "withheld"
+        worst = np.nanmax(values, axis=0)
+        yield (
+            f"| {label} | {np.nanmedian(values):.3f} | {np.nanquantile(values, 0.95):.3f} | {np.nanmax(worst):.3f} "
+            f"({list(found)[int(np.nanargmax(worst))]}) | {share} |"
+        )
+    held = column("holds x_cg")
+    yield f"| x_cg | | | | {int(np.nansum(held))} of {int(np.isfinite(held).sum())} |"
+    residual = column("residual")
+    yield (
+        f"\nresidual over noise {np.median(residual):.3f} median, {residual.max():.3f} at most; law right "
+        f"{int(column('law right').sum())} of {len(found)}; rigid body recommended {int(column('recommended').sum())} "
+        f"of {len(found)}; {np.median(column('seconds')):.1f} s median, {column('seconds').max():.1f} s at most"
+    )
+    for key in sorted({key for each in found.values() for key in each if key.startswith("ratio")}):
+        ratio = column(key)
+        yield f"{key[6:]}: residual over noise {np.nanmedian(ratio):.1f} median, {np.nanmin(ratio):.2f} at least"
+
+
+def main() -> None:
+    """Print the rows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", help="names of rows, joined by commas; all where left out")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    names = args.rows.split(",") if args.rows else list(ROWS)
+    for name in names:
+        jobs = [(name, seed) for seed in range(args.first, args.first + args.seeds)]
+        found: dict[int, Figures] = {}
+        failed: dict[int, str] = {}
+        with get_context("spawn").Pool(args.jobs) as pool:
+            for _, seed, result in tqdm(
+                pool.imap(one, jobs), total=len(jobs), desc=name, disable=not sys.stderr.isatty()
+            ):
+                if isinstance(result, str):
+                    failed[seed] = result
+                else:
+                    found[seed] = result
+        print("\n".join(lines(name, found, failed)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

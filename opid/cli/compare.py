@@ -1,0 +1,50 @@
+"""Results of many flights against each other: `opid compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from opid.cli.group import main, progress
+
+CHANGED = 3
+"""Exit status where a change is flagged; 1 and 2 mean what they mean everywhere."""
+
+
+@main.command()
+@click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT...")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For comparison.json, report and figures.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option(
+    "--false-alarm",
+    type=float,
+    metavar="P",
+    help="Chance of any flag in the whole comparison if nothing changed.  [default: 0.001]",
+)
+def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_alarm: float | None) -> None:
+    """Say what changed from flight to flight by more than its uncertainty.
+
+    RESULT is a result.json of `opid identify`, a folder with one, or a folder of such folders. They are taken by the
+    dates in the study files (`date = 2026-03-01`), else as they are given.
+
+    Exit status 0: nothing is flagged. 1: nothing can be compared, for want of values with intervals. 2: bad input. 3: a
+    change is flagged.
+    """
+    from opid.identify.comparison import FALSE_ALARM
+    from opid.identify.comparison import compare as compare_flights
+    from opid.identify.flights import read_flights
+    from opid.report.as_json import json_text
+    from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
+    from opid.report.directory import require_directory
+
+    target = None if out is None else require_directory(out)
+    with progress() as say:
+        say("the results")
+        found = compare_flights(read_flights(results), false_alarm=FALSE_ALARM if false_alarm is None else false_alarm)
+        page = None if target is None else write_comparison_report(found, target, paths=results, progress=say)
+    click.echo(json_text(comparison_json(found)) if as_json else comparison_text(found), nl=not as_json)
+    if page is not None and not as_json:
+        click.echo(f"Report: {page} (open it in a browser)")
+    if found.changes:
+        click.get_current_context().exit(CHANGED)

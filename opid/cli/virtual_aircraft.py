@@ -1,0 +1,94 @@
+"""A virtual field test of a whole aircraft: `opid simulate aircraft`."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import progress
+from opid.cli.virtual_tests import simulate
+
+if TYPE_CHECKING:
+    from opid.mechanics.taxiing_aircraft import AircraftTest
+
+
+@simulate.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of runway and noise.")
+@click.option(
+    "--tracks",
+    type=click.Choice(("independent", "coherent")),
+    default="coherent",
+    show_default=True,
+    help="Of left and right wheels: coherent as on one isotropic runway.",
+)
+@click.option("--random", "is_random", is_flag=True, help="Another aircraft for each seed.  [default: one of 5.4 t]")
+@click.option("--bending", type=float, metavar="HZ", help="A fuselage that bends, at HZ.  [default: rigid]")
+@click.option(
+    "--loading",
+    "loadings",
+    nargs=3,
+    type=float,
+    multiple=True,
+    metavar="KG X Y",
+    help="Put on for the second run; once for each mass.  [default: 500 -1 0.2]",
+)
+@click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run.")
+@click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate.")
+@click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")
+@click.option("--road-class", default="B", show_default=True, metavar="A..H", help="Of ISO 8608.")
+@click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Of the runs.")
+def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> None:
+    """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
+
+    The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
+    study.toml for `opid identify`, and truth.json.
+    """
+    from opid.report import write_aircraft_test
+    from opid.report.directory import require_directory
+
+    require_directory(out)
+    settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)
+    with progress() as say:
+        say("two taxi runs")
+        test = _aircraft_test(seed, settings)
+        say("the files")
+        title = f"A virtual aircraft on three gears, seed {seed}"
+        told = {"seed": seed} | settings
+        study = write_aircraft_test(test, out, title=title, day=None if day is None else day.date(), settings=told)
+    for name, run in zip(("reference", "loaded"), test.runs, strict=True):
+        click.echo(f"{run.airframe.mass_kg:.6g} kg: {out / name}.csv")
+    click.echo(f"Next: opid identify {study} --truth {out / 'truth.json'}")
+
+
+def _aircraft_test(seed: int, settings: dict[str, Any]) -> AircraftTest:
+    """Run the field test that the options describe."""
+    import numpy as np
+
+    from opid.mechanics.airframe import Loading
+    from opid.mechanics.sensors import Sensor
+    from opid.mechanics.taxiing_aircraft import aircraft_test
+    from opid.mechanics.virtual_aircraft import default_aircraft, random_aircraft, with_bending
+
+    aircraft_rng, test_rng = np.random.default_rng(seed).spawn(2)
+    airframe = random_aircraft(aircraft_rng) if settings["is_random"] else default_aircraft()
+    if settings["bending"] is not None:
+        airframe = with_bending(airframe, frequency_hz=settings["bending"])
+    # ahead of the struts and nearer to the middle, as there is room in a fuselage
+    beside = {gear.name: (gear.x_m + 0.3, round(0.85 * gear.y_m, 2)) for gear in airframe.gears}
+    behind = min(gear.x_m for gear in airframe.gears) - 3.0
+    return aircraft_test(
+        airframe,
+        rng=test_rng,
+        loadings=[[Loading(*each) for each in settings["loadings"]]],
+        duration_s=settings["duration"],
+        fs=settings["fs"],
+        road_class=settings["road_class"],
+        coherent_tracks=settings["tracks"] == "coherent",
+        sprung_sensors=beside,
+        further_sensors={"tail_z": (behind, 0.0)},
+        sensor=Sensor(noise_m_per_s2=settings["noise"]),
+    )

@@ -1,0 +1,93 @@
+"""Lines of a band that prediction errors are compared on, and records cut and sampled to fit them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, signal
+
+from opid.errors import InputError
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
+
+BAND_HZ = (0.3, 40.0)
+LEAST_LINES = 20
+# below, a step of the model a sample is too coarse; band-limited runs are sampled finer
+LOWEST_RATE_HZ = 250.0
+
+
+@dataclass(frozen=True, eq=False)
+class BandLines:
+    """Lines of a band.
+
+    Args:
+        n_samples: that are taken of the record.
+        omega: (n_lines,) rad/s.
+        finer: how many times finer the record is sampled, so that a step of the model is short enough.
+    """
+
+    n_samples: int
+    omega: FloatArray
+    finer: int
+
+    def prepared(self, samples: FloatArray) -> FloatArray:
+        """Return a record cut, without its mean, and sampled finer where needed.
+
+        Args:
+            samples: (n, ...) one signal a column.
+        """
+        centred = samples[: self.n_samples] - samples[: self.n_samples].mean(axis=0)
+        return centred if self.finer == 1 else signal.resample_poly(centred, self.finer, 1, axis=0, padtype="line")
+
+
+def band_lines(n_samples: int, *, fs: float, band_hz: tuple[float, float] = BAND_HZ) -> BandLines:
+    """Return the lines of a band of a record.
+
+    Args:
+        n_samples: of the record.
+        fs: sampling rate, Hz.
+        band_hz: lowest and highest line, Hz; cut at 0.4 fs.
+
+    Raises:
+        InputError: a band that is none or has fewer than 20 lines.
+
+    >>> band_lines(1000, fs=100.0, band_hz=(1.0, 5.0)).omega.size
+    41
+    """
+    n = fft.prev_fast_len(n_samples, real=True)
+    frequency_hz = fft.rfftfreq(n, 1 / fs)
+    if not 0 < band_hz[0] < band_hz[1]:
+        raise InputError(f"band_hz is ({band_hz[0]:g}, {band_hz[1]:g}): give 0 < low < high, Hz")
+    low, high = float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs)
+    keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
+    if keep.size < LEAST_LINES:
+        raise InputError(
+            f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {n_samples / fs:.3g} s: give a "
+            "longer run or a wider band"
+        )
+    return BandLines(n, 2 * np.pi * frequency_hz[keep], max(1, int(np.ceil(LOWEST_RATE_HZ / fs))))
+
+
+def places_of(omega: FloatArray, n_samples: int, fs: float) -> slice:
+    """Return the places of the lines of a band among all lines of the transform.
+
+    Args:
+        omega: (n_lines,) rad/s.
+        n_samples: of the record.
+        fs: sampling rate, Hz.
+    """
+    first = round(float(omega[0]) / (2 * np.pi) * n_samples / fs)
+    return slice(first, first + omega.size)
+
+
+def at_lines(samples: FloatArray, omega: FloatArray, fs: float) -> ComplexArray:
+    """Return Fourier lines along the last axis, scaled so that unit white noise has unit parts.
+
+    Args:
+        samples: (..., n).
+        omega: (n_lines,) rad/s.
+        fs: sampling rate, Hz.
+    """
+    n = samples.shape[-1]
+    return fft.rfft(samples)[..., places_of(omega, n, fs)] / np.sqrt(n / 2)

@@ -1,0 +1,93 @@
+"""What a fit of a body leaves, against the noise of the sensors, and what that says of its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from opid.identify.body.candidates import EXPLAINS, Fitted
+from opid.identify.body.fit import BodyFit
+from opid.identify.body.intervals import honest_covariance
+from opid.identify.classical import LEAST_NOISE
+from opid.identify.whiteness import WHITE_BELOW
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import noise_floor
+
+# above this residual over the noise the intervals are withheld, above the second one every number
+WITHHELD, REFUSED = 3.0, 20.0
+# a mass that is known worse than this share is not determined
+LOOSELY_KNOWN = 0.3
+# points of a figure
+N_SHOWN = 4000
+
+
+def noise_levels(stated: float | None, arrays: Sequence[tuple[FloatArray, FloatArray]], *, fs: float) -> FloatArray:
+    """Return the noise of a sensor below and on the body, (2,) m/s^2: as stated, else from the quietest of the spectra.
+
+    Args:
+        stated: rms of the white noise of all sensors, m/s^2; None to estimate it.
+        arrays: (n, n_interfaces) below and (n, n_sensors) on the body of each run, m/s^2.
+        fs: sampling rate, Hz.
+    """
+    if stated is not None:
+        return np.full(2, stated)
+    levels = []
+    for side in (0, 1):
+        floors = [
+            max(noise_floor(channel, fs=fs), LEAST_NOISE * float(channel.std()))
+            for run in arrays
+            for channel in run[side].T
+        ]
+        levels.append(float(np.sqrt(np.mean(np.square(floors)))))
+    # a wheel is never still: only the quieter side tells of the noise
+    return np.full(2, min(levels))
+
+
+def widened(part: Fitted) -> FloatArray:
+    """Return the covariance of the shared parameters: what a structure lacks is no noise, and does not average out.
+
+    Args:
+        part: a structure with a fit.
+    """
+    wider = max(1.0, part.residual_over_noise / EXPLAINS)
+    return honest_covariance(part.found) * wider**2
+
+
+def level_of(fit: BodyFit, slot: int) -> float:
+    """Return the noise that would explain the errors of one sensor, m/s^2.
+
+    Args:
+        fit: the fit.
+        slot: of the sensor.
+    """
+    squares, count = 0.0, 0
+    for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
+        own = line.reshape(-1, run.omega.size)[slot]
+        squares, count = squares + float(np.sum(np.abs(own) ** 2)), count + 2 * own.size
+    return float(np.sqrt(np.mean(np.square(fit.model.noise)) * squares / count))
+
+
+def thinned(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return what a figure shows of the samples of all runs.
+
+    Args:
+        parts: (n,) samples of each run.
+    """
+    whole = np.concatenate(parts)
+    return whole[:: max(1, whole.size // N_SHOWN)].copy()
+
+
+def is_white(fit: BodyFit) -> bool:
+    """Return whether the cumulative periodogram of every sensor's errors is that of white noise (Bartlett 1955).
+
+    Args:
+        fit: the fit.
+    """
+    statistic = 0.0
+    for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
+        for own in line.reshape(-1, run.omega.size):
+            power = np.cumsum(np.abs(own) ** 2)
+            straight = np.arange(1, own.size + 1) / own.size
+            statistic = max(statistic, float(np.abs(power / power[-1] - straight).max() * np.sqrt(own.size)))
+    return statistic < WHITE_BELOW

@@ -1,0 +1,88 @@
+"""One run of a body on several suspensions, as the model takes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError
+from opid.identify.band_lines import BAND_HZ, at_lines, band_lines
+from opid.mechanics.driven import half_steps
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class BodyRun:
+    """One run, ready for the model.
+
+    Args:
+        unsprung: (n, n_interfaces) accelerations below the suspensions, mean removed, m/s^2.
+        sprung: (n, n_sensors) accelerations of the body, mean removed, m/s^2.
+        omega: (n_lines,) lines of the residual that count, rad/s.
+        fs: sampling rate, Hz.
+        loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg.
+        finer: how many times finer than recorded the run is sampled, so that a step of the model is short enough.
+    """
+
+    unsprung: FloatArray
+    sprung: FloatArray
+    omega: FloatArray
+    fs: float
+    loading: FloatArray
+    finer: int = 1
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return self.sprung.shape[0]
+
+    @cached_property
+    def drive(self) -> FloatArray:
+        """(2 n - 1, n_interfaces) accelerations below the suspensions at half steps, m/s^2."""
+        return half_steps(self.unsprung)
+
+    def transform(self, samples: FloatArray) -> ComplexArray:
+        """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts.
+
+        Args:
+            samples: (..., n).
+        """
+        return at_lines(samples, self.omega, self.fs)
+
+
+def body_run(
+    unsprung: ArrayLike,
+    sprung: ArrayLike,
+    *,
+    fs: float,
+    loading: FloatArray,
+    band_hz: tuple[float, float] = BAND_HZ,
+) -> BodyRun:
+    """Prepare one run for the model.
+
+    Args:
+        unsprung: (n, n_interfaces) accelerations below the suspensions, m/s^2.
+        sprung: (n, n_sensors) accelerations of the body, m/s^2.
+        fs: sampling rate, Hz.
+        loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg.
+        band_hz: lowest and highest line to compare, Hz; cut at 0.4 fs.
+
+    Raises:
+        InputError: arrays of different lengths, or a band that is none or has fewer than 20 lines.
+    """
+    lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
+    if lower.ndim != 2 or upper.ndim != 2 or len(lower) != len(upper):
+        raise InputError(f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length")
+    lines = band_lines(len(lower), fs=fs, band_hz=band_hz)
+    return BodyRun(
+        lines.prepared(lower),
+        lines.prepared(upper),
+        lines.omega,
+        float(fs) * lines.finer,
+        np.asarray(loading, dtype=np.float64),
+        lines.finer,
+    )

@@ -1,0 +1,332 @@
+"""A body on suspensions whose unsprung sides are measured, as a function of what is not known of it.
+
+Per unit of a reference mass the body obeys M q'' = - sum over slots of j_s F_s, with
+
+    M = unit + sum_k theta_k part_k + theta_1 theta_2 product + mu (known + loading),
+
+mu one over the reference mass: what is known in kg fixes the scale. A slot is an interface, or a spring inside of the
+body. A rigid airframe has heave, roll and pitch about the origin of coordinates as degrees of freedom: there M is
+linear in mass, static moments and moments of inertia, and a point mass adds m j j^T, j = (1, y, -x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.mechanics.structure import Structure
+from opid.signals.recording import FloatArray
+
+RIGID = ("x_cg_m", "y_cg_m", "rxx_m2", "ryy_m2")
+"""Free numbers of a rigid airframe per unit of mass: centre of gravity, and moments of inertia about the origin."""
+
+
+class ImpossibleBodyError(NotDeterminedError):
+    """Free factors that make a mass matrix which is not positive definite."""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A coordinate of a place that is known to a tolerance.
+
+    Args:
+        name: "x_m[left]", "sensor_y_m[nose]", ...
+        slot: number of the slot of the interface, or of the sensor.
+        of_sensor: whether it is where the sensor is, else where the suspension is.
+        by_place: (n_dof,) derivative of the row j by it.
+        std: tolerance, m.
+    """
+
+    name: str
+    slot: int
+    of_sensor: bool
+    by_place: tuple[float, ...]
+    std: float
+
+
+@dataclass(frozen=True)
+class Inside:
+    """A spring and damper inside of the body, or from the body to the ground.
+
+    Args:
+        name: of the joint.
+        stiffness_n_per_m: known stiffness; None where it is to be found.
+        damping_n_s_per_m: known damping, likewise.
+    """
+
+    name: str
+    stiffness_n_per_m: float | None
+    damping_n_s_per_m: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What is known of a body, and what is to be found.
+
+    Args:
+        dof: names of the degrees of freedom.
+        unit: (n_dof, n_dof) part of the mass matrix that has no free factor, per unit of the reference mass.
+        names: of the free factors theta.
+        parts: (n_parts, n_dof, n_dof) what each multiplies.
+        known: (n_dof, n_dof) mass matrix of what is known in kg.
+        rows: (n_slots, n_dof) j of each slot, interfaces first.
+        readings: (n_sensors, n_dof) what each sensor on the body reads of q'', n_sensors at most n_slots.
+        inside: of each slot behind the interfaces.
+        coordinates: places that are known to a tolerance.
+        absolute: whether `unit` is in kg already, so that mu is 1.
+        product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
+    """
+
+    dof: tuple[str, ...]
+    unit: FloatArray
+    names: tuple[str, ...]
+    parts: FloatArray
+    known: FloatArray
+    rows: FloatArray
+    readings: FloatArray
+    inside: tuple[Inside, ...] = ()
+    coordinates: tuple[Coordinate, ...] = ()
+    absolute: bool = False
+    product: FloatArray | None = None
+
+    @property
+    def n_slots(self) -> int:
+        """Number of slots."""
+        return self.rows.shape[0]
+
+    @property
+    def n_interfaces(self) -> int:
+        """Number of slots whose other side is measured."""
+        return self.n_slots - len(self.inside)
+
+    def mass(self, theta: FloatArray, mu: float, loading: FloatArray) -> FloatArray:
+        """Return M per unit of the reference mass, (n_dof, n_dof).
+
+        Args:
+            theta: (n_parts,) free factors.
+            mu: one over the reference mass, 1/kg.
+            loading: (n_dof, n_dof) what this run carries more than the reference, kg.
+        """
+        mass = self.unit + np.tensordot(theta, self.parts, axes=1) + mu * (self.known + loading)
+        return mass if self.product is None else mass + theta[0] * theta[1] * self.product
+
+    def by_factors(self, theta: FloatArray) -> FloatArray:
+        """Return the derivatives of M by its factors, (n_parts, n_dof, n_dof).
+
+        Args:
+            theta: (n_parts,) free factors.
+        """
+        if self.product is None:
+            return self.parts
+        changes = self.parts.copy()
+        changes[:2] += theta[1::-1, np.newaxis, np.newaxis] * self.product
+        return changes
+
+
+@dataclass(frozen=True, eq=False)
+class Mobility:
+    """What forces at the slots do to a body, and how that changes.
+
+    Args:
+        accelerance: (n_slots, n_slots) A, acceleration at the row for a unit force at the column.
+        reading: (n_slots, n_slots) R, what the sensor of the row reads of it; 0 where there is none.
+        by_accelerance: (n_directions, n_slots, n_slots) by the free factors, by mu and by the coordinates.
+        by_reading: likewise, of R.
+    """
+
+    accelerance: FloatArray
+    reading: FloatArray
+    by_accelerance: FloatArray
+    by_reading: FloatArray
+
+
+def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
+    """Return what forces at the slots do to a body in one run.
+
+    Args:
+        body: the body.
+        theta: (n_parts,) free factors.
+        mu: one over the reference mass, 1/kg.
+        shifts: (n_coordinates,) true place less the stated one, m.
+        loading: (n_dof, n_dof) what this run carries more than the reference, kg.
+
+    Raises:
+        ImpossibleBodyError: a mass matrix that is not positive definite.
+    """
+    rows, seen = body.rows.copy(), np.zeros_like(body.rows)
+    seen[: len(body.readings)] = body.readings
+    for coordinate, shift in zip(body.coordinates, shifts, strict=True):
+        (seen if coordinate.of_sensor else rows)[coordinate.slot] += shift * np.array(coordinate.by_place)
+    mass = body.mass(theta, mu, loading)
+    if np.linalg.eigvalsh(mass)[0] <= 0.0:
+        raise ImpossibleBodyError(
+            "the mass matrix of the body is not positive definite: check masses, places and loadings"
+        )
+    inverse = np.linalg.inv(mass)
+    by_force, by_row = inverse @ rows.T, seen @ inverse
+    parts = [*body.by_factors(theta), body.known + loading]
+    by_accelerance = [-by_force.T @ part @ by_force for part in parts]
+    by_reading = [-by_row @ part @ by_force for part in parts]
+    for coordinate in body.coordinates:
+        change = np.zeros_like(rows)
+        change[coordinate.slot] = coordinate.by_place
+        half = change @ by_force
+        by_accelerance.append(np.zeros_like(half) if coordinate.of_sensor else half + half.T)
+        by_reading.append(half if coordinate.of_sensor else by_row @ change.T)
+    return Mobility(rows @ by_force, seen @ by_force, np.array(by_accelerance), np.array(by_reading))
+
+
+def rigid_body(
+    places: Sequence[tuple[float, float]],
+    sensor_places: Sequence[tuple[float, float]] | None = None,
+    *,
+    names: Sequence[str] = (),
+    tolerance_m: float = 0.0,
+) -> Body:
+    """Return a rigid airframe in heave, roll and pitch, of which mass, centre of gravity and inertias are free.
+
+    Args:
+        places: (x, y) of each interface, m; x forward, y to the left.
+        sensor_places: (x, y) of the sensor on the body of each interface, then of further ones; at the interfaces
+            where left out.
+        names: of the interfaces; "1", "2", ... where left out.
+        tolerance_m: how well the places are known, one standard deviation; 0 for exactly.
+
+    Raises:
+        InputError: fewer than three interfaces, all of them on one line, or fewer sensors than interfaces.
+
+    >>> body = rigid_body([(3.0, 0.0), (-1.0, 1.5), (-1.0, -1.5)])
+    >>> body.mass(np.array([0.0, 0.0, 1.0, 2.0]), 0.0, np.zeros((3, 3)))
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 2.]])
+    """
+    names = tuple(names) or tuple(str(k + 1) for k in range(len(places)))
+    sensors = tuple(places) if sensor_places is None else tuple(sensor_places)
+    rows, seen = (np.array([vertical(x, y) for x, y in where]) for where in (places, sensors))
+    for what, matrix in (("interfaces", rows), ("sensors on the body", seen)):
+        if len(matrix) < 3 or np.linalg.svd(matrix - matrix.mean(axis=0), compute_uv=False)[1] < 0.01:
+            where = ", ".join(f"({x:g}, {y:g})" for x, y in (places if what == "interfaces" else sensors))
+            raise InputError(
+                f"the {what} are at {where}, which is one line or less: heave, roll and pitch of a rigid body need "
+                "three that are not on one line"
+            )
+    parts = np.zeros((4, 3, 3))
+    parts[0, 0, 2] = parts[0, 2, 0] = -1.0
+    parts[1, 0, 1] = parts[1, 1, 0] = 1.0
+    parts[2, 1, 1] = parts[3, 2, 2] = 1.0
+    unit = np.zeros((3, 3))
+    unit[0, 0] = 1.0
+    # an airframe whose left and right are alike has no product of inertia about its own centre of gravity
+    product = np.zeros((3, 3))
+    product[1, 2] = product[2, 1] = -1.0
+    n_more = max(0, len(seen) - len(rows))
+    # a further sensor sits at a slot without a spring
+    inside = tuple(Inside(f"sensor {k + 1}", 0.0, 0.0) for k in range(n_more))
+    coordinates = [
+        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", slot, of_sensor, by_place, tolerance_m)
+        for of_sensor in (False, True)
+        for slot, name in enumerate(names)
+        for axis, by_place in (("x", (0.0, 0.0, -1.0)), ("y", (0.0, 1.0, 0.0)))
+    ]
+    return Body(
+        ("heave", "roll", "pitch"),
+        unit,
+        RIGID,
+        parts,
+        known=np.zeros((3, 3)),
+        rows=np.vstack([rows, np.zeros((n_more, 3))]),
+        readings=seen,
+        inside=inside,
+        coordinates=tuple(coordinates) if tolerance_m else (),
+        product=product,
+    )
+
+
+def vertical(x_m: float, y_m: float) -> FloatArray:
+    """Return j, (3,): the vertical displacement at a place for a unit of heave, roll and pitch about the origin.
+
+    Args:
+        x_m: forward, m.
+        y_m: to the left, m.
+    """
+    return np.array([1.0, y_m, -x_m])
+
+
+def own_body(
+    structure: Structure,
+    interfaces: Sequence[str],
+    sensors: Sequence[str],
+    *,
+    unknown: Sequence[str] = (),
+    unknown_mass: Sequence[str] = (),
+) -> Body:
+    """Return a user's own structure, hung on interfaces whose other side is measured.
+
+    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground.
+
+    Args:
+        structure: mass, damping and stiffness matrices, and joints; laws inside of it are not followed.
+        interfaces: degrees of freedom at which the suspensions act, one each.
+        sensors: degrees of freedom whose accelerations are measured; any number of them.
+        unknown: names of joints whose stiffness and damping are to be found.
+        unknown_mass: degrees of freedom whose mass is to be found: what the mass matrix says of them on its diagonal is
+            a guess. Where nothing else is known, ratios to the first one are found.
+
+    Raises:
+        InputError: an unknown degree of freedom or joint, one named twice, or a joint with a law.
+    """
+    eye = np.eye(structure.n_dof)
+    for what, names in (("interfaces", interfaces), ("sensors", sensors), ("unknown_mass", unknown_mass)):
+        for name in names:
+            if list(names).count(name) > 1:
+                raise InputError(f"{what} names {name!r} {list(names).count(name)} times: give it once")
+    rows = [eye[structure.index(name)] for name in interfaces]
+    joints = {joint.name: joint for joint in structure.joints}
+    for name in unknown:
+        if name not in joints:
+            known_joints = nearest(name, joints) if joints else "it has none"
+            raise InputError(f"there is no joint {name!r} in the structure: {known_joints}")
+    inside: list[Inside] = []
+    for joint in structure.joints:
+        if joint.law.terms or joint.sliders is not None:
+            raise InputError(f"the joint {joint.name!r} inside of the structure has a law: make an interface of it")
+        free = joint.name in unknown
+        inside.append(
+            Inside(
+                joint.name,
+                None if free else joint.stiffness_n_per_m,
+                None if free else joint.damping_n_s_per_m,
+            )
+        )
+        rows.append(np.asarray(joint.direction))
+    for what, matrix in (("stiffness", structure.stiffness), ("damping", structure.damping)):
+        values, vectors = np.linalg.eigh(matrix)
+        spring, least = what == "stiffness", 1e-12 * np.abs(values).max(initial=0.0)
+        for number, (value, row) in enumerate(zip(values.tolist(), vectors.T, strict=True), start=1):
+            if abs(value) > least:
+                inside.append(Inside(f"{what} {number}", value if spring else 0.0, 0.0 if spring else value))
+                rows.append(row)
+    seen = np.array([eye[structure.index(name)] for name in sensors])
+    for k in range(len(seen) - len(rows)):
+        inside.append(Inside(f"sensor {k + 1}", 0.0, 0.0))
+        rows.append(np.zeros(structure.n_dof))
+    places = [structure.index(name) for name in unknown_mass]
+    parts = np.array([np.outer(eye[place], eye[place]) for place in places]).reshape(-1, *structure.mass.shape)
+    known = np.array(structure.mass)
+    first, others = (parts[0], parts[1:]) if places else (known.copy(), parts)
+    known[places, places] = 0.0
+    return Body(
+        structure.names,
+        unit=first,
+        names=tuple(f"mass[{name}] / mass[{unknown_mass[0]}]" for name in unknown_mass[1:]),
+        parts=others,
+        known=known if places else np.zeros_like(known),
+        rows=np.array(rows),
+        readings=seen,
+        inside=tuple(inside),
+        absolute=not places,
+    )

@@ -1,0 +1,153 @@
+"""Figures of health over time: one quantity of all gears, flight by flight, and what was flagged."""
+
+from __future__ import annotations
+
+from datetime import datetime, time
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+from matplotlib.ticker import MaxNLocator
+
+from opid.identify.comparison import Comparison
+from opid.identify.departures import Point, Series
+from opid.plots.style import INK, house_style, panels, pretty, run_colors
+
+__all__ = ["compared_quantity"]
+
+# the widest share of the flights' spacing over which the gears of one flight are drawn beside each other
+BESIDE = 0.3
+# a quantity is drawn in percent of its first flights where these are so many standard deviations from zero
+CLEAR = 5.0
+
+
+def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
+    """Draw one quantity of all gears over date: values with 95 % bars, what was to be expected, and what was flagged.
+
+    Gears of different size share one axis, so each is drawn in percent of what was expected of it at its last flight;
+    the legend tells that in its unit. The band is where a flight is not flagged by itself.
+
+    Args:
+        result: from `compare`.
+        label: of the quantity, as in `Quantity.label`.
+        ax: one Axes, or None for a new figure.
+
+    Raises:
+        ValueError: no such quantity.
+    """
+    series = [each for each in result.series if each.quantity.label == label]
+    if not series:
+        raise ValueError(f"no quantity is called {label!r}")
+    places = _places(result)
+    step = float(np.min(np.diff(np.unique(places)), initial=np.inf))
+    step = step if np.isfinite(step) else 1.0
+    references = [_reference(each) for each in series]
+    relative = all(reference is not None for reference in references)
+    with house_style():
+        ax = panels(ax, 1, height_in=3.4)[0, 0]
+        for i, (each, reference, color) in enumerate(zip(series, references, run_colors(len(series)), strict=True)):
+            beside = BESIDE * step * (i - (len(series) - 1) / 2) / len(series)
+            scale = 100 / abs(reference) if relative and reference else 1.0
+            name = each.quantity.gear or "all of the body"
+            if relative and reference:
+                name += f": {_digits(reference)} {pretty(each.quantity.unit)}"
+            _draw(ax, each, places + beside, scale, color, name)
+        _dates(ax, result, places)
+        unit = "% of what was expected" if relative else pretty(series[0].quantity.unit)
+        ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
+        ax.set_title(_title(label, series))
+        ax.margins(y=0.15)
+        ax.legend(loc="best")
+    return ax
+
+
+def _draw(ax: Axes, series: Series, places: np.ndarray, scale: float, color: str, name: str) -> None:
+    judged = [point for point in series.points if point.limits is not None]
+    if judged:
+        x = [places[point.flight] for point in judged]
+        low, high = (scale * np.array([point.limits[side] for point in judged if point.limits]) for side in (0, 1))
+        ax.fill_between(x, low, high, color=color, alpha=0.10, linewidth=0)
+        ax.plot(x, [scale * (point.expected or 0.0) for point in judged], color=color, linewidth=1, linestyle="--")
+    known = [point for point in series.points if point.estimate.value is not None]
+    bars = [point for point in known if point.estimate.interval95 is not None]
+    value = np.array([point.estimate.value for point in known], dtype=float)
+    # a value without an interval is hollow, for it was not judged
+    for point, height in zip(known, scale * value, strict=True):
+        ax.plot(
+            [places[point.flight]],
+            [height],
+            marker="o",
+            markersize=4.5,
+            color=color,
+            markerfacecolor=color if point in bars else "white",
+            linestyle="none",
+        )
+    ends = np.array([point.estimate.interval95 for point in bars], dtype=float).reshape(-1, 2)
+    ax.vlines([places[point.flight] for point in bars], scale * ends[:, 0], scale * ends[:, 1], color=color, label=name)
+    for point in series.points:
+        if point.flagged:
+            _mark(ax, point, places[point.flight], scale, series.quantity.gear if _starts(series, point) else None)
+
+
+def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None) -> None:
+    """A ring about a flagged value; the first of a change has the gear's name and its departure."""
+    height = scale * (point.estimate.value or 0.0)
+    ax.plot([place], [height], marker="o", markersize=10, color=INK, markerfacecolor="none", linestyle="none")
+    if name is not None:
+        told = {True: "confirmed", False: "not confirmed", None: "next flight awaited"}[point.confirmed]
+        up = (point.departure or 0.0) > 0
+        ax.annotate(
+            f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {told}".replace("-", "−"),
+            (place, height),
+            (0, 9 if up else -9),
+            textcoords="offset points",
+            ha="right",
+            va="bottom" if up else "top",
+            fontsize=8,
+        )
+
+
+def _starts(series: Series, point: Point) -> bool:
+    """Whether the flight before it is not flagged to the same side."""
+    before = [each for each in series.points if each.flight < point.flight and each.departure is not None]
+    return not (before and before[-1].flagged and before[-1].confirmed)
+
+
+def _reference(series: Series) -> float | None:
+    """What was expected last, where it is clearly not zero."""
+    judged = [point for point in series.points if point.expected is not None and point.std is not None]
+    if not judged:
+        known = [point.estimate.value for point in series.points if point.estimate.value]
+        return known[0] if known else None
+    last = judged[-1]
+    return last.expected if abs(last.expected or 0.0) > CLEAR * (last.std or 0.0) else None
+
+
+def _places(result: Comparison) -> np.ndarray:
+    if not result.dated:
+        return np.arange(1.0, len(result.flights) + 1)
+    days = [flight.date for flight in result.flights if flight.date is not None]
+    return np.array([date2num(datetime.combine(day, time())) for day in days])
+
+
+def _dates(ax: Axes, result: Comparison, places: np.ndarray) -> None:
+    if result.dated:
+        locator = AutoDateLocator(minticks=3, maxticks=8)
+        ax.xaxis.set_major_locator(locator)
+        ax.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        ax.set_xlabel("date of the flight")
+        return
+    ax.set_xlabel("flight, in the order given")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _title(label: str, series: list[Series]) -> str:
+    flagged = [each.quantity.gear or "it is" for each in series if any(point.flagged for point in each.points)]
+    text = label[:1].upper() + label[1:]
+    return f"{text}: {', '.join(flagged)} flagged" if flagged else f"{text}: nothing flagged"
+
+
+def _digits(value: float) -> str:
+    """Four digits without a power of ten where a reader can take them in."""
+    return f"{value:.4g}" if 1e-3 <= abs(value) < 1e4 or abs(value) >= 1e8 else f"{float(f'{value:.4g}'):,.0f}"

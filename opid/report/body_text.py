@@ -1,0 +1,320 @@
+"""A body on several suspensions as text and as tables: parameters, suspensions, and the structures compared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from opid.estimate import Estimate
+from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, Candidate, InterfaceEstimate
+from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
+
+PARAMETER_LABELS = {
+    "sprung_mass_kg": ("sprung mass M", "kg"),
+    "roll_inertia_kg_m2": ("inertia Ixx", "kg m^2"),
+    "pitch_inertia_kg_m2": ("inertia Iyy", "kg m^2"),
+    "x_cg_m": ("c.g. x", "m"),
+    "y_cg_m": ("c.g. y", "m"),
+}
+RATIO_LABELS = {
+    "roll_radius_m": ("roll radius", "m"),
+    "pitch_radius_m": ("pitch radius", "m"),
+    "x_cg_m": ("c.g. x", "m"),
+    "y_cg_m": ("c.g. y", "m"),
+}
+CANDIDATE_HEAD = ("structure", "residual / noise", "left-out run", "mass [kg]", "law", "verdict")
+_SHORT_HEAD = ("structure", "fit", "left out", "mass [kg]", "law", "verdict")
+
+Truth = Mapping[str, Any]
+
+
+def body_text(result: BodyIdentification, truth: Truth | None = None) -> str:
+    """Return the identification of a body as text: the numbers, the structures compared, and what to doubt.
+
+    Args:
+        result: from `identify_body`.
+        truth: of a simulated aircraft, as in truth.json: shown beside each estimate.
+    """
+    day = "" if result.date is None else f", {result.date}"
+    parts = [f"{result.title or 'Identification'}{day} ({kind_in_words(result.structure)})", ""]
+    if result.not_determined:
+        parts += [*wrapped("Not determined: " + result.not_determined), ""]
+    table = [*body_rows(result, truth), *suspension_rows(result, truth)]
+    parts += [*table_lines(table, columns(truth)), "", *wrapped(body_limits(result)), ""]
+    if result.candidates:
+        parts += ["Structures: residual over noise of the fit, and of runs left out of it"]
+        parts += [*aligned(_in_width(candidate_table(result)), n_left=1), "", *wrapped(recommendation(result))]
+    if result.warnings:
+        parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
+    return "\n".join(parts).rstrip("\n") + "\n"
+
+
+def body_rows(result: BodyIdentification, truth: Truth | None = None) -> list[Row]:
+    """Return the table of numbers of the body: masses, centre of gravity, radii, and corrections of places.
+
+    Args:
+        result: the identification.
+        truth: as in truth.json, or None.
+    """
+    true, told = truth["parameters"] if truth else {}, truth is not None
+    given = {name: result.parameters.get(name, Estimate()) for name in BODY_PARAMETERS}
+    table = [
+        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), told)
+        for name, estimate in given.items()
+        # what one loading alone gives stands below, and gears alone have no inertia
+        if estimate.value is not None
+        or name == "sprung_mass_kg"
+        or (name not in BODY_RATIOS and result.structure == "rigid_body")
+    ]
+    ratios = {
+        name: result.ratios.get(name, Estimate())
+        for name in BODY_RATIOS
+        if name not in given or given[name].value is None
+    }
+    if any(estimate.value is not None for estimate in ratios.values()):
+        table.append(Row("What needs no known mass"))
+        table += [
+            estimate_row(*RATIO_LABELS[name], estimate, true_ratio(name, true), told)
+            for name, estimate in ratios.items()
+        ]
+    if result.place_corrections:
+        table.append(Row("Places: what is to be added to the coordinates stated"))
+        table += [
+            estimate_row(_place(name), "m", estimate, None, told) for name, estimate in result.place_corrections.items()
+        ]
+    return table
+
+
+def suspension_rows(result: BodyIdentification, truth: Truth | None = None) -> list[Row]:
+    """Return the table of the suspensions: stiffness, damping, law and residual of each.
+
+    Args:
+        result: the identification.
+        truth: as in truth.json, or None.
+    """
+    table: list[Row] = []
+    shown: set[str] = set()
+    for interface in result.interfaces:
+        like = next((name for name in interface.shared_with if name in shown), None)
+        if like is not None and truth is None:
+            table.append(Row(f"Suspension {interface.name}: as {like}, shared"))
+            table.append(_residual_row(interface, told=False))
+        else:
+            table += _suspension(result, interface, truth)
+        shown.add(interface.name)
+    return table
+
+
+def candidate_table(result: BodyIdentification) -> list[tuple[str, ...]]:
+    """Return the structures that were compared, head first.
+
+    Args:
+        result: the identification.
+    """
+    table: list[tuple[str, ...]] = [CANDIDATE_HEAD]
+    for candidate in result.candidates:
+        mass = candidate.sprung_mass_kg
+        spread = f" ± {rounded(mass.std, mass.std)}" if mass.std is not None else ""
+        table.append(
+            (
+                candidate_label(candidate),
+                over_noise(candidate.residual_over_noise),
+                over_noise(candidate.left_out_over_noise),
+                rounded(mass.value, mass.std) + spread,
+                candidate.law.replace("+", " + ") or "-",
+                verdict(candidate),
+            )
+        )
+    return table
+
+
+def candidate_label(candidate: Candidate) -> str:
+    """Return what a structure is called in tables and figures.
+
+    Args:
+        candidate: the structure.
+    """
+    if candidate.kind == "rigid_body":
+        return "rigid body"
+    names = ", ".join(candidate.interfaces)
+    return f"mean {names}" if candidate.kind == "pair" else f"{names} alone"
+
+
+def verdict(candidate: Candidate) -> str:
+    """Return what is to be thought of a structure, in a word or two.
+
+    Args:
+        candidate: the structure.
+    """
+    if candidate.recommended:
+        return "recommended"
+    if not math.isfinite(candidate.residual_over_noise):
+        return "no fit"
+    return "explains" if candidate.explains else "rejected"
+
+
+def recommendation(result: BodyIdentification) -> str:
+    """Return which structure is recommended, and why; that none is, if so.
+
+    Args:
+        result: the identification.
+    """
+    best = recommended(result)
+    if best is None:
+        return f"Recommended: none of them, for none leaves noise alone. The numbers are those of: {_kind(result)}."
+    return f"Recommended: {kind_in_words(best.kind)}. Why: {sentence(reason(result))}"
+
+
+def recommended(result: BodyIdentification) -> Candidate | None:
+    """Return the structure that is recommended, if one is.
+
+    Args:
+        result: the identification.
+    """
+    return next((candidate for candidate in result.candidates if candidate.recommended), None)
+
+
+def reason(result: BodyIdentification) -> str:
+    """Return why the recommended structure is, beside the others where there are any.
+
+    Args:
+        result: the identification.
+    """
+    best = recommended(result)
+    return str(result.diagnostics.get("why") or ("" if best is None else best.why))
+
+
+def body_limits(result: BodyIdentification) -> str:
+    """Return the sentence that says what the answer rests on.
+
+    Args:
+        result: the identification.
+    """
+    n_runs, n_gears = len(result.runs), len(result.interfaces)
+    n_sensors = max((len(run.measured) for run in result.runs), default=n_gears)
+    n_loadings = len({run.loading for run in result.runs})
+    scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
+    return (
+        f"From {n_runs} run{'s' * (n_runs > 1)} at {scale}: {n_sensors} sensor{'s' * (n_sensors > 1)} on the body "
+        f"predicted from the motion below {n_gears} suspension{'s' * (n_gears > 1)}, "
+        f"{over_noise(result.residual_over_noise)} times the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is left."
+    )
+
+
+def over_noise(ratio: float | None) -> str:
+    """Return a residual over the noise with three digits, a dash where there is none.
+
+    Args:
+        ratio: the residual over the noise.
+
+    >>> over_noise(1.0), over_noise(39.4), over_noise(493.2), over_noise(1234.5), over_noise(None)
+    ('1.00', '39.4', '493', '1234', '-')
+    """
+    if ratio is None or not math.isfinite(ratio):
+        return "-"
+    return f"{ratio:#.3g}".rstrip(".") if ratio < 999.5 else f"{ratio:.0f}"
+
+
+def kind_in_words(kind: str) -> str:
+    """Return a kind of structure in words.
+
+    Args:
+        kind: of `opid.identify.body.study.KINDS`, or another.
+
+    >>> kind_in_words("rigid_body"), kind_in_words("single")
+    ('rigid body', 'each suspension alone')
+    """
+    return {"single": "each suspension alone", "pair": "mean of each pair"}.get(kind, kind.replace("_", " "))
+
+
+def units_of(result: BodyIdentification) -> tuple[str, str]:
+    """Return the units of stiffness and damping.
+
+    Args:
+        result: the identification.
+    """
+    return ("1/s^2", "1/s") if result.per_mass else ("N/m", "N s/m")
+
+
+def true_ratio(name: str, true: Mapping[str, float]) -> float | None:
+    """Return what is true of one of `BODY_RATIOS`.
+
+    Args:
+        name: of the ratio.
+        true: of `BODY_PARAMETERS`; empty if nothing is known.
+
+    >>> true_ratio("roll_radius_m", {"sprung_mass_kg": 100.0, "roll_inertia_kg_m2": 400.0})
+    2.0
+    """
+    if not true or name in true:
+        return true.get(name)
+    inertia = {"roll_radius_m": "roll_inertia_kg_m2", "pitch_radius_m": "pitch_inertia_kg_m2"}[name]
+    return math.sqrt(true[inertia] / true["sprung_mass_kg"])
+
+
+def sentence(text: str) -> str:
+    """Return a clause as a sentence: with one full stop.
+
+    Args:
+        text: the clause.
+    """
+    return text.rstrip(". ") + "." if text.strip() else ""
+
+
+def _place(name: str) -> str:
+    """A coordinate in words: "sensor_x_m[left]" is "left, sensor x"."""
+    what, _, whose = name.rstrip("]").partition("[")
+    return f"{whose}, {what.removesuffix('_m').replace('_', ' ')}" if whose else name
+
+
+def _kind(result: BodyIdentification) -> str:
+    return kind_in_words(result.structure)
+
+
+def _suspension(result: BodyIdentification, interface: InterfaceEstimate, truth: Truth | None) -> Iterator[Row]:
+    told = truth is not None
+    true = truth["interfaces"].get(interface.name) if truth else None
+    share = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth and result.per_mass else 1.0
+    stiffness, damping = units_of(result)
+    terms = interface.law.terms
+    shown = f", f = {formula(interface.law.latex)}" if len(terms) == 1 else ""
+    other = f"; truth: {true['law']['name']}" if true and true["law"]["name"] != interface.law.name else ""
+    yield Row(f"Suspension {interface.name}: {interface.law.name}{shown}{other}")
+    yield _residual_row(interface, told=told)
+    slope = "K/M" if result.per_mass else "K"
+    known = {key: share * true[key] for key in ("stiffness_n_per_m", "damping_n_s_per_m")} if true else {}
+    yield estimate_row(f"stiffness {slope}", stiffness, interface.stiffness, known.get("stiffness_n_per_m"), told)
+    slope = "C/M" if result.per_mass else "C"
+    yield estimate_row(f"damping {slope}", damping, interface.damping, known.get("damping_n_s_per_m"), told)
+    for term in terms:
+        if len(terms) > 1:
+            yield Row(f"Term {term.name} of {interface.name}: {formula(term.kind.latex)}")
+        for parameter in term.kind.parameters if term.name in interface.law_estimates else ():
+            amplitude = parameter.role == "amplitude"
+            value = true["law"]["parameters"].get(term.name, {}).get(parameter.name) if true else None
+            # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
+            yield estimate_row(
+                parameter.name.split("_n")[0] if amplitude else parameter.role,
+                f"{parameter.unit}/kg" if amplitude and result.per_mass else parameter.unit,
+                interface.law_estimates[term.name][parameter.name],
+                value * share if amplitude and value is not None else value,
+                told,
+            )
+
+
+def _residual_row(interface: InterfaceEstimate, *, told: bool) -> Row:
+    blank = ("-", "1", "-", "-", "-") if told else ("-", "-", "1")
+    return Row("residual/noise", (over_noise(interface.residual_over_noise), *blank))
+
+
+def _in_width(table: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Cut the names of laws where the lines would be longer than a terminal is wide; pages show them whole."""
+    place = _SHORT_HEAD.index("law")
+    short = [_SHORT_HEAD, *table[1:]]
+    room = WIDTH - sum(max(len(row[i]) for row in short) + 2 for i in range(len(_SHORT_HEAD)) if i != place)
+
+    def cut(law: str) -> str:
+        return law if len(law) <= room else law[: max(room - 2, 1)] + ".."
+
+    return [(*row[:place], cut(row[place]), *row[place + 1 :]) for row in short]

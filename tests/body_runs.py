@@ -1,0 +1,91 @@
+"""Short virtual runs of an aircraft as a study of a body: 12 s at 256 Hz, a reference and a loaded one."""
+
+from functools import cache
+
+import numpy as np
+
+from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.mechanics.airframe import Loading
+from opid.mechanics.landing_gear import LandingGear, taxi_run
+from opid.mechanics.sensors import Sensor
+from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
+from opid.signals.recording import recording_from_arrays
+
+NOISE = 5e-3
+PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
+"""Of the sensors on the airframe."""
+LOADS = (Loading(500.0, 1.0, 0.2),)
+SHORT = {"fs": 256.0, "lowest_step_rate_hz": 1024.0}
+
+
+@cache
+def aircraft(bending_hz=None):
+    """The default aircraft, with a bending mode if a frequency is given."""
+    plain = default_aircraft()
+    return with_bending(plain, frequency_hz=bending_hz) if bending_hz else plain
+
+
+@cache
+def short_runs(bending_hz=None, seed=1, loads=LOADS):
+    """The reference and the loaded run of the default aircraft on independent tracks."""
+    test = aircraft_test(
+        aircraft(bending_hz),
+        rng=np.random.default_rng(seed),
+        loadings=[loads],
+        duration_s=12.0,
+        coherent_tracks=False,
+        sprung_sensors=PLACES,
+        sensor=Sensor(noise_m_per_s2=NOISE),
+        **SHORT,
+    )
+    return tuple(
+        LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+        for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
+    )
+
+
+def interfaces(shift=(0.0, 0.0)):
+    """The three gears, with the origin of coordinates elsewhere if so wished."""
+    return tuple(
+        MeasuredInterface(
+            gear.name,
+            f"{gear.name}_upper_z",
+            f"{gear.name}_lower_z",
+            gear.x_m + shift[0],
+            gear.y_m + shift[1],
+            PLACES[gear.name][0] + shift[0],
+            PLACES[gear.name][1] + shift[1],
+        )
+        for gear in aircraft().gears
+    )
+
+
+def study(kind="rigid_body", *, runs=None, shift=(0.0, 0.0), **settings):
+    """The study of the short runs."""
+    runs = short_runs() if runs is None else runs
+    return BodyStudy(
+        "short runs", interfaces(shift), runs, StructureSettings(kind, **{"noise_m_per_s2": NOISE, **settings})
+    )
+
+
+@cache
+def gears_apart():
+    """Three gears that have nothing to do with each other, each under a mass of its own, as if they were an aircraft.
+
+    The loading stands on the gears: there statics and independence agree.
+    """
+    changes, recordings = (150.0, 200.0, 200.0), []
+    for number in range(2):
+        rng = np.random.default_rng(20 + number)
+        columns = {}
+        for gear, change in zip(aircraft().gears, changes, strict=True):
+            alone = LandingGear(sprung_mass_kg=LandingGear().sprung_mass_kg + number * change)
+            sensor = Sensor(noise_m_per_s2=NOISE)
+            run = taxi_run(alone, rng=rng, duration_s=12.0, lower_sensor=sensor, upper_sensor=sensor, **SHORT)
+            columns |= {f"{gear.name}_{side}_z": run.recording.channel(f"{side}_z") for side in ("lower", "upper")}
+        recordings.append(recording_from_arrays([*columns.values()], [*columns], fs=SHORT["fs"]))
+    loading = tuple(
+        PointMass(change, gear.x_m, gear.y_m) for gear, change in zip(aircraft().gears, changes, strict=True)
+    )
+    return LoadedRun("light", recordings[0]), LoadedRun("heavy", recordings[1], loading)

@@ -1,0 +1,336 @@
+"""From a study of a body to an answer: which structure is recommended, what is told and what is withheld."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from body_runs import NOISE, aircraft, gears_apart, interfaces, short_runs, study
+
+from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
+from opid.identify.body import identification
+from opid.identify.body.candidates import Fitted, groups_of, symmetric_pairs
+from opid.identify.body.identification import identify_body
+from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS
+from opid.identify.body.study import BodySensor, BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.mechanics.airframe import Loading
+from opid.signals.recording import Channel, Recording
+
+LAW = "arctan_velocity"
+
+
+def near(estimate, truth):
+    return abs(estimate.value - truth) < 4 * estimate.std
+
+
+def candidates(found, kind):
+    return [each for each in found.candidates if each.kind == kind]
+
+
+@pytest.fixture(scope="module")
+def compared():
+    """All structures on the runs of the aircraft."""
+    return identify_body(study("auto"), law=LAW)
+
+
+def test_the_rigid_body_is_recommended_on_an_aircraft(compared):
+    assert compared.structure == "rigid_body"
+    assert [each.kind for each in compared.candidates] == ["single"] * 3 + ["pair", "rigid_body"]
+    assert [each.recommended for each in compared.candidates] == [False] * 4 + [True]
+    for each in compared.candidates[:4]:
+        assert not each.explains
+        assert each.residual_over_noise > 5
+        assert "these gears do not move like that" in each.why
+    rigid = compared.candidates[4]
+    assert rigid.explains
+    assert rigid.left_out_over_noise == pytest.approx(1.0, abs=0.1)
+    assert compared.diagnostics["why"].startswith("one rigid body leaves ")
+    assert "each gear alone leaves" in compared.diagnostics["why"]
+
+
+def test_its_numbers_are_those_of_the_aircraft(compared):
+    true = aircraft()
+    assert compared.not_determined is None
+    assert compared.warnings == ()
+    assert not compared.per_mass
+    assert near(compared.parameters["sprung_mass_kg"], true.mass_kg)
+    assert near(compared.parameters["roll_inertia_kg_m2"], true.ixx_kg_m2)
+    assert near(compared.parameters["pitch_inertia_kg_m2"], true.iyy_kg_m2)
+    assert near(compared.parameters["x_cg_m"], true.x_cg_m)
+    assert set(compared.ratios) == set(BODY_RATIOS)
+    assert compared.noise_m_per_s2 == NOISE
+    for each, gear in zip(compared.interfaces, true.gears, strict=True):
+        assert each.name == gear.name
+        assert near(each.stiffness, gear.suspension_stiffness_n_per_m)
+        assert near(each.damping, gear.suspension_damping_n_s_per_m)
+        assert near(each.law_estimates[LAW]["amplitude_n"], gear.law.parameters[LAW]["amplitude_n"])
+        assert each.law.parameters[LAW]["amplitude_n"] == pytest.approx(each.law_estimates[LAW]["amplitude_n"].value)
+        assert each.residual_over_noise == pytest.approx(1.0, abs=0.1)
+        assert each.travel.shape == each.velocity.shape
+        assert 1e-3 < each.travel.std() < 0.1
+
+
+def test_what_is_left_of_each_run_is_shown(compared):
+    assert [run.name for run in compared.runs] == ["light", "heavy"]
+    assert [run.mass_change_kg for run in compared.runs] == [0.0, 500.0]
+    assert compared.runs[1].loading == ((500.0, 1.0, 0.2),)
+    for run in compared.runs:
+        assert run.residual.shape == (3, run.frequency_hz.size)
+        assert np.mean(run.residual**2) == pytest.approx(1.0, abs=0.1)
+        assert run.measured.shape == run.predicted.shape == (3, run.time_s.size)
+        assert np.std(run.measured - run.predicted) < 3 * NOISE
+    assert all(compared.diagnostics["white"])
+    assert compared.diagnostics["law"] == LAW
+
+
+def test_gears_that_stand_alone_are_told_from_an_aircraft():
+    found = identify_body(study("auto", runs=gears_apart()), law=LAW)
+    assert found.structure == "single"
+    assert [each.recommended for each in found.candidates] == [True] * 3 + [False, False]
+    assert all(each.explains for each in candidates(found, "single"))
+    assert not any(each.explains for each in candidates(found, "rigid_body"))
+    # three gears under 1860 kg each; of a rigid body there is nothing
+    assert near(found.parameters["sprung_mass_kg"], 3 * 1856.0)
+    assert found.parameters["roll_inertia_kg_m2"] == Estimate()
+    assert found.ratios["x_cg_m"] == Estimate()
+    assert [run.residual.shape[0] for run in found.runs] == [3, 3]
+
+
+def test_one_loading_gives_ratios_and_a_sentence(compared):
+    found = identify_body(study(runs=short_runs()[:1]), law=LAW)
+    true = aircraft()
+    assert found.not_determined.startswith("all runs have the same loading: only ratios to the mass can be told")
+    assert set(found.parameters) == set(BODY_PARAMETERS)
+    assert all(each == Estimate() for each in found.parameters.values())
+    assert found.per_mass
+    assert near(found.ratios["pitch_radius_m"], math.sqrt(true.iyy_kg_m2 / true.mass_kg))
+    assert near(found.ratios["x_cg_m"], true.x_cg_m)
+    for each, gear in zip(found.interfaces, true.gears, strict=True):
+        assert near(each.stiffness, gear.suspension_stiffness_n_per_m / true.mass_kg)
+    assert found.candidates[0].left_out_over_noise is None
+    # known better than the mass itself
+    ratio = found.interfaces[1].stiffness
+    absolute = compared.interfaces[1].stiffness
+    assert ratio.std / ratio.value < absolute.std / absolute.value
+
+
+def test_a_loading_that_moves_nothing_does_not_give_the_mass():
+    runs = short_runs(loads=(Loading(1.0, 1.0, 0.2),))
+    found = identify_body(study(runs=runs), law=LAW)
+    assert found.structure == "rigid_body"
+    assert found.residual_over_noise < 1.2
+    assert "the change of loading ('light' +0 kg, 'heavy' +1 kg) moves too little" in found.not_determined
+    mass = found.parameters["sprung_mass_kg"]
+    assert mass.std is None or mass.std > 0.3 * mass.value
+    # ratios are told all the same
+    assert near(found.ratios["x_cg_m"], aircraft().x_cg_m)
+
+
+def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
+    found = identify_body(study(runs=short_runs(8.0)), law=LAW)
+    assert found.residual_over_noise > 3
+    assert not any(each.recommended for each in found.candidates)
+    assert "no structure explains these runs" in found.warnings[0]
+    assert "a bending airframe" in found.warnings[0]
+    assert all(each.interval95 is None for each in found.parameters.values())
+    assert all(each.stiffness.interval95 is None for each in found.interfaces)
+
+
+def test_loadings_that_were_not_there_are_not_believed():
+    """A wrong mass would scale everything and be seen by nobody; a wrong place is seen."""
+    runs = short_runs()
+    wrong = (runs[0], replace(runs[1], loading=(PointMass(500.0, -1.5, -1.0),)))
+    found = identify_body(study(runs=wrong), law=LAW)
+    assert found.residual_over_noise > 1.2
+    assert not found.candidates[0].recommended
+    assert any("wrong coordinates or loadings" in sentence for sentence in found.warnings)
+
+
+def test_groups_share_and_places_are_corrected_within_their_tolerance():
+    shared = (("left", "right"),)
+    given = study(shared=shared, position_tolerance_m=0.01)
+    assert [group.slots for group in groups_of(given)] == [(0,), (1, 2)]
+    off = replace(given.interfaces[1], sensor_x_m=given.interfaces[1].sensor_x_m + 0.015)
+    given = replace(given, interfaces=(given.interfaces[0], off, given.interfaces[2]))
+    found = identify_body(given, law=LAW)
+    nose, left, right = found.interfaces
+    assert nose.shared_with == ()
+    assert left.shared_with == ("right",)
+    assert left.stiffness == right.stiffness
+    assert near(left.stiffness, aircraft().gears[1].suspension_stiffness_n_per_m)
+    assert len(found.place_corrections) == 12
+    assert all(each.std < 0.0101 for each in found.place_corrections.values())
+    assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
+    assert found.places["left"] == (0.0, 1.6, 0.265, 1.4)
+
+
+def test_a_further_sensor_on_the_body_is_predicted_too():
+    """Here one that is read twice: a copy of the left one."""
+    runs = []
+    for run in short_runs():
+        samples = np.column_stack([run.recording.samples, run.recording.channel("left_upper_z")])
+        rng = np.random.default_rng(len(runs))
+        samples[:, -1] += NOISE * rng.standard_normal(len(samples))
+        channels = (*run.recording.channels, Channel("again", "m/s^2"))
+        runs.append(replace(run, recording=Recording(samples, fs=run.recording.fs, channels=channels)))
+    given = replace(study(runs=tuple(runs)), sensors=(BodySensor("again", 0.25, 1.4),))
+    found = identify_body(given, law=LAW)
+    assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
+    assert found.runs[0].residual.shape[0] == 4
+    assert len(found.interfaces) == 3
+
+
+def test_pairs_are_found_by_their_places():
+    assert symmetric_pairs(study()) == [(1, 2)]
+    found = identify_body(study("pair"), law="linear")
+    assert [each.kind for each in found.candidates] == ["pair", "single"]
+    assert found.interfaces[1].shared_with == ("right",)
+    assert found.not_determined.endswith("or describe the structure by its own matrices")
+    assert found.interfaces[0].stiffness == Estimate()
+
+
+def test_where_nothing_can_be_fitted_it_is_said(monkeypatch):
+    def fails(given, arrays, noises, slots, **settings):
+        return Fitted("single", slots, None, (), NOISE, None, "it grows")
+
+    monkeypatch.setattr(identification, "fitted_alone", fails)
+    with pytest.raises(NotDeterminedError, match="no structure can be fitted to these runs: it grows; it grows"):
+        identify_body(study("single"))
+
+
+def test_a_gear_that_cannot_be_fitted_leaves_no_mass_of_the_whole(monkeypatch):
+    real = identification.fitted_alone
+
+    def fails_at_the_nose(given, arrays, noises, slots, **settings):
+        if slots == (0,):
+            return Fitted("single", slots, None, (), NOISE, None, "it grows")
+        return real(given, arrays, noises, slots, **settings)
+
+    monkeypatch.setattr(identification, "fitted_alone", fails_at_the_nose)
+    found = identify_body(study("single", runs=gears_apart()), law=LAW)
+    assert found.not_determined == "nose cannot be fitted (it grows), so there is no mass of the whole"
+    assert found.parameters["sprung_mass_kg"] == Estimate()
+    assert "each gear alone cannot be fitted" in found.diagnostics["why"]
+    assert [each.name for each in found.interfaces] == ["left", "right"]
+    assert found.interfaces[0].stiffness.interval95 is not None
+
+
+def test_an_unknown_law_is_refused():
+    with pytest.raises(InputError, match="arctan_velocity"):
+        identify_body(study(), law="arctan_velocty")
+
+
+# ---- faults of a study
+
+
+def small_recording(names=None, n=300, fs=256.0, unit="m/s^2", seed=0):
+    names = names or [f"{gear}_{side}_z" for gear in ("nose", "left", "right") for side in ("lower", "upper")]
+    samples = np.random.default_rng(seed).standard_normal((n, len(names)))
+    return Recording(samples, fs=fs, channels=tuple(Channel(name, unit) for name in names))
+
+
+def gear(name, x_m, y_m, **more):
+    given = {"sprung": f"{name}_upper_z", "unsprung": f"{name}_lower_z", **more}
+    return MeasuredInterface(name, x_m=x_m, y_m=y_m, **given)
+
+
+THREE = (gear("nose", 5.0, 0.0), gear("left", 0.0, 1.6), gear("right", 0.0, -1.6))
+
+
+def made(**changes):
+    given = {
+        "title": "small",
+        "interfaces": THREE,
+        "runs": (LoadedRun("reference", small_recording()),),
+        "structure": StructureSettings("rigid_body"),
+    }
+    return BodyStudy(**{**given, **changes})
+
+
+def with_left(**more):
+    return {"interfaces": (THREE[0], gear("left", **{"x_m": 0.0, "y_m": 1.6, **more}), THREE[2])}
+
+
+def with_structure(*kind, **settings):
+    return {"structure": StructureSettings(*(kind or ("rigid_body",)), **settings)}
+
+
+def with_runs(*runs):
+    return {"runs": runs}
+
+
+FAULTS = [
+    ({"interfaces": ()}, r"there are no interfaces, give one table \[\[interfaces\]\] for each suspension"),
+    ({"interfaces": (*THREE, gear("left", 2.0, 2.0, sprung="a", unsprung="b"))}, "2 interfaces are called 'left'"),
+    (with_left(sprung="nose_upper_z"), "'nose_upper_z' is sprung of 'nose' and sprung of 'left': each sensor is one"),
+    (with_left(sprung="left_lower_z"), "'left_lower_z' is sprung of 'left' and unsprung of 'left'"),
+    (with_left(x_m=math.nan), "interface 'left': x_m is nan, give a place within 200 m"),
+    (with_left(y_m=1600.0), "interface 'left': y_m is 1600, give a place within 200 m"),
+    (with_left(sensor_y_m=math.inf), "interface 'left': sensor_y_m is inf"),
+    (with_left(x_m=0.0, y_m=-1.58), "'left' and 'right' are both at .* two suspensions cannot be at one place"),
+    (with_left(sensor_x_m=9.0), r"its sensor at \(9, 1.6\) m, more than 5 m apart: name the sensor nearest"),
+    ({"sensors": (BodySensor("left_upper_z", 0.0, 0.0),)}, "'left_upper_z' is sprung of 'left' and a further sensor"),
+    ({"sensors": (BodySensor("tail", math.nan, 0.0),)}, "the sensor 'tail' is at .* give a place in m"),
+    ({"sensors": (BodySensor("tail", 0.0, 0.0),)}, "there is no channel 'tail' in its log"),
+    (with_structure("rigid"), "the kind of structure is 'rigid': did you mean 'rigid_body'"),
+    (with_structure(position_tolerance_m=-0.01), "position_tolerance_m is -0.01, give 0 to 1"),
+    (with_structure(position_tolerance_m=10.0), "position_tolerance_m is 10.0, give 0 to 1, in m"),
+    (with_structure(noise_m_per_s2=0.0), "noise_m_per_s2 is 0.0, give a positive number, or leave it out"),
+    (
+        with_structure(shared=(("left", "rigth"),)),
+        "'shared' names 'rigth', which is no interface: did you mean 'right'",
+    ),
+    (with_structure(shared=(("left", "right"), ("left",))), "'shared' names 'left' twice"),
+    (with_left(x_m=2.5, y_m=-0.8), "the interfaces are at .* which is one line or less: a rigid body in heave"),
+    ({"interfaces": THREE[:2]}, "take kind = 'single' or 'pair', or mend the coordinates"),
+    (
+        {"interfaces": tuple(replace(each, sensor_y_m=0.0) for each in THREE)},
+        "the sensors on the body are at .* one line or less",
+    ),
+    (with_runs(), "there are no runs, give at least one"),
+    (with_runs(*[LoadedRun("a", small_recording(seed=k)) for k in (0, 1)]), "2 runs are called 'a'"),
+    (with_runs(LoadedRun("a", small_recording(), (PointMass(math.nan, 0, 0),))), r"run 'a': the loading \(nan, 0, 0\)"),
+    (
+        with_runs(LoadedRun("a", small_recording(), (PointMass(50, 1200.0, 0),))),
+        r"the loading of 50 kg is at \(1200, 0\) m, give its place in m",
+    ),
+    (with_runs(LoadedRun("a", small_recording(n=100))), "it has 100 samples .* at least 256 are needed"),
+    (
+        with_runs(LoadedRun("a", small_recording(["nose_lower_z"]))),
+        "run 'a': there is no channel 'left_upper_z' in its",
+    ),
+    (with_runs(LoadedRun("a", small_recording(unit="m"))), "channel 'nose_upper_z' is in m where an acceleration"),
+    (
+        with_runs(LoadedRun("a", small_recording()), LoadedRun("b", small_recording(fs=512.0, seed=1))),
+        "run 'a' has 256 Hz and run 'b' has 512 Hz, resample one to the rate of the other",
+    ),
+    (
+        with_runs(LoadedRun("a", small_recording()), LoadedRun("b", small_recording(), (PointMass(9, 0, 0),))),
+        "runs 'a' and 'b' hold the same samples, name two logs",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "match"), FAULTS, ids=[str(k) for k in range(len(FAULTS))])
+def test_what_is_wrong_with_a_study_is_said(changes, match):
+    with pytest.raises(InputError, match=match):
+        made(**changes)
+
+
+def test_a_sound_study_is_taken_and_all_faults_are_said_at_once():
+    assert made().names == ("nose", "left", "right")
+    assert made().fs == 256.0
+    assert interfaces()[0].sensor_place == (5.3, 0.2)
+    with pytest.raises(InputError) as error:
+        made(title="two", structure=StructureSettings("rigid", position_tolerance_m=9.0))
+    assert "did you mean 'rigid_body'" in str(error.value)
+    assert "position_tolerance_m is 9.0" in str(error.value)
+
+
+def test_two_interfaces_on_one_line_are_compared_as_gears_alone():
+    """kind = "auto" leaves the rigid body out where it cannot be."""
+    given = study("auto")
+    given = replace(given, interfaces=given.interfaces[1:])
+    found = identify_body(given, law="linear")
+    assert {each.kind for each in found.candidates} == {"single", "pair"}

@@ -1,0 +1,154 @@
+"""`opid simulate aircraft` and `opid identify` on its study, as a user drives them."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+from made_body import small_body
+
+from opid import cli
+from opid.identify.body import identification
+from opid.identify.body.study_file import read_body_study
+
+SMALL = ("--duration", 6, "--fs", 128)
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    assert done.exit_code == status, done.output
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A directory that `opid simulate aircraft` wrote; not to be changed."""
+    place = tmp_path_factory.mktemp("aircraft") / "default"
+    done = opid("simulate", "aircraft", place, "--seed", 3, "--date", "2026-03-01", *SMALL)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert f"5900 kg: {place / 'loaded.csv'}" in done.stdout
+    assert f"Next: opid identify {place / 'study.toml'} --truth {place / 'truth.json'}" in done.stdout
+    return place
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """What `identify_body` was asked, which answers with a result made by hand."""
+    asked = {}
+
+    def answer(study, **settings):
+        asked.update(settings, study=study)
+        return small_body(**asked.pop("changes", {}))
+
+    monkeypatch.setattr(identification, "identify_body", answer)
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+    return asked
+
+
+def test_a_simulation_writes_a_study_and_its_truth(simulated):
+    study = read_body_study(simulated / "study.toml")
+    assert str(study.date) == "2026-03-01"
+    assert [run.mass_change_kg for run in study.runs] == [0.0, 500.0]
+    assert study.interfaces[1].sensor_place == (0.3, 1.36)
+    assert [sensor.channel for sensor in study.sensors] == ["tail_z"]
+    truth = json.loads((simulated / "truth.json").read_text(encoding="utf-8"))
+    assert truth["schema"] == "opid.body-truth/1"
+    assert truth["parameters"]["sprung_mass_kg"] == 5400.0
+    assert (truth["settings"]["seed"], truth["settings"]["tracks"]) == (3, "coherent")
+
+
+def test_the_options_of_a_simulation(tmp_path):
+    done = opid("simulate", "aircraft", tmp_path, "--random", "--bending", 8, "--tracks", "independent", "--seed", 2,
+                "--loading", 200, 1, 0.5, "--loading", -50, 0, 0, "--duration", 2, "--fs", 128)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert truth["loadings"]["loaded"] == [[200.0, 1.0, 0.5], [-50.0, 0.0, 0.0]]
+    assert 4000 <= truth["parameters"]["sprung_mass_kg"] <= 8000
+    refused(opid("simulate", "aircraft", tmp_path, "--date", "yesterday"), "--date")
+    refused(opid("simulate", "aircraft", tmp_path, "--loading", -9000, 0, 0, *SMALL), "not positive definite")
+
+
+def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
+    done = opid("identify", simulated / "study.toml", "--out", tmp_path / "result", "--law", "arctan_velocity",
+                "--band", 0.5, 30, "--truth", simulated / "truth.json")  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert found["law"] == "arctan_velocity"
+    assert found["band_hz"] == (0.5, 30.0)
+    assert found["study"].names == ("nose", "left", "right")
+    assert "Recommended: rigid body" in done.stdout
+    assert "inside" in done.stdout  # of the truth
+    assert json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))["structure"]["kind"]
+    assert (tmp_path / "result" / "report.html").exists()
+
+
+def test_what_is_not_determined_ends_with_status_1_after_the_report(simulated, tmp_path, found, monkeypatch):
+    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    found["changes"] = {"not_determined": "all runs have the same loading"}
+    done = opid("identify", simulated / "study.toml", "--out", tmp_path)
+    refused(done, "not determined: all runs have the same loading", status=1)
+    assert (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--method", "paper"), ["has no --method: leave it out"]),
+        (("--no-ground", "--both-roads"), ["has no --both-roads or --no-ground: leave them out"]),
+        (("--high-pass", 0.3), ["--high-pass"]),
+        (("--sprung", "a", "--mass-change", 3), ["--sprung or --mass-change"]),
+    ],
+)
+def test_options_of_one_suspension_are_refused(simulated, tmp_path, found, options, words):
+    refused(opid("identify", simulated / "study.toml", "--out", tmp_path / "r", *options), *words)
+    assert not found
+    assert not (tmp_path / "r").exists()
+
+
+def test_the_truth_of_something_else_is_refused(simulated, tmp_path, found):
+    other = tmp_path / "truth.json"
+    other.write_text('{"schema": "opid.truth/1"}', encoding="utf-8")
+    done = opid("identify", simulated / "study.toml", "--out", tmp_path / "r", "--truth", other)
+    refused(done, "'opid.body-truth/1' is needed")
+    assert not found
+
+
+def test_faults_of_the_study_are_one_sentence(simulated, tmp_path):
+    text = (simulated / "study.toml").read_text(encoding="utf-8")
+    (tmp_path / "study.toml").write_text(text.replace('unsprung = "nose_lower_z"\n', ""), encoding="utf-8")
+    refused(
+        opid("identify", tmp_path / "study.toml", "--out", tmp_path / "r"), "'nose' has 'sprung' without 'unsprung'"
+    )
+
+
+def test_a_log_is_inspected_as_the_study_of_a_body_says(simulated):
+    done = opid("inspect", simulated / "reference.csv", "--study", simulated / "study.toml")
+    assert done.exit_code in (0, 1), done.output
+    assert "nose_upper_z" in done.stdout
+    assert "tail_z" in done.stdout
+
+
+def test_a_short_run_is_identified_from_end_to_end(tmp_path, monkeypatch):
+    """One rigid body with the law given: 12 s of a smooth runway, and every number near its truth."""
+    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    done = opid("simulate", "aircraft", tmp_path, "--seed", 5, "--duration", 12, "--fs", 128)
+    assert done.exit_code == 0, done.output
+    path = tmp_path / "study.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('kind = "auto"', 'kind = "rigid_body"\nnoise_m_per_s2 = 0.005'), encoding="utf-8")
+    done = opid(
+        "identify", path, "--out", tmp_path / "r", "--law", "arctan_velocity", "--truth", tmp_path / "truth.json"
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "r" / "result.json").read_text(encoding="utf-8"))
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert found["structure"]["recommended"] == "rigid_body"
+    assert found["structure"]["residual_over_noise"] < 1.2
+    for name in ("sprung_mass_kg", "roll_inertia_kg_m2", "pitch_inertia_kg_m2"):
+        assert found["parameters"][name]["value"] == pytest.approx(truth["parameters"][name], rel=0.03)
+    for interface in found["interfaces"]:
+        true = truth["interfaces"][interface["name"]]
+        assert interface["stiffness"]["value"] == pytest.approx(true["stiffness_n_per_m"], rel=0.03)

@@ -1,0 +1,101 @@
+"""`opid compare` as a user drives it: what it writes, what it says, and with which status it ends."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from made_flights import body_result, day, gear_result, write_result
+
+from opid import cli
+
+
+def opid(*arguments):
+    """Run the command in this process; an exception that would be a traceback is raised here."""
+    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def refused(done, *words, status=2):
+    assert done.exit_code == status, done.output
+    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+    assert len(lines) == 1
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.fixture
+def flights(tmp_path):
+    """Eight flights; the left strut has lost 5 % in the last two."""
+    rng = np.random.default_rng(4)
+    for i in range(8):
+        loss = {("left", "stiffness"): 0.05} if i >= 6 else None
+        write_result(tmp_path / "flights" / f"flight{i}" / "out", body_result(rng, std=0.004, day=day(i), loss=loss))
+    return tmp_path / "flights"
+
+
+def test_a_loss_ends_with_status_3_and_a_report(flights, tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+    done = opid("compare", flights, "--out", tmp_path / "health")
+    assert (done.exit_code, done.stderr) == (3, "")
+    flat = " ".join(done.stdout.split())
+    assert "8 flights, 2026-01-05 to 2026-02-23" in flat
+    assert "Change: Stiffness of 'left': -4.9 % (-5.5 to -4.2 %)" in flat
+    assert "flagged, confirmed by the next flight" in flat
+    assert done.stdout.count("Change: ") == 1
+    assert max(len(line) for line in done.stdout.splitlines() if "Report" not in line) <= 80
+    names = sorted(path.name for path in (tmp_path / "health").iterdir())
+    assert names == [
+        "compared_1_stiffness.png",
+        "compared_2_damping.png",
+        "compared_3_friction_force.png",
+        "compared_4_total_mass.png",
+        "comparison.json",
+        "report.html",
+    ]
+    document = json.loads((tmp_path / "health" / "comparison.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "opid.comparison/1"
+    assert document["flagged"] is True
+    assert [flight["date"] for flight in document["flights"]] == [day(i) for i in range(8)]
+    (change,) = document["changes"]
+    assert (change["gear"], change["quantity"], change["first"], change["last"]) == ("left", "stiffness", 6, 7)
+    assert change["share"]["interval95"][0] < -0.05 < change["share"]["interval95"][1]
+    points = next(s for s in document["series"] if (s["gear"], s["quantity"]) == ("left", "stiffness"))["points"]
+    assert [point["status"] for point in points] == ["first"] + 5 * ["as expected"] + 2 * ["flagged"]
+    assert {"flight", "value", "std", "interval95", "expected", "expected_std", "limits"} < set(points[1])
+    page = (tmp_path / "health" / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 4
+    assert "http" not in page
+    assert f"opid compare {flights}" in page
+
+
+def test_without_a_change_it_ends_with_status_0_and_writes_nothing(flights, tmp_path):
+    before = sorted(flights.iterdir())[:6]
+    done = opid("compare", *before)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "No change exceeds its uncertainty." in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["flights"]
+
+
+def test_json_is_printed_alone(flights):
+    done = opid("compare", flights, "--json")
+    assert done.exit_code == 3
+    assert json.loads(done.stdout)["schema"] == "opid.comparison/1"
+
+
+def test_nothing_to_judge_ends_with_status_1(tmp_path):
+    rng = np.random.default_rng(0)
+    for i in range(2):
+        document = gear_result(rng, day=day(i), kind=None)
+        for table in document["parameters"].values():
+            table["std"] = table["interval95"] = None
+        write_result(tmp_path / f"f{i}", document)
+    refused(opid("compare", tmp_path), "no quantity has a value with an interval", status=1)
+
+
+def test_bad_input_ends_with_status_2(flights, tmp_path):
+    one = flights / "flight0"
+    refused(opid("compare", one), "1 result is given", "give two or more")
+    refused(opid("compare", tmp_path / "none", one), "there is no file or folder")
+    refused(opid("compare", flights, "--false-alarm", 0), "false-alarm level is 0")
+    refused(opid("compare", flights, "--out", one / "out" / "result.json"), "is no directory")
+    assert opid("compare").exit_code == 2

@@ -1,0 +1,346 @@
+"""Flights against each other: level and power by simulation, and what cannot be compared."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_flights import GEARS, TRUTH, body_result, day, error, gear_result, write_result
+from scipy.stats import binom, norm
+
+from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
+from opid.identify.comparison import compare
+from opid.identify.departures import chance_of_differences, judged, measured, scatter_between
+from opid.identify.flights import Flight, Flights, Quantity, in_order, read_flights
+
+MASS = Quantity("", "mass", "kg")
+
+
+def fleet(rng, n, *, std=0.01, scatter=0.0, at=None, loss=0.05):
+    """Flights of three gears; the left strut is softer from flight `at` on."""
+    flights = []
+    for i in range(n):
+        values = {MASS: error(rng, TRUTH["mass"], std, scatter)}
+        for gear, size in GEARS.items():
+            for name in ("stiffness", "damping", "friction"):
+                gone = loss if at is not None and i >= at and (gear, name) == ("left", "stiffness") else 0.0
+                kind = "arctan_velocity" if name == "friction" else ""
+                quantity = Quantity(gear, name, "N", kind)
+                values[quantity] = error(rng, size * TRUTH[name] * (1 - gone), std, scatter)
+        laws = dict.fromkeys(GEARS, ("arctan_velocity",))
+        flights.append(Flight(f"f{i}", Path(f"f{i}"), None, "model", "rigid_body", laws, values))
+    return Flights(tuple(flights), False)
+
+
+def one_series(values, std):
+    flights = [
+        Flight(f"f{i}", Path(), None, "model", "x", {}, {MASS: Estimate.normal(x, std)}) for i, x in enumerate(values)
+    ]
+    return Flights(tuple(flights), False)
+
+
+def found_at(comparison, at):
+    """Whether the loss of the left strut was flagged within two flights of `at`."""
+    return any(
+        (change.quantity.gear, change.quantity.name) == ("left", "stiffness") and at <= change.first <= at + 1
+        for change in comparison.changes
+    )
+
+
+# ---- level -------------------------------------------------------------------------------------------
+
+
+def test_unharmed_fleets_are_not_flagged_at_the_stated_level():
+    n_fleets = 50
+    flagged = sum(bool(compare(fleet(np.random.default_rng(seed), 10)).changes) for seed in range(n_fleets))
+    # more than this would happen once in ten thousand at the stated level of 1 in 1000
+    assert flagged <= binom.isf(1e-4, n_fleets, 1e-3)
+
+
+def test_the_level_is_kept_where_it_can_be_measured():
+    level, n_fleets = 0.2, 80
+    results = [compare(fleet(np.random.default_rng(seed), 6), false_alarm=level) for seed in range(n_fleets)]
+    flagged = sum(bool(result.changes) for result in results)
+    assert flagged <= binom.isf(1e-3, n_fleets, level)
+    # and it is not wasted either: singles alone would be 50 of the 90 comparisons
+    assert flagged >= 0.25 * level * n_fleets
+    assert results[0].n_tests == 10 * (2 * 6 - 3)
+
+
+def test_the_threshold_is_the_closed_form_of_sidak():
+    result = compare(fleet(np.random.default_rng(0), 8), false_alarm=0.01)
+    threshold = {each.threshold for each in result.series if each.scatter == 0.0}
+    level = 1 - (1 - 2 * norm.sf(next(iter(threshold)))) ** result.n_tests
+    assert level == pytest.approx(0.01, rel=1e-9)
+
+
+def test_departures_from_the_earlier_mean_are_independent_and_normal():
+    rng = np.random.default_rng(5)
+    departures = []
+    for _ in range(300):
+        flights = one_series(100 + rng.standard_normal(5), 1.0)
+        series = judged(measured(flights.flights, MASS), scatter=0.0, freedom=np.inf, chance=1e-6)
+        departures.append([point.departure for point in series.points[1:]])
+    covariance = np.cov(np.array(departures).T)
+    assert np.allclose(covariance, np.eye(4), atol=0.25)
+
+
+def test_scatter_larger_than_the_intervals_does_not_cry_wolf():
+    n_fleets = 30
+    fleets = [fleet(np.random.default_rng(seed), 12, std=0.003, scatter=0.01) for seed in range(n_fleets)]
+    results = [compare(each) for each in fleets]
+    # with the intervals as they are stated every one of them would be flagged
+    assert sum(bool(result.changes) for result in results) <= 3
+    shares = [series.scatter for result in results for series in result.series if series.quantity.name == "stiffness"]
+    assert np.median(shares) == pytest.approx(0.01, rel=0.15)
+    assert all("neighbouring flights differ by more than their intervals" in " ".join(r.warnings) for r in results[:3])
+
+
+# ---- power -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("std", "least"), [(0.01, 0.85), (0.003, 1.0)])
+def test_a_loss_of_5_percent_is_flagged_within_two_flights(std, least):
+    n_fleets, at = 30, 8
+    results = [compare(fleet(np.random.default_rng(seed), at + 2, std=std, at=at)) for seed in range(n_fleets)]
+    assert sum(found_at(result, at) for result in results) >= least * n_fleets
+    others = [c for r in results for c in r.changes if (c.quantity.gear, c.quantity.name) != ("left", "stiffness")]
+    assert len(others) <= 2
+    if std == 0.003:
+        change = results[0].changes[0]
+        assert change.confirmed is True
+        assert change.share.holds(-0.05)
+        assert "stiffness of 'left'" in change.statement
+        assert "flagged, confirmed by the next flight" in change.statement
+
+
+def test_a_change_is_still_seen_under_scatter():
+    results = [compare(fleet(np.random.default_rng(s), 22, std=0.002, scatter=0.005, at=20)) for s in range(10)]
+    assert sum(found_at(result, 20) for result in results) >= 9
+
+
+def test_a_single_odd_flight_is_not_confirmed_and_the_next_are_judged_without_it():
+    result = compare(one_series([100, 101, 99, 100, 120, 100, 101], 1.0))
+    (change,) = result.changes
+    assert (change.first, change.last, change.confirmed) == (4, 4, False)
+    assert "not confirmed by the next flight" in change.statement
+    last = result.series[0].points[-1]
+    assert last.expected == pytest.approx(100.0)
+
+
+def test_a_lasting_change_stays_flagged_against_the_flights_before_it():
+    result = compare(one_series([100, 101, 99, 100, 90, 95, 91, 90], 1.0))
+    (change,) = result.changes
+    assert (change.first, change.last, change.confirmed) == (4, 7, True)
+    assert result.series[0].points[-1].expected == pytest.approx(100.0)
+    assert change.share.value == pytest.approx(-0.085)
+
+
+def test_two_flights_together_show_what_neither_does_alone():
+    values = [100, 100, 100, 100, 100, 100, 100, 100, 96.6, 96.6]
+    result = compare(one_series(values, 1.0))
+    (change,) = result.changes
+    assert (change.first, change.last) == (8, 9)
+    assert "flagged by this flight and the next together" in change.statement
+    assert result.series[0].points[8].with_next
+    # one of them alone is not flagged, nor is a far one beside a usual one
+    assert compare(one_series(values[:9], 1.0)).changes == ()
+    assert compare(one_series([*values[:8], 96.5, 99.0], 1.0)).changes == ()
+
+
+def test_the_last_flight_waits_for_the_next():
+    (change,) = compare(one_series([100, 101, 99, 100, 110], 1.0)).changes
+    assert change.confirmed is None
+    assert "the next flight will confirm it or not" in change.statement
+
+
+# ---- scatter -----------------------------------------------------------------------------------------
+
+
+def test_the_chance_of_differences_is_uniform_at_most():
+    rng = np.random.default_rng(2)
+    chances = [chance_of_differences([(100 + rng.standard_normal(15), np.ones(15))] * 1) for _ in range(300)]
+    # neighbours share a flight, so it is a little less even than for independent differences
+    assert np.mean(np.array(chances) < 0.05) < 0.12
+    assert 0.3 < np.mean(chances) < 0.7
+
+
+def test_one_step_does_not_pass_for_scatter():
+    rng = np.random.default_rng(3)
+    x = 100 + rng.standard_normal(20)
+    x[10:] += 40
+    assert chance_of_differences([(x, np.ones(20))]) > 0.01
+    assert scatter_between([(x, np.ones(20))])[0] < 0.01
+    assert chance_of_differences([(x[:1], np.ones(1))]) == 1.0
+    assert scatter_between([]) == (0.0, 1.0)
+
+
+def test_changes_of_all_gears_at_once_are_told_to_be_that():
+    flights = list(fleet(np.random.default_rng(0), 9, std=0.003).flights)
+    for i in (7, 8):
+        values = {
+            q: Estimate.normal(0.9 * e.value, e.std) if q.name == "damping" else e for q, e in flights[i].values.items()
+        }
+        flights[i] = Flight(f"f{i}", Path(), None, "model", "rigid_body", flights[i].laws, values)
+    result = compare(Flights(tuple(flights), False))
+    assert len(result.changes) == 3
+    assert any("damping falls in all gears at once" in warning for warning in result.warnings)
+
+
+# ---- files -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path):
+    rng = np.random.default_rng(1)
+    for i in (2, 0, 1):
+        write_result(tmp_path / f"flight{9 - i}" / "out", body_result(rng, day=day(i)))
+    return tmp_path
+
+
+def test_a_folder_of_studies_is_read_by_date(folder):
+    flights = read_flights([folder])
+    assert [flight.name for flight in flights.flights] == ["flight9", "flight8", "flight7"]
+    assert flights.dated
+    assert flights.notes == ()
+    quantities = {(q.gear, q.name, q.unit) for q in flights.flights[0].values}
+    assert ("left", "friction", "N") in quantities
+    assert ("", "mass", "kg") in quantities
+    assert len(quantities) == 10
+    assert read_flights(sorted(folder.iterdir())).flights[0].name == "flight9"
+    assert read_flights(sorted(folder.rglob("result.json"))).flights[0].name == "flight9"
+
+
+def test_without_dates_the_order_given_is_taken_and_said(tmp_path):
+    rng = np.random.default_rng(1)
+    folders = [write_result(tmp_path / name, gear_result(rng)) for name in ("b_result", "a_result")]
+    flights = read_flights(folders)
+    assert [flight.name for flight in flights.flights] == ["b", "a"]
+    assert not flights.dated
+    assert "2 of 2 results have no date (b, a)" in compare(flights).warnings[0]
+
+
+def test_one_day_with_two_flights_is_said():
+    rng = np.random.default_rng(0)
+    first, second = fleet(rng, 2).flights
+    from dataclasses import replace
+    from datetime import date
+
+    same = in_order([replace(flight, date=date(2026, 3, 1)) for flight in (second, first)])
+    assert [flight.name for flight in same.flights] == ["f1", "f0"]
+    assert "2 flights have the date 2026-03-01" in same.notes[0]
+
+
+def test_results_per_unit_of_mass_are_compared_with_each_other(tmp_path):
+    rng = np.random.default_rng(1)
+    folders = [write_result(tmp_path / f"f{i}", gear_result(rng, day=day(i), per_mass=True)) for i in range(3)]
+    result = compare(read_flights(folders))
+    assert {series.quantity.unit for series in result.series} == {"1/s^2", "1/s", "N/kg"}
+    mixed = write_result(tmp_path / "absolute", gear_result(rng))
+    with pytest.raises(InputError, match=r"stiffness of 'gear' is in .*1/s\^2.*some results are per unit of mass"):
+        read_flights([*folders, mixed])
+
+
+def test_shared_gears_are_one_series(tmp_path):
+    rng = np.random.default_rng(1)
+    for i in range(2):
+        document = body_result(rng, day=day(i))
+        left = document["interfaces"][1]
+        document["interfaces"][2] = {**left, "name": "right", "shared_with": ["left"]}
+        left["shared_with"] = ["right"]
+        write_result(tmp_path / f"f{i}", document)
+    gears = {series.quantity.gear for series in compare(read_flights([tmp_path])).series}
+    assert gears == {"", "nose", "left, right"}
+
+
+def test_laws_of_other_kinds_are_not_compared_and_said(tmp_path):
+    rng = np.random.default_rng(1)
+    kinds = ["arctan_velocity", "arctan_velocity", "coulomb_friction"]
+    folders = [write_result(tmp_path / f"f{i}", gear_result(rng, day=day(i), kind=k)) for i, k in enumerate(kinds)]
+    result = compare(read_flights(folders))
+    friction = [series for series in result.series if series.quantity.name == "friction"]
+    assert [series.quantity.kind for series in friction] == ["arctan_velocity"]
+    assert friction[0].points[2].status == "no value"
+    told = " ".join(result.warnings)
+    assert "the law of 'gear' is arctan_velocity, but coulomb_friction in 'f2'" in told
+    assert "'f2' (2026-01-19): friction force (arctan_velocity) of 'gear' have no value" in told
+
+
+def test_values_without_intervals_are_not_judged_and_said(tmp_path):
+    rng = np.random.default_rng(1)
+    folders = []
+    for i in range(3):
+        document = gear_result(rng, day=day(i))
+        if i == 1:
+            stiffness = document["parameters"]["suspension_stiffness_n_per_m"]
+            stiffness["std"] = stiffness["interval95"] = None
+        folders.append(write_result(tmp_path / f"f{i}", document))
+    result = compare(read_flights(folders))
+    series = next(each for each in result.series if each.quantity.name == "stiffness")
+    assert [point.status for point in series.points] == ["first", "no interval", "as expected"]
+    assert any("'f1' (2026-01-12): stiffness of 'gear' have no interval" in each for each in result.warnings)
+    for folder in folders:
+        document = json.loads((folder / "result.json").read_text())
+        for table in [
+            *document["parameters"].values(),
+            document["law"]["parameters"]["arctan_velocity"]["amplitude_n"],
+        ]:
+            table["std"] = table["interval95"] = None
+        (folder / "result.json").write_text(json.dumps(document))
+    with pytest.raises(NotDeterminedError, match="no quantity has a value with an interval in two flights"):
+        compare(read_flights(folders))
+
+
+def test_bad_input_is_one_sentence_each(folder, tmp_path):
+    one = tmp_path / "flight7"
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="there is no file or folder"):
+        read_flights([tmp_path / "nothing"])
+    with pytest.raises(InputError, match=r"there is no result.json in .*empty"):
+        read_flights([tmp_path / "empty"])
+    with pytest.raises(InputError, match="1 result is given"):
+        read_flights([one])
+    with pytest.raises(InputError, match="given more than once"):
+        read_flights([one, tmp_path / "flight8", one / "out" / "result.json"])
+    text = (one / "out" / "result.json").read_text()
+    copy = write_result(tmp_path / "copy", json.loads(text))
+    with pytest.raises(InputError, match="hold the same numbers"):
+        read_flights([one, copy])
+    single = write_result(tmp_path / "single", gear_result(np.random.default_rng(0)))
+    with pytest.raises(InputError, match=r"of different structures, 'single gear'.*'rigid_body'"):
+        read_flights([one, single])
+    for content, words in (
+        ("nonsense", "is no JSON"),
+        ("[1]", "has no schema where 'opid.identification/1' is needed"),
+        ('{"schema": "opid.law/1"}', "has the schema 'opid.law/1'"),
+        ('{"schema": "opid.identification/1"}', "lacks what every result has"),
+        (text.replace('"value": ', '"value": "x", "other": ', 1), "lacks what every result has"),
+    ):
+        (copy / "result.json").write_text(content)
+        with pytest.raises(InputError, match=words):
+            read_flights([one, copy])
+    with pytest.raises(InputError, match="false-alarm level is 2, give a chance"):
+        compare(read_flights([folder / "flight7", folder / "flight8"]), false_alarm=2)
+
+
+def test_what_two_flights_cannot_tell_is_said(folder):
+    told = " ".join(compare(read_flights([folder / "flight7", folder / "flight8"])).warnings)
+    assert "with 2 flights the scatter between flights is hardly seen" in told
+
+
+def test_the_odd_one_of_two_is_not_known():
+    result = compare(one_series([100.0, 120.0], 1.0))
+    assert any("which of the two is the odd one is not known" in warning for warning in result.warnings)
+
+
+def test_a_gear_of_one_flight_is_said(tmp_path):
+    rng = np.random.default_rng(1)
+    for i in range(3):
+        document = body_result(rng, day=day(i))
+        if i == 1:
+            document["interfaces"][0]["name"] = "front"
+        write_result(tmp_path / f"f{i}", document)
+    told = " ".join(compare(read_flights([tmp_path])).warnings)
+    assert "'front' stands in 'f1' (2026-01-12) alone, so it is not compared" in told
+    assert "stiffness of 'nose', damping of 'nose'" in told

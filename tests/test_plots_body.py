@@ -1,0 +1,147 @@
+"""Figures of a body on several suspensions: every one draws what it is given, with labels and units."""
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from made_body import LOADING, body_without_mass, small_body
+
+from opid import plots
+from opid.estimate import Estimate
+from opid.mechanics.laws import law
+from opid.mechanics.virtual_aircraft import default_aircraft
+from opid.plots.body_motion import sensor_names
+from opid.plots.style import GREEN, VERMILION
+
+TRUE = {
+    "parameters": {"sprung_mass_kg": 5400.0, "x_cg_m": 0.6, "y_cg_m": 0.0},
+    "interfaces": {
+        gear.name: {
+            "stiffness_n_per_m": gear.suspension_stiffness_n_per_m,
+            "damping_n_s_per_m": gear.suspension_damping_n_s_per_m,
+            "law": {"name": gear.law.name, "parameters": gear.law.parameters},
+        }
+        for gear in default_aircraft().gears
+    },
+}
+DRAWN = {
+    "plan_view": lambda result: plots.plan_view(result, truth=TRUE),
+    "structure_candidates": plots.structure_candidates,
+    "suspension_parameters": lambda result: plots.suspension_parameters(result, truth=TRUE),
+    "suspension_forces": lambda result: plots.suspension_forces(result, truth=TRUE),
+    "predicted_accelerations": plots.predicted_accelerations,
+    "body_residuals": plots.body_residuals,
+}
+
+
+@pytest.fixture(scope="module")
+def result():
+    return small_body()
+
+
+def axes_of(drawn):
+    return list(np.atleast_1d(np.asarray(drawn, dtype=object)).ravel())
+
+
+def settings():
+    return {name: value for name, value in dict.items(matplotlib.rcParams) if name != "backend"}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_figure_draws_with_labels(name, result):
+    before = settings()
+    axes = axes_of(DRAWN[name](result))
+    assert all(len(ax.lines) for ax in axes if ax.axison)
+    assert any(ax.get_xlabel() or [label.get_text() for label in ax.get_xticklabels()] for ax in axes)
+    assert any(ax.get_title(loc="left") for ax in axes)
+    assert plots.png(plots.figure_of(axes[0]), dpi=30)[1:4] == b"PNG"
+    assert settings() == before
+
+
+@pytest.mark.parametrize("name", ["plan_view", "suspension_parameters", "suspension_forces"])
+def test_figures_without_the_mass_are_per_kg(name):
+    axes = axes_of(DRAWN[name](body_without_mass()))
+    told = " ".join(ax.get_ylabel() + ax.get_title(loc="left") for ax in axes)
+    assert "kN" not in told
+
+
+def test_axes_that_are_given_are_drawn_on(result):
+    given = matplotlib.figure.Figure().subplots(4, 1)
+    assert plots.predicted_accelerations(result, given)[2, 0] is given[2]
+    with pytest.raises(ValueError, match="3 Axes are given"):
+        plots.predicted_accelerations(result, given[:3])
+
+
+def test_left_is_left_and_the_centre_of_gravity_is_as_long_as_its_interval(result):
+    ax = plots.plan_view(result)
+    assert ax.get_xlim()[0] > ax.get_xlim()[1]
+    low, high = result.parameters["x_cg_m"].interval95
+    assert any(np.allclose(line.get_ydata(), [low, high]) for line in ax.lines if line.get_color() == VERMILION)
+    assert any(text.get_text() == "+500 kg" for text in ax.texts)
+    squares = [line for line in ax.lines if line.get_marker() == "s"]
+    assert [(line.get_xdata()[0], line.get_ydata()[0]) for line in squares] == [(LOADING[0].y_m, LOADING[0].x_m)]
+    # without a value there is no cross, and the figure stands
+    lost = replace(result, parameters={}, ratios={})
+    assert not any(line.get_marker() == "x" for line in plots.plan_view(lost).lines)
+
+
+def test_candidates_stand_on_a_logarithmic_axis_beside_the_line(result):
+    ax = plots.structure_candidates(result)
+    assert ax.get_xscale() == "log"
+    assert any(np.allclose(line.get_xdata(), 1.2) and line.get_linestyle() == "--" for line in ax.lines)
+    labels = [label.get_text() for label in ax.get_yticklabels()]
+    assert labels[1] == "left alone\narctan velocity + cubic stiffness"
+    assert ax.get_yticklabels()[4].get_color() == VERMILION
+    assert any(text.get_text() == "no fit" for text in ax.texts)
+    hollow = [line for line in ax.lines if line.get_markerfacecolor() == "white"]
+    assert len(hollow) == 4
+    many = replace(result.candidates[4], law="a; b; c")
+    names = [
+        label.get_text() for label in plots.structure_candidates(replace(result, candidates=(many,))).get_yticklabels()
+    ]
+    assert names == ["rigid body\na\nand 2 other laws"]
+
+
+def test_every_amplitude_has_a_panel_and_a_gear_without_it_a_dash(result):
+    nose = result.interfaces[0]
+    hardening = nose.law + law("cubic_stiffness", stiffness_n_per_m3=1e8)
+    table = {**nose.law_estimates, "cubic_stiffness": {"stiffness_n_per_m3": Estimate.normal(1e8, 1e7)}}
+    changed = replace(result, interfaces=(replace(nose, law=hardening, law_estimates=table), *result.interfaces[1:]))
+    grid = plots.suspension_parameters(changed, truth=TRUE)
+    assert grid.shape == (2, 3)
+    assert [ax.axison for ax in grid.ravel()] == [True] * 4 + [False] * 2
+    last = grid[1, 0]
+    assert (last.get_title(loc="left"), last.get_ylabel()) == ("Cubic stiffness", "[N/m³]")
+    assert sum(text.get_text() == "–" for text in last.texts) == 2
+    assert not any(line.get_color() == GREEN for line in last.lines)  # the truth has no such term
+    assert sum(line.get_color() == GREEN for line in grid[0, 0].lines) == 3
+
+
+def test_suspensions_that_share_a_law_share_a_row(result):
+    nose, left, right = result.interfaces
+    shared = (nose, replace(left, shared_with=("right",)), replace(right, shared_with=("left",)))
+    grid = plots.suspension_forces(replace(result, interfaces=shared))
+    assert [row[0].get_title(loc="left") for row in grid] == ["nose", "left, right"]
+    curves = {line.get_label(): line for line in grid[0, 0].lines}
+    velocity = curves["nonlinear part f"].get_xdata()
+    expected = 1e-3 * (nose.damping.value * velocity + nose.law.force(0 * velocity, velocity))
+    np.testing.assert_allclose(curves["C z′ + f"].get_ydata(), expected)
+
+
+def test_an_offset_of_a_sensor_is_no_difference(result):
+    run = result.runs[0]
+    shifted = replace(run, measured=run.measured + 0.3)
+    ax = plots.predicted_accelerations(replace(result, runs=(shifted,)))[0, 0]
+    labels = [line.get_label() for line in ax.lines]
+    assert any(label.startswith(("difference, 4.", "difference, 5")) for label in labels), labels
+    chosen = plots.predicted_accelerations(result, run="loaded", start_s=21.0)
+    assert chosen[-1, 0].get_xlabel() == "time [s], run 'loaded'"
+    assert chosen[0, 0].get_xlim() == pytest.approx((21.0, 25.0), abs=0.02)
+
+
+def test_sensors_have_the_names_of_their_places(result):
+    assert sensor_names(result, 4) == ["above nose", "above left", "above right", "tail"]
+    assert sensor_names(replace(result, diagnostics={}), 4)[-1] == "sensor 4"
+    assert sensor_names(replace(result, structure="pair"), 2) == ["mean above left, right", "above nose"]
+    assert sensor_names(replace(result, structure="single"), 3) == ["above nose", "above left", "above right"]

@@ -1,0 +1,197 @@
+"""A body on several suspensions as text, JSON and page, and the truth of a simulated one."""
+
+import json
+from dataclasses import fields, replace
+
+import pytest
+from made_body import LOADING, WHY, body_without_mass, short_test, small_body
+
+from opid.errors import InputError
+from opid.estimate import Estimate
+from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, Candidate
+from opid.identify.result import PARAMETERS, RATIOS, SCHEMA
+from opid.mechanics.virtual_aircraft import default_aircraft
+from opid.report import body_json, body_text, body_truth_json, read_body_truth, write_body_report
+from opid.report.as_json import json_text
+from opid.report.body_pictures import body_pictures
+from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return body_truth_json(short_test(duration_s=0.5), settings={"seed": 3})
+
+
+@pytest.fixture
+def plain_pictures(monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+
+
+def lines(text):
+    assert max(len(line) for line in text.splitlines()) <= 80
+    return text.replace("\n", " ")
+
+
+def test_the_text_holds_the_numbers_within_eighty_columns(truth):
+    for result in (small_body(), body_without_mass()):
+        for known in (None, truth):
+            text = lines(body_text(result, known))
+            assert "An aircraft made by hand, 2026-03-01 (rigid body)" in text
+            assert "Suspension left: arctan_velocity, f = A (2/pi) arctan(z' / s)" in text
+            assert "Recommended: rigid body. Why: " + WHY in text
+            assert "Warning: run 'loaded', 'tail': it has an offset" in text
+    text = lines(body_text(small_body()))
+    assert "5393.5 .. 5412.7" in text
+    assert (
+        "4 sensors on the body predicted from the motion below 3 suspensions, 1.02 times the noise of 5 mm/s^2" in text
+    )
+
+
+def test_truth_stands_beside_each_estimate(truth):
+    table = {row.label: row.cells for row in body_rows(small_body(), truth)}
+    assert table["sprung mass M"][3:] == ("5400", "+0.06%", "yes")
+    assert table["c.g. y"][3:] == ("0", "-", "yes")
+    assert table["roll radius"][3] == "1.72133"
+    stiffness = [row.cells for row in suspension_rows(small_body(), truth) if row.label == "stiffness K"]
+    assert [cells[3] for cells in stiffness] == ["150000", "470000", "470000"]
+    # per kg of the body, the truth is, too; scales are not
+    table = [row for row in suspension_rows(body_without_mass(), truth) if row.cells]
+    assert [row.cells[3] for row in table if row.label == "stiffness K/M"][1] == f"{4.7e5 / 5400:.6g}"
+    assert next(row.cells[3] for row in table if row.label == "amplitude") == f"{160 / 5400:.6g}"
+    assert {row.cells[3] for row in table if row.label == "scale"} == {"0.02"}
+    other = {**truth, "interfaces": {**truth["interfaces"], "nose": {**truth["interfaces"]["nose"], "law": LINEAR}}}
+    assert "Suspension nose: arctan_velocity" in body_text(small_body(), other)
+    assert "truth: linear" in body_text(small_body(), other)
+
+
+LINEAR = {"name": "linear", "parameters": {}}
+
+
+def test_one_loading_gives_ratios_and_nothing_absolute():
+    result = body_without_mass()
+    text = lines(body_text(result))
+    assert "Not determined: all runs have the same loading" in text
+    rows = {row.label: row.cells for row in body_rows(result)}
+    assert rows["sprung mass M"] == ("-", "-", "-", "kg")
+    assert [label for label in rows if label.startswith("c.g.")] == ["c.g. x", "c.g. y"]
+    assert rows["c.g. x"][0] == "0.6013"
+    assert {cells[3] for label, cells in rows.items() if label.startswith("stiffness")} <= {"1/s^2"}
+
+
+def test_suspensions_that_share_are_told_once():
+    whole = small_body()
+    nose, left, right = whole.interfaces
+    shared = (nose, replace(left, shared_with=("right",)), replace(right, shared_with=("left",)))
+    rows = suspension_rows(replace(whole, interfaces=shared))
+    assert "Suspension right: as left, shared" in [row.label for row in rows]
+    assert sum(row.label == "stiffness K" for row in rows) == 2
+    assert sum(row.label == "residual/noise" for row in rows) == 3
+
+
+def test_candidates_are_a_table_with_a_verdict():
+    head, *table = candidate_table(small_body())
+    assert head == ("structure", "residual / noise", "left-out run", "mass [kg]", "law", "verdict")
+    assert [row[-1] for row in table] == ["no fit", "rejected", "rejected", "rejected", "recommended"]
+    assert table[0][1:4] == ("-", "-", "-")
+    assert table[3][:4] == ("mean left, right", "14.2", "17.0", "2290 ± 120")
+    none = replace(small_body(), candidates=tuple(replace(c, recommended=False) for c in small_body().candidates))
+    assert "Recommended: none of them" in body_text(none)
+    assert "explains" in body_text(none)
+
+
+def test_result_json_keeps_the_schema_of_one_suspension():
+    found = json.loads(json_text(body_json(small_body())))
+    assert (found["schema"], found["method"], found["date"]) == (SCHEMA, "model", "2026-03-01")
+    assert set(found["parameters"]) == {*BODY_PARAMETERS, *PARAMETERS}
+    assert set(found["ratios"]) == {*BODY_RATIOS, *RATIOS}
+    none = {"value": None, "std": None, "interval95": None}
+    assert found["parameters"]["suspension_stiffness_n_per_m"] == found["ratios"]["damping_ratio"] == none
+    assert found["parameters"]["sprung_mass_kg"]["value"] == 5403.1
+    assert found["law"]["name"] == "arctan_velocity"
+    assert found["restoring_force"]["travel"] == []
+    structure = found["structure"]
+    assert (structure["kind"], structure["recommended"], structure["why"]) == ("rigid_body", "rigid_body", WHY)
+    assert structure["places"]["left"] == {"x_m": 0.0, "y_m": 1.6, "sensor_x_m": 0.25, "sensor_y_m": 1.4}
+    assert structure["place_corrections"]["sensor_x_m[left]"]["value"] == 0.006
+    nose = found["interfaces"][0]
+    assert (nose["name"], nose["x_m"], nose["stiffness"]["unit"], nose["damping"]["unit"]) == (
+        "nose",
+        5.0,
+        "N/m",
+        "N s/m",
+    )
+    assert set(nose["law"]["arctan_velocity"]) == {"amplitude_n", "scale_m_per_s"}
+    assert [set(each) for each in found["candidates"]] == [{field.name for field in fields(Candidate)}] * 5
+    assert found["candidates"][0]["residual_over_noise"] is None  # no fit
+    assert found["runs"][1] == {"name": "loaded", "mass_change_kg": 500.0, "loading": [[500.0, -1.0, 0.2]]}
+
+
+def test_result_json_without_mass_without_date_and_with_several_laws():
+    result = body_without_mass()
+    first = replace(result.interfaces[0], law=result.interfaces[0].law.scaled(0.0).__class__(), law_estimates={})
+    found = body_json(replace(result, date=None, interfaces=(first, *result.interfaces[1:])))
+    assert found["date"] is None
+    assert found["law"] == {"name": None, "latex": None, "per_mass": True, "parameters": {}}
+    assert {each["stiffness"]["unit"] for each in found["interfaces"]} == {"1/s^2"}
+    assert found["not_determined"].startswith("all runs")
+
+
+def test_the_page_holds_tables_figures_and_the_command(tmp_path, truth, plain_pictures):
+    page = write_body_report(small_body(), tmp_path / "report", truth).read_text(encoding="utf-8")
+    names = [picture.name for picture in body_pictures(small_body())]
+    assert page.count("data:image/png;base64,") == len(names) == 6
+    assert sorted(path.name for path in (tmp_path / "report").iterdir()) == sorted(
+        [*(f"{name}.png" for name in names), "report.html", "result.json"]
+    )
+    for words in (
+        "Structures compared",
+        "arctan_velocity + cubic_stiffness",
+        "+0.06%",
+        "runs of 2026-03-01",
+        "opid identify &#39;my study.toml&#39; --band 0.3 40",
+        "opid.read_body_study(&#34;my study.toml&#34;), band_hz=(0.3, 40.0)",
+    ):
+        assert words in page
+    assert "What to doubt" in page
+
+
+def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    whole = body_without_mass()
+    none = Estimate()
+    interfaces = tuple(replace(each, stiffness=none, damping=none, law_estimates={}) for each in whole.interfaces)
+    empty = replace(
+        whole,
+        interfaces=interfaces,
+        ratios=dict.fromkeys(whole.ratios, none),
+        candidates=(),
+        diagnostics={},
+        warnings=(),
+        place_corrections={},
+    )
+    page = write_body_report(empty, tmp_path).read_text(encoding="utf-8")
+    assert "Not determined:" in page
+    assert "Structures compared" not in page
+    assert "suspension_forces" not in [picture.name for picture in body_pictures(empty)]
+    lines(body_text(empty))
+
+
+def test_a_truth_is_read_back(tmp_path, truth):
+    path = tmp_path / "truth.json"
+    path.write_text(json_text(truth), encoding="utf-8")
+    assert read_body_truth(path) == truth
+    airframe = default_aircraft()
+    assert truth["parameters"]["pitch_inertia_kg_m2"] == airframe.iyy_kg_m2
+    assert truth["interfaces"]["left"]["law"]["parameters"]["arctan_velocity"]["amplitude_n"] == 480.0
+    assert truth["loadings"] == {"reference": [], "loaded": [[each.mass_kg, each.x_m, each.y_m] for each in LOADING]}
+    path.write_text(json.dumps({**truth, "schema": "opid.truth/1"}), encoding="utf-8")
+    with pytest.raises(InputError, match="body-truth/1' is needed"):
+        read_body_truth(path)
+    path.write_text(json.dumps({**truth, "parameters": {}}), encoding="utf-8")
+    with pytest.raises(InputError, match="no truth of a simulated aircraft: give the truth"):
+        read_body_truth(path)
+
+
+def test_a_true_ratio_that_is_a_parameter_is_that_parameter():
+    assert true_ratio("x_cg_m", {"x_cg_m": 0.6}) == 0.6
+    assert true_ratio("x_cg_m", {}) is None
