@@ -24,6 +24,8 @@ from opid.estimate import Estimate
 from opid.identify.body.identification import identify_body
 from opid.identify.body.result import BodyIdentification
 from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.identify.identification import identify_study
+from opid.identify.study import Run, Study
 from opid.mechanics.airframe import Airframe, Loading
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
@@ -113,8 +115,32 @@ def figures(aircraft: Airframe, found: BodyIdentification) -> Figures:
     )
     for each in found.candidates:
         out[f"explains {each.kind} {', '.join(each.interfaces)}"] = float(each.explains)
-        if each.kind != "rigid_body" and each.sprung_mass_kg.value is not None:
+        if each.kind != "rigid_body":
             out[f"ratio {each.kind} {', '.join(each.interfaces)}"] = each.residual_over_noise
+            share = on_gears(aircraft, each.interfaces)
+            value = each.sprung_mass_kg.value
+            out[f"share {each.kind} {', '.join(each.interfaces)}"] = np.nan if value is None else value / share
+    return out
+
+
+def on_gears(aircraft: Airframe, names: tuple[str, ...]) -> float:
+    """Mean of what rests on some gears, kg."""
+    rows = np.array([[1.0, gear.y_m, -gear.x_m] for gear in aircraft.gears])
+    shares = np.linalg.solve(rows.T, aircraft.mass_kg * np.array([1.0, aircraft.y_cg_m, -aircraft.x_cg_m]))
+    return float(np.mean([shares[k] for k, gear in enumerate(aircraft.gears) if gear.name in names]))
+
+
+def paper(aircraft: Airframe, study: BodyStudy) -> Figures:
+    """The paper's chain, and the model of one gear, on the left main gear under a third of the load."""
+    left = next(each for each in study.interfaces if each.name == "left")
+    runs = tuple(Run(run.name, run.recording, run.mass_change_kg / 3) for run in study.runs)
+    alone = Study("left alone", left.sprung, left.unsprung, runs)
+    third = aircraft.mass_kg / 3
+    out: Figures = {}
+    for method in ("paper", "classical"):
+        found = identify_study(alone, method=method)
+        mass = found.parameters["sprung_mass_kg"].value
+        out[f"third by {method}"] = np.nan if mass is None else mass / third
     return out
 
 
@@ -126,7 +152,9 @@ def one(job: tuple[str, int]) -> tuple[str, int, Figures | str]:
         aircraft, study = study_of(seed, coherent=coherent, bending_hz=bending_hz, kind=kind, noise=noise)
         begun = perf_counter()
         found = identify_body(study)
-        return name, seed, figures(aircraft, found) | {"seconds": perf_counter() - begun}
+        seconds = perf_counter() - begun
+        beside = paper(aircraft, study) if kind == "auto" else {}
+        return name, seed, figures(aircraft, found) | beside | {"seconds": seconds}
     except Exception as error:
         return name, seed, f"{type(error).__name__}: {error}"
 
@@ -163,9 +191,21 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
         f"{int(column('law right').sum())} of {len(found)}; rigid body recommended {int(column('recommended').sum())} "
         f"of {len(found)}; {np.median(column('seconds')):.1f} s median, {column('seconds').max():.1f} s at most"
     )
-    for key in sorted({key for each in found.values() for key in each if key.startswith("ratio")}):
-        ratio = column(key)
-        yield f"{key[6:]}: residual over noise {np.nanmedian(ratio):.1f} median, {np.nanmin(ratio):.2f} at least"
+    keys = sorted({key for each in found.values() for key in each})
+    for key in [key for key in keys if key.startswith("ratio")]:
+        ratio, share = column(key), column(key.replace("ratio", "share"))
+        explained = int(np.nansum(column(key.replace("ratio", "explains"))))
+        yield (
+            f"- {key[6:]}: residual over noise {np.nanmedian(ratio):.1f} median, {np.nanmin(ratio):.2f} at least, taken "
+            f"for right {explained} times; mass over what rests there {np.nanmin(share):.2f} to {np.nanmax(share):.2f}"
+        )
+    for key in [key for key in keys if key.startswith("third")]:
+        values = column(key)
+        yield (
+            f"- left main gear alone under a third, {key[6:]}: mass over a third of the truth "
+            f"{np.nanmedian(values):.2f} median, {np.nanmin(values):.2f} to {np.nanmax(values):.2f}; none for "
+            f"{int(np.isnan(values).sum())}"
+        )
 
 
 def main() -> None:

@@ -10,10 +10,18 @@ from body_runs import NOISE, aircraft, gears_apart, interfaces, short_runs, stud
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.body import identification
-from opid.identify.body.candidates import Fitted, groups_of, symmetric_pairs
+from opid.identify.body.candidates import Fitted, groups_of
 from opid.identify.body.identification import identify_body
 from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS
-from opid.identify.body.study import BodySensor, BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.identify.body.study import (
+    BodySensor,
+    BodyStudy,
+    LoadedRun,
+    MeasuredInterface,
+    PointMass,
+    StructureSettings,
+    symmetric_pairs,
+)
 from opid.mechanics.airframe import Loading
 from opid.signals.recording import Channel, Recording
 

@@ -27,7 +27,6 @@ from opid.signals.recording import FloatArray
 FROM_AFAR = (30.0, 5.0)
 # residual over noise up to which a structure explains the runs
 EXPLAINS = 1.2
-SYMMETRIC_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,21 +67,6 @@ class Fitted:
     def explains(self) -> bool:
         """Whether what is left is noise."""
         return self.residual_over_noise <= EXPLAINS
-
-
-def symmetric_pairs(study: BodyStudy) -> list[tuple[int, int]]:
-    """Return places of interfaces that stand left and right of the middle.
-
-    Args:
-        study: the study.
-    """
-    found = []
-    for i, one in enumerate(study.interfaces):
-        for k, other in enumerate(study.interfaces[i + 1 :], start=i + 1):
-            mirrored = abs(one.x_m - other.x_m) < SYMMETRIC_M and abs(one.y_m + other.y_m) < SYMMETRIC_M
-            if mirrored and abs(one.y_m) > SYMMETRIC_M:
-                found.append((i, k))
-    return found
 
 
 def shares(study: BodyStudy, loading: PointMass) -> FloatArray:

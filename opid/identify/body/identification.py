@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
-from opid.identify.body.candidates import EXPLAINS, Fitted, fitted_alone, fitted_rigid, symmetric_pairs
+from opid.identify.body.candidates import EXPLAINS, Fitted, fitted_alone, fitted_rigid
 from opid.identify.body.intervals import body_estimates, mass_of, suspension_estimates
 from opid.identify.body.levels import (
     LOOSELY_KNOWN,
@@ -31,8 +31,7 @@ from opid.identify.body.result import (
     InterfaceEstimate,
     RunResidual,
 )
-from opid.identify.body.structure import rigid_body
-from opid.identify.body.study import BodyStudy
+from opid.identify.body.study import BodyStudy, rigid_faults, symmetric_pairs
 from opid.mechanics.laws import Law, default_law
 from opid.signals.health import without_spikes
 from opid.signals.recording import FloatArray
@@ -114,7 +113,7 @@ def _tried(
             paired = {k for pair in pairs for k in pair}
             for k in sorted(set(range(len(study.names))) - paired):
                 found.append(fitted_alone(study, arrays, noises, (k,), law=law, band_hz=band_hz))
-    if wanted == "rigid_body" or (wanted == "auto" and len(study.interfaces) > 2 and _makes_a_plane(study)):
+    if wanted == "rigid_body" or (wanted == "auto" and not list(rigid_faults(study))):
         say("rigid body")
 
         def told(step: str) -> None:
@@ -122,16 +121,6 @@ def _tried(
 
         found.append(fitted_rigid(study, arrays, noises, law=law, band_hz=band_hz, progress=told))
     return found
-
-
-def _makes_a_plane(study: BodyStudy) -> bool:
-    from opid.errors import InputError
-
-    try:
-        rigid_body([interface.place for interface in study.interfaces])
-    except InputError:
-        return False
-    return True
 
 
 def _parts(study: BodyStudy, tried: Sequence[Fitted], kind: str) -> list[Fitted]:
@@ -201,7 +190,7 @@ def _answer(
             {name: Estimate(each.value) for name, each in table.items()} for table in (parameters, ratios, corrections)
         )
         interfaces = tuple(_without_intervals(each) for each in interfaces)
-    if ratio > REFUSED or (reason and not parts[0].found.model.mass_free):
+    if ratio > REFUSED or reason:
         parameters = dict.fromkeys(BODY_PARAMETERS, Estimate())
     if ratio > REFUSED:
         ratios = dict.fromkeys(BODY_RATIOS, Estimate())
@@ -223,7 +212,7 @@ def _answer(
         noise_m_per_s2=float(np.sqrt(np.mean(np.square(noises)))),
         residual_over_noise=ratio,
         diagnostics=_diagnostics(study, parts, why, settings),
-        warnings=tuple(_warnings(study, parts, why, ratio)),
+        warnings=tuple(_warnings(study, tried, parts, why, ratio)),
         not_determined=reason,
     )
 
@@ -245,7 +234,8 @@ def _not_determined(study: BodyStudy, parts: Sequence[Fitted], mass: Estimate, r
     if ratio > REFUSED:
         return (
             f"the structure leaves {ratio:.0f} times the sensors' noise, so every number of it would be a guess: check "
-            "channels, coordinates and loadings, or describe the structure by its own matrices"
+            "channels (exchanged, upside down, in another unit), coordinates and loadings, or describe the structure "
+            "by its own matrices"
         )
     if not parts[0].found.model.mass_free:
         return (
@@ -253,6 +243,11 @@ def _not_determined(study: BodyStudy, parts: Sequence[Fitted], mass: Estimate, r
             "carried more or less"
         )
     if mass.value is None or mass.std is None or mass.std > LOOSELY_KNOWN * mass.value:
+        if ratio > WITHHELD:
+            return (
+                f"the structure leaves {ratio:.1f} times the sensors' noise, and the mass that would explain most of "
+                "it is no mass: check places, signs and masses of the loadings first"
+            )
         changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
         return (
             f"the change of loading ({changes}) moves too little of what the sensors see to give the mass: change it "
@@ -382,7 +377,9 @@ def _diagnostics(study: BodyStudy, parts: Sequence[Fitted], why: str, settings: 
     }
 
 
-def _warnings(study: BodyStudy, parts: Sequence[Fitted], why: str, ratio: float) -> Iterator[str]:
+def _warnings(
+    study: BodyStudy, tried: Sequence[Fitted], parts: Sequence[Fitted], why: str, ratio: float
+) -> Iterator[str]:
     for run in study.runs:
         for finding in run.findings:
             if finding.severity != "note":
@@ -394,6 +391,14 @@ def _warnings(study: BodyStudy, parts: Sequence[Fitted], why: str, ratio: float)
             yield f"all intervals are widened {ratio / EXPLAINS:.2g} times for what the structure leaves"
         elif ratio <= REFUSED:
             yield "the intervals are withheld: what the structure leaves is no noise"
+    white = all(is_white(part.found) for part in parts)
+    if ratio <= EXPLAINS and not white:
+        yield (
+            "what the structure leaves is not white, though little: a law or a coordinate may be missing; intervals "
+            "allow for its colour"
+        )
+    if study.structure.kind == "auto" and len(study.interfaces) > 1 and not any(p.kind == "rigid_body" for p in tried):
+        yield f"one rigid body was not tried: {'; '.join(rigid_faults(study))}"
     for part in parts:
         for coordinate, value in _far(part):
             yield (

@@ -163,7 +163,8 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     mass = body.mass(theta, mu, loading)
     if np.linalg.eigvalsh(mass)[0] <= 0.0:
         raise ImpossibleBodyError(
-            "the mass matrix of the body is not positive definite: check masses, places and loadings"
+            "the mass matrix of the body is not positive definite: check channels (exchanged, upside down), places and "
+            "loadings"
         )
     inverse = np.linalg.inv(mass)
     by_force, by_row = inverse @ rows.T, seen @ inverse

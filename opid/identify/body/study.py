@@ -23,6 +23,12 @@ KINDS = ("auto", "single", "pair", "rigid_body")
 FARTHEST_M = 200.0
 """No vehicle is larger."""
 
+TAPE_M = 0.01
+"""How well places are known by a tape or a drawing, where nothing else is said."""
+
+SYMMETRIC_M = 0.1
+"""Left and right of the middle to this accuracy."""
+
 ONE_PLACE_M = 0.05
 """Interfaces nearer to each other than this are one."""
 
@@ -122,13 +128,14 @@ class StructureSettings:
     Args:
         kind: one of `KINDS`.
         shared: names of interfaces that share stiffness, damping and law; the others have their own.
-        position_tolerance_m: how well all coordinates are known, one standard deviation; 0 for exactly.
+        position_tolerance_m: how well all coordinates are known, one standard deviation; 0 for exactly, which makes
+            intervals too narrow where they are measured by tape.
         noise_m_per_s2: rms of the white noise of all sensors; None to estimate it.
     """
 
     kind: str = "auto"
     shared: tuple[tuple[str, ...], ...] = ()
-    position_tolerance_m: float = 0.0
+    position_tolerance_m: float = TAPE_M
     noise_m_per_s2: float | None = None
 
 
@@ -171,6 +178,21 @@ class BodyStudy:
     def names(self) -> tuple[str, ...]:
         """Of the interfaces."""
         return tuple(interface.name for interface in self.interfaces)
+
+
+def symmetric_pairs(study: BodyStudy) -> list[tuple[int, int]]:
+    """Return places of interfaces that stand left and right of the middle.
+
+    Args:
+        study: the study.
+    """
+    found = []
+    for i, one in enumerate(study.interfaces):
+        for k, other in enumerate(study.interfaces[i + 1 :], start=i + 1):
+            mirrored = abs(one.x_m - other.x_m) < SYMMETRIC_M and abs(one.y_m + other.y_m) < SYMMETRIC_M
+            if mirrored and abs(one.y_m) > SYMMETRIC_M:
+                found.append((i, k))
+    return found
 
 
 def _faults(study: BodyStudy) -> Iterator[str]:
@@ -248,11 +270,22 @@ def _structure_faults(study: BodyStudy) -> Iterator[str]:
             yield f"'shared' names {name!r}, which is no interface: {nearest(name, names)}"
         if shared.count(name) > 1:
             yield f"'shared' names {name!r} twice, give it once"
+    if settings.kind == "pair" and study.interfaces and not symmetric_pairs(study):
+        places = ", ".join(f"{each.name!r} ({each.x_m:g}, {each.y_m:g})" for each in study.interfaces)
+        yield (
+            f"kind is 'pair' and no two interfaces mirror each other (same x_m, opposite y_m, within {SYMMETRIC_M:g} "
+            f"m): {places}; mend the coordinates (y = 0 is the middle), or take another kind"
+        )
     if settings.kind == "rigid_body" and study.interfaces:
-        yield from _rigid_faults(study)
+        yield from rigid_faults(study)
 
 
-def _rigid_faults(study: BodyStudy) -> Iterator[str]:
+def rigid_faults(study: BodyStudy) -> Iterator[str]:
+    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch.
+
+    Args:
+        study: the study.
+    """
     for what, places in (
         ("interfaces", [interface.place for interface in study.interfaces]),
         (

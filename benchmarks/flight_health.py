@@ -1,0 +1,108 @@
+"""Health over time: real identifications of many flights of one aircraft, and what `opid compare` makes of them.
+
+Run `python benchmarks/flight_health.py`. For each seed a random aircraft taxies 50 times unharmed, on a runway of its
+own each time and in two loadings, then twice with 5 % less stiffness in its left strut. Every flight is identified as a
+rigid body (coordinates off by 1 cm, 5 mm/s2 of noise, laws given) and written as result.json; then the flights are
+compared. Printed: false flags among the first 50, and at which of the two last flights the loss is flagged.
+"""
+
+import argparse
+import os
+import sys
+from dataclasses import replace
+from datetime import date, timedelta
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+# before numpy is loaded, here and in every process that this one starts
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+from aircraft_figures import NOISE, TOLERANCE_M
+from tqdm import tqdm
+
+from opid.identify.body.identification import identify_body
+from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.identify.comparison import compare
+from opid.identify.flights import read_flights
+from opid.mechanics.airframe import Loading
+from opid.mechanics.sensors import Sensor
+from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.mechanics.virtual_aircraft import random_aircraft
+from opid.report.as_json import json_text
+from opid.report.body_report import body_json
+
+LOSS, HARMED = 0.05, 2
+FIRST = date(2026, 1, 1)
+
+
+def flight(job: tuple[int, int, bool, str]) -> None:
+    """Simulate, identify and write one flight."""
+    seed, number, harmed, directory = job
+    rng = np.random.default_rng([seed, 11])
+    aircraft = random_aircraft(rng)
+    # the drawing is as wrong in every flight
+    off = TOLERANCE_M * rng.standard_normal((len(aircraft.gears), 2))
+    loading = Loading(0.1 * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
+    if harmed:
+        gears = tuple(
+            replace(gear, suspension_stiffness_n_per_m=(1 - LOSS) * gear.suspension_stiffness_n_per_m)
+            if gear.name == "left"
+            else gear
+            for gear in aircraft.gears
+        )
+        aircraft = replace(aircraft, gears=gears)
+    test = aircraft_test(
+        aircraft,
+        rng=np.random.default_rng([seed, 12, number]),
+        loadings=[[loading]],
+        duration_s=20.0,
+        sensor=Sensor(noise_m_per_s2=NOISE),
+    )
+    interfaces = tuple(
+        MeasuredInterface(gear.name, f"{gear.name}_upper_z", f"{gear.name}_lower_z", gear.x_m + dx, gear.y_m + dy)
+        for gear, (dx, dy) in zip(aircraft.gears, off.tolist(), strict=True)
+    )
+    runs = tuple(
+        LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+        for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
+    )
+    settings = StructureSettings("rigid_body", position_tolerance_m=TOLERANCE_M, noise_m_per_s2=NOISE)
+    day = FIRST + timedelta(days=number)
+    found = identify_body(
+        BodyStudy(f"flight {number}", interfaces, runs, settings, date=day), law=aircraft.gears[1].law.name
+    )
+    target = Path(directory) / f"flight_{number:03d}"
+    target.mkdir()
+    (target / "result.json").write_text(json_text(body_json(found)), encoding="utf-8")
+
+
+def main() -> None:
+    """Print what is flagged."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--flights", type=int, default=50)
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    for seed in range(args.seeds):
+        with TemporaryDirectory() as directory:
+            jobs = [(seed, k, k >= args.flights, directory) for k in range(args.flights + HARMED)]
+            with get_context("spawn").Pool(args.jobs) as pool:
+                done = pool.imap_unordered(flight, jobs)
+                for _ in tqdm(done, total=len(jobs), desc=f"aircraft {seed}", disable=not sys.stderr.isatty()):
+                    pass
+            result = compare(read_flights([directory]))
+        false = [change for change in result.changes if change.first < args.flights]
+        right = [change for change in result.changes if change not in false]
+        print(
+            f"aircraft {seed}: {args.flights} flights unharmed, {len(false)} false flags; then {100 * LOSS:g} % loss:"
+        )
+        for change in (*false, *right):
+            print(f"- {change.statement}")
+        if not right:
+            print("- not flagged")
+
+
+if __name__ == "__main__":
+    main()
