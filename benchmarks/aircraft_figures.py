@@ -196,8 +196,9 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
         ratio, share = column(key), column(key.replace("ratio", "share"))
         explained = int(np.nansum(column(key.replace("ratio", "explains"))))
         yield (
-            f"- {key[6:]}: residual over noise {np.nanmedian(ratio):.1f} median, {np.nanmin(ratio):.2f} at least, taken "
-            f"for right {explained} times; mass over what rests there {np.nanmin(share):.2f} to {np.nanmax(share):.2f}"
+            f"- {key[6:]}: residual over noise {np.nanmedian(ratio):.1f} median, {np.nanmin(ratio):.2f} at least, "
+            f"taken for right {explained} times; mass over what rests there {np.nanmin(share):.2f} to "
+            f"{np.nanmax(share):.2f}"
         )
     for key in [key for key in keys if key.startswith("third")]:
         values = column(key)
