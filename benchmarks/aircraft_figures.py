@@ -39,9 +39,9 @@ ROWS: dict[str, tuple[bool, float | None, str, float | None]] = {
     "coherent": (True, None, "rigid_body", NOISE),
     "noise not stated": (False, None, "rigid_body", None),
     "bending 8 Hz": (False, 8.0, "rigid_body", NOISE),
-    "bending 8 Hz, coherent": (True, 8.0, "rigid_body", NOISE),
+    "bending 8 Hz coherent": (True, 8.0, "rigid_body", NOISE),
     "choice": (False, None, "auto", NOISE),
-    "choice, coherent": (True, None, "auto", NOISE),
+    "choice coherent": (True, None, "auto", NOISE),
 }
 Figures = dict[str, float]
 
