@@ -11,12 +11,13 @@ from opid.identify.body.candidates import fitted_rigid, left_out_level, loading_
 from opid.identify.body.equation import start_values
 from opid.identify.body.fit import body_model, first_vector, fit_body, with_laws
 from opid.identify.body.intervals import body_estimates, honest_covariance, suspension_estimates
-from opid.identify.body.laws import search_laws, searched_kinds
+from opid.identify.body.laws import search_laws
 from opid.identify.body.levels import is_white
 from opid.identify.body.model import Group
 from opid.identify.body.run import body_run
 from opid.identify.body.structure import own_body, rigid_body
 from opid.identify.body.study import PointMass
+from opid.identify.pursuit import library
 from opid.mechanics.laws import LINEAR, law
 from opid.mechanics.structure import Structure
 
@@ -144,7 +145,7 @@ def started():
         for place, (below, above) in enumerate(arrays_of(given))
     ]
     groups = tuple(Group(name, (k,)) for k, name in enumerate(given.names))
-    return runs, body, groups, start_values(runs, body, groups, mass_free=True, kinds=searched_kinds())
+    return runs, body, groups, start_values(runs, body, groups, mass_free=True, kinds=library())
 
 
 def test_the_equation_of_motion_gives_a_start_near_the_truth(started):

@@ -52,11 +52,7 @@ def document_faults(document: Document) -> Iterator[str]:
         document: what the file holds.
     """
     yield from table_faults("the study", document, _STUDY)
-    # a date with a time is a date to Python
-    if isinstance(document.get("date"), datetime):
-        yield f"'date' in the study is {document['date']}, give the day alone, as {document['date'].date()}"
-    if isinstance(document.get("log"), dict):
-        yield from table_faults("[log]", document["log"], LOG)
+    yield from general_faults(document)
     if isinstance(document.get("channels"), dict):
         for side in SIDES:
             if side not in document["channels"]:
@@ -64,9 +60,6 @@ def document_faults(document: Document) -> Iterator[str]:
                 yield f"[channels] lacks {side!r}, give the name of a channel or a table ({hint})"
         yield from channel_faults("channels", document["channels"])
         yield from _useless_facts("channels", document["channels"], SIDES)
-    fs_hz = document.get("fs_hz", 1.0)
-    if isinstance(fs_hz, (int, float)) and not (math.isfinite(fs_hz) and fs_hz > 0):
-        yield f"'fs_hz' in the study is {fs_hz}, give a positive rate in Hz"
     if isinstance(document.get("runs"), list):
         for number, entry in enumerate(document["runs"], start=1):
             yield from table_faults(f"[[runs]] number {number}", entry, _RUN)
@@ -75,6 +68,22 @@ def document_faults(document: Document) -> Iterator[str]:
                 yield from _useless_facts("runs.channels", entry["channels"], ())
     if isinstance(document.get("sensors"), dict):
         yield from _sensor_faults(document["sensors"])
+
+
+def general_faults(document: Document) -> Iterator[str]:
+    """Yield what is wrong with the keys that every study file may have: date, rate, [log].
+
+    Args:
+        document: what the file holds.
+    """
+    # a date with a time is a date to Python
+    if isinstance(document.get("date"), datetime):
+        yield f"'date' in the study is {document['date']}, give the day alone, as {document['date'].date()}"
+    if isinstance(document.get("log"), dict):
+        yield from table_faults("[log]", document["log"], LOG)
+    fs_hz = document.get("fs_hz", 1.0)
+    if isinstance(fs_hz, (int, float)) and not (math.isfinite(fs_hz) and fs_hz > 0):
+        yield f"'fs_hz' in the study is {fs_hz}, give a positive rate in Hz"
 
 
 def channel_faults(where: str, entries: Mapping[str, Any], keys: Mapping[str, Key] = _CHANNEL) -> Iterator[str]:

@@ -14,11 +14,12 @@ import numpy as np
 from opid.errors import NotDeterminedError
 from opid.identify.body.equation import Start, start_values
 from opid.identify.body.fit import BodyFit, body_model, first_vector, fit_body
-from opid.identify.body.laws import ENOUGH, LawStep, search_laws, searched_kinds
+from opid.identify.body.laws import ENOUGH, LawStep, search_laws
 from opid.identify.body.model import Group
 from opid.identify.body.run import BodyRun, body_run
 from opid.identify.body.structure import Body, ImpossibleBodyError, rigid_body, vertical
 from opid.identify.body.study import BodyStudy, PointMass
+from opid.identify.pursuit import library
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
@@ -222,7 +223,7 @@ def fitted(
         groups = tuple(replace(group, law=law) for group in groups)
     try:
         if start is None:
-            kinds = searched_kinds() if law is None else ()
+            kinds = library() if law is None else ()
             start = start_values(runs, body, groups, mass_free=mass_free, kinds=kinds)
         model = body_model(runs, body, start, mass_free=mass_free, noise_m_per_s2=(float(noises[0]), float(noises[1])))
         fit = fit_body(model, first_vector(model, start), noisier=FROM_AFAR)

@@ -11,8 +11,9 @@ from opid.identify.body.fit import BodyFit, fit_body, with_laws
 from opid.identify.body.model import Group
 from opid.identify.body.structure import ImpossibleBodyError
 from opid.identify.joint_fit import BIC_MARGIN
+from opid.identify.pursuit import library
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.kinds import BUILT_IN, LAWS
+from opid.mechanics.kinds import LAWS
 from opid.mechanics.laws import Law, Term
 from opid.signals.recording import FloatArray
 
@@ -67,16 +68,6 @@ class LawStep:
     kept: bool
 
 
-def searched_kinds() -> tuple[str, ...]:
-    """Kinds of law that a search tries: those with an amplitude and scales only."""
-    built_in = {kind.name for kind in BUILT_IN}
-    return tuple(
-        name
-        for name, kind in LAWS.items()
-        if kind.searched and (name not in built_in or all(p.role in ("amplitude", "scale") for p in kind.parameters))
-    )
-
-
 def search_laws(
     fit: BodyFit, *, kinds: Sequence[str] | None = None, progress: Callable[[str], None] | None = None
 ) -> tuple[BodyFit, tuple[LawStep, ...]]:
@@ -87,11 +78,11 @@ def search_laws(
 
     Args:
         fit: where to start.
-        kinds: that are tried; those of `searched_kinds` where left out.
+        kinds: that are tried; those of `opid.identify.pursuit.library` where left out.
         progress: called with the name of each step as it begins.
     """
     search = _Search(fit, progress or (lambda step: None))
-    tried = tuple(kinds or searched_kinds())
+    tried = tuple(kinds or library())
     for _ in range(MOST_ROUNDS):
         smaller = search.without_the_weak()
         if not search.with_more(tried) and not smaller:

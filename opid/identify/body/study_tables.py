@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import date, datetime
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 from opid.errors import InputError, nearest
 from opid.identify.body.study import KINDS, PointMass
-from opid.identify.study_tables import channel_faults
-from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, table_faults
+from opid.identify.study_tables import channel_faults, general_faults
+from opid.signals.tables import CHANNEL, NUMBER, TEXT, Document, Key, maybe, table_faults
 
 COLUMNS = ("mass_kg", "x_m", "y_m")
 """Of a loading table."""
@@ -75,13 +75,7 @@ def body_document_faults(document: Document) -> Iterator[str]:
         document: what the file holds.
     """
     yield from table_faults("the study", document, _STUDY)
-    if isinstance(document.get("date"), datetime):
-        yield f"'date' in the study is {document['date']}, give the day alone, as {document['date'].date()}"
-    if isinstance(document.get("log"), dict):
-        yield from table_faults("[log]", document["log"], LOG)
-    fs_hz = document.get("fs_hz", 1.0)
-    if isinstance(fs_hz, (int, float)) and not (math.isfinite(fs_hz) and fs_hz > 0):
-        yield f"'fs_hz' in the study is {fs_hz}, give a positive rate in Hz"
+    yield from general_faults(document)
     if isinstance(document.get("channels"), dict):
         yield from channel_faults("channels", document["channels"], CHANNEL)
     for number, entry in _tables(document, "interfaces"):
