@@ -7,7 +7,7 @@ Every reading on the body corrects the simulated motion by as much as the noise 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from opid.mechanics.driven import Interface
 from opid.mechanics.laws import LINEAR, Law
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
 
 # the reading of a slot that has no sensor: nothing is learnt from it
 NO_SENSOR_M_PER_S2 = 1e6
@@ -181,8 +182,8 @@ class BodyModel:
             slots[slot] = Interface(float(theta[first + 2 * k]), float(theta[first + 2 * k + 1]))
         return slots, slopes
 
-    def predict(self, theta: FloatArray, place: int, *, sensitivity: bool = True) -> tuple[Prediction, FloatArray]:
-        """Predict one run; also give the derivatives of its innovations, (n_unknowns, n_sensors, n).
+    def predict(self, theta: FloatArray, place: int, *, sensitivity: bool = True) -> tuple[Prediction, ComplexArray]:
+        """Predict one run; also give the derivatives of the lines of its errors, (n_unknowns, n_sensors, n_lines).
 
         Args:
             theta: the vector.
@@ -217,20 +218,22 @@ class BodyModel:
             reading_directions=moved.by_reading[kept],
             sensitivity=sensitivity,
         )
-        by = np.zeros((theta.size if sensitivity else 0, run.sprung.shape[1], run.n_samples))
+        n_sensors = run.sprung.shape[1]
+        by = np.zeros((theta.size if sensitivity else 0, n_sensors, run.omega.size), dtype=np.complex128)
         if sensitivity:
-            change = prediction.sensitivity[: run.sprung.shape[1]].transpose(1, 0, 2)
+            change = run.transform(prediction.sensitivity[:n_sensors]).transpose(1, 0, 2)
             self._sort_out(change, slots, slopes, n_directions, place, by)
-        return prediction, by
+        # a hundred times larger than the rest, and used up
+        return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by
 
     def _sort_out(
         self,
-        change: FloatArray,
+        change: ComplexArray,
         slots: Sequence[Interface],
         slopes: Sequence[FloatArray],
         n_directions: int,
         place: int,
-        by: FloatArray,
+        by: ComplexArray,
     ) -> None:
         """Add the derivatives by what the slots have to those by the entries of the vector."""
         firsts = np.concatenate([[0], np.cumsum([slot.n_parameters for slot in slots])])
@@ -278,7 +281,7 @@ class BodyModel:
             lines.append(run.transform(prediction.innovation[: run.sprung.shape[1]]).ravel())
             predictions.append(prediction)
             if sensitivity:
-                blocks.append(run.transform(by).reshape(len(by), -1).T)
+                blocks.append(by.reshape(len(by), -1).T)
         departure, by_prior = self._known_before(theta)
         stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
         jacobian = np.concatenate([part for b in blocks for part in (b.real, b.imag)] + [by_prior])
