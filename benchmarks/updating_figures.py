@@ -25,26 +25,17 @@ from opid.mechanics.jointed_modes import JointedModes
 from opid.updating.identification import update_study
 from opid.updating.likelihood import BackboneData, backbone_data, log_likelihood
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import Prior
+from opid.updating.paper_classes import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.surrogate import wing_engine_structure
+from opid.updating.surrogate import UPDATED, wing_engine_structure
 from opid.updating.virtual_backbones import synthetic_backbones
 
-FACTORS = (0.88, 0.31)
-THETA = 1.58
-WIDE, BOTH = Prior("uniform", 0.0, 10.0), Prior("uniform", -10.0, 10.0)
-# Song Table 3, in N and m
-CLASSES = (
-    ModelClass("class 1", ("quadratic_stiffness",), (2.16e5,), (WIDE,)),
-    ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (WIDE,)),
-    ModelClass("class 3", ("quartic_stiffness",), (3e10,), (WIDE,)),
-    ModelClass("class 4", ("cubic_stiffness", "quartic_stiffness"), (8.84e7, -2.7e9), (WIDE, BOTH)),
-    ModelClass("class 5", ("cubic_stiffness", "quintic_stiffness"), (7.48e7, -8.4e11), (WIDE, BOTH)),
-)
-TRUTH = CLASSES[1]
+FACTORS = tuple(UPDATED.values())
+CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
 ERRORS = {
     "large": {"offset_share": 0.0035, "point_noise": 0.001},
     "small": {},
@@ -52,7 +43,7 @@ ERRORS = {
 HARMONICS = {"paper": (1,), "literal": (1,), "independent": (1, 3), "recommended": (1, 3)}
 
 Figures = dict[str, float]
-SYSTEMS: dict[tuple[float, float], JointedModes] = {}
+SYSTEMS: dict[tuple[float, ...], JointedModes] = {}
 
 
 def system(aluminium: float = FACTORS[0], steel: float = FACTORS[1]) -> JointedModes:
@@ -156,7 +147,7 @@ def bands(seed: int, form: str, errors: str) -> Figures:
 def evidence(seed: int, form: str, errors: str) -> Figures:
     data = prepared(backbones(seed, errors), form)
     figures = {}
-    for each in (CLASSES[1], CLASSES[3]):
+    for each in CLASSES:
         found = update_class(
             data, each, rng=np.random.default_rng(seed), evidences=("quadrature", "laplace", "transitional")
         )

@@ -185,7 +185,7 @@ def test_a_controlled_test_keeps_the_curves_that_reach_quadrature(tmp_path, monk
         seen.append((modes[0], sensors[0]))
         if modes[0] == 8 and sensors[0] != "10":
             raise NotDeterminedError("no quadrature")
-        assert (specimen.drive, settings["n_points"]) == ("7", 5)
+        assert (specimen.drive, settings["n_points"]) == ("7", 10)
         system, row = specimen.system, specimen.system.sensor("10")
         shape = system.at_sensors[:, modes[0] - 1] / system.at_sensors[row, modes[0] - 1]
         level = np.linspace(*settings["amplitude_m"][0], 5)
@@ -194,11 +194,17 @@ def test_a_controlled_test_keeps_the_curves_that_reach_quadrature(tmp_path, monk
         return (MeasuredBackbone(name, modes[0], "10", hz, level[:, None] * shape, system.sensors),)
 
     monkeypatch.setattr("opid.updating.virtual_backbones.virtual_backbones", virtual_backbones)
-    done = opid("simulate", "backbones", tmp_path, "--by", "continuation", "--curves", 2, 1, "--points", 5)
+    done = opid("simulate", "backbones", tmp_path, "--by", "continuation", "--curves", 2, 1, "--points", 10)
     assert done.exit_code == 0, done.output
     assert seen == [(7, "14"), (7, "13"), (8, "14"), (8, "13"), (8, "12"), (8, "11"), (8, "10")]
     names = [curve.name for curve in read_updating_study(tmp_path / "study.toml").backbones]
     assert names == [f"mode {mode}, quadrature at {sensor}" for mode, sensor in ((7, 14), (7, 13), (8, 10))]
+
+
+def test_a_controlled_test_with_few_points_is_refused_before_it_begins(tmp_path):
+    done = opid("simulate", "backbones", tmp_path / "out", "--by", "continuation", "--points", 6)
+    refused(done, "--points is 6, and a controlled test loses quadrature between points so far apart: give at least 10")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):

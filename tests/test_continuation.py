@@ -8,6 +8,9 @@ from opid.mechanics.continuation import continued_backbone
 from opid.mechanics.jointed_modes import JointedModes
 from opid.mechanics.laws import default_law
 from opid.mechanics.shooting import shoot
+from opid.mechanics.wing_engine import WingEngine
+from opid.updating.reduction import craig_bampton, modes_of
+from opid.updating.surrogate import UPDATED, wing_engine_structure
 
 SYSTEM = two_pylons(0.05)
 ENDS = {"first_amplitude_m": 0.2e-3, "last_amplitude_m": 4e-3}
@@ -57,6 +60,25 @@ def test_the_tongue_is_a_motion_in_time():
     for point in (turn + 5, turn + 15):
         motion = shoot(SYSTEM, CUBIC, curve, point=point)
         assert curve.frequency_hz[point] == pytest.approx(motion.frequency_hz, rel=1e-8)
+
+
+def test_unequal_leaves_give_the_wing_an_interaction_that_equal_ones_do_not_have():
+    # three times the frequency of mode 7, near 15.2 Hz, meets a mode that unequal leaf springs let the joints move
+    given = {"mode": 7, "sensor": "10", "first_amplitude_m": 1.5e-3, "last_amplitude_m": 2.6e-3, "harmonics": (1, 3, 5)}
+    cubic = spring("cubic_stiffness", 1.58 * 6.8e7)
+    found = []
+    for share in (0.0, 0.05):
+        system = modes_of(craig_bampton(wing_engine_structure(WingEngine(leaf_asymmetry=share)), UPDATED))
+        found.append(continued_backbone(system, cubic, **given))
+    equal, curve = found
+    assert equal.turning_points.size == 0
+    assert curve.turning_points.size >= 1
+    turn = int(curve.turning_points[0])
+    assert curve.frequency_hz[turn] == pytest.approx(15.2, abs=0.2)
+    assert 3 * curve.frequency_hz[turn] == pytest.approx(system.frequency_hz[10], rel=1.5e-2)
+    # modes 10 and 11 lie at one frequency and take over at three times that of mode 7
+    taken = np.abs(curve.modal_motion[:, 1, 9:11]).max(axis=1) / np.abs(curve.modal_motion[:, 0, 6])
+    assert taken[turn:].max() > 20 * taken[0]
 
 
 def test_the_turning_point_is_where_the_amplitude_is_largest():

@@ -1,4 +1,4 @@
-"""Curves of the model with points where Newton's method fails: bridged, lost, and told."""
+"""Curves of the model past interactions of modes, and with points where Newton's method fails: bridged, lost, told."""
 
 from dataclasses import replace
 
@@ -7,13 +7,26 @@ import numpy as np
 import pytest
 
 from opid.errors import NotDeterminedError
+from opid.mechanics.backbones import backbone_family
 from opid.report.as_json import plain
 from opid.updating import doubts, model_curves, prediction
-from opid.updating.doubts import doubts_of_choice
+from opid.updating.doubts import doubts_of_choice, doubts_of_class
 from opid.updating.likelihood import backbone_data, likelihood_function, log_likelihood
-from opid.updating.model_curves import curves_of, where_it_fails
+from opid.updating.model_curves import (
+    curves_of,
+    met_modes,
+    where_it_fails,
+    where_modes_interact,
+    without_interactions,
+)
+from opid.updating.noise_settings import NoiseSettings
+from opid.updating.paper_classes import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
+from opid.updating.reduction import reduce
+from opid.updating.result import Diagnostics
+from opid.updating.surrogate import UPDATED, wing_engine_structure
+from opid.updating.virtual_backbones import synthetic_backbones
 
 THETA = np.array([[1.4], [1.58], [1.7]])
 
@@ -167,3 +180,101 @@ def test_sentences_of_points():
     )
     many = doubts.named_points(np.linspace(1e-3, 1e-2, 10), np.ones(10, dtype=bool), "10")
     assert many == "1 to 10 mm of sensor '10' (points 1, 2, 3 and 7 more of 10)"
+
+
+# ------------------------------------------------------------------------------------------------ interactions
+WING_THETA = 1.58
+PAPERS_CUBIC = PAPER_CLASSES[1]
+
+
+@pytest.fixture(scope="module")
+def wing_structure():
+    return wing_engine_structure()
+
+
+@pytest.fixture(
+    scope="module", params=[(1.005, 1.0), (0.995, 1.0), (1.0, 1.005), (1.0, 0.995), (0.98, 1.0)], ids=lambda p: str(p)
+)
+def wing(request, wing_structure):
+    """The third harmonic of mode 8 meets mode 13 within 0.5 % of its last point: beyond it, at it, or before it."""
+    factors = dict(zip(UPDATED, np.array(request.param) * list(UPDATED.values()), strict=True))
+    system = reduce(wing_structure, factors)
+    return system, synthetic_backbones(
+        system, PAPERS_CUBIC, (WING_THETA,), rng=np.random.default_rng(0), linear_error=0.0, offset_share=0.0
+    )
+
+
+def test_an_interaction_neither_moves_theta_nor_makes_steps(wing):
+    system, measured = wing
+    data = backbone_data(system, measured)
+    theta = np.linspace(1.53, 1.63, 101)
+    value, failed = likelihood_function(data, PAPERS_CUBIC)(theta[:, None])
+    assert failed == 0
+    share = np.exp(value - value.max()) / np.exp(value - value.max()).sum()
+    mean = share @ theta
+    assert abs(mean / WING_THETA - 1) < 0.0015
+    assert np.sqrt(share @ (theta - mean) ** 2) / WING_THETA == pytest.approx(0.00175, rel=0.1)
+    # smooth: with the loops in the model these differences are up to 240
+    assert np.abs(np.diff(value, 4)).max() < 1e-5
+    for law, middle in ((PAPER_CLASSES[0], 1.6), (PAPER_CLASSES[2], 1.06)):
+        theta = np.linspace(0.95, 1.05, 41)[:, None] * middle
+        assert np.abs(np.diff(log_likelihood(data, law, theta), 4)).max() < 0.01
+
+
+def test_beside_an_interaction_the_curve_is_that_of_the_whole_structure(wing):
+    system, measured = wing
+    data = backbone_data(system, measured)
+    mode = data.modes[1]
+    assert (met_modes(data, mode) + 1).tolist() == [12, 13]
+    third = 3 * np.sqrt(mode.eigenvalue) / (2 * np.pi)
+    apart = np.abs(third / system.frequency_hz[12] - 1) > 0.02
+    exact = backbone_family(
+        system, PAPERS_CUBIC.kinds, PAPERS_CUBIC.coefficients([[WING_THETA]]),
+        mode=8, sensor="10", amplitude=np.sort(mode.amplitude[apart]), harmonics=(1, 3),
+    )  # fmt: skip
+    eigenvalue, _, _, _ = curves_of(data, mode, PAPERS_CUBIC)(np.array([[WING_THETA]]))
+    order = np.argsort(mode.amplitude[apart])
+    np.testing.assert_allclose((mode.between @ eigenvalue[0])[apart][order], exact.eigenvalue[0], rtol=5e-5)
+
+
+def test_the_first_harmonic_keeps_the_modes_that_others_meet(wing):
+    system, measured = wing
+    data = backbone_data(system, measured)
+    mode = data.modes[1]
+    smooth = without_interactions(data, mode)
+    for one in (system, smooth):
+        assert one.frequency_hz[7] == system.frequency_hz[7]
+    middle = mode.eigenvalue.mean()
+    flexibility = [one.at_joints / (one.eigenvalue - middle) @ one.at_joints.T for one in (system, smooth)]
+    np.testing.assert_allclose(flexibility[0], flexibility[1], rtol=1e-9)
+    with_one_harmonic = replace(data, harmonics=(1,))
+    assert met_modes(with_one_harmonic, mode).size == 0
+    assert without_interactions(with_one_harmonic, mode) is system
+
+
+def test_measured_points_at_an_interaction_are_told(wing_structure):
+    system = reduce(wing_structure, {"E_aluminium": 0.98 * 0.88, "E_steel": 0.31})
+    measured = synthetic_backbones(system, PAPERS_CUBIC, (WING_THETA,), rng=np.random.default_rng(0), linear_error=0.0)
+    told = where_modes_interact(backbone_data(system, measured), PAPERS_CUBIC, [WING_THETA])
+    assert len(told) == 1
+    assert told[0].startswith("mode 8 at 2.3")
+    assert told[0].endswith("measured amplitudes) harmonic 3 meets mode 13 at 57.53 Hz")
+    fine = Diagnostics("adaptive", 5000, 5500, 0.3, 1000.0, 1.0)
+    clauses = {"misfits": (), "unexplained": 0.0, "gaps": (), "lost": (), "met": told}
+    (sentence,) = doubts_of_class(PAPERS_CUBIC, {}, [], fine, [], **clauses)
+    assert sentence.startswith("in mode 8 at 2.3")
+    assert "may lie off the smooth backbone of the model, which knows no interaction" in sentence
+    rough = backbone_data(system, measured, noise=NoiseSettings(point_noise=0.05))
+    assert where_modes_interact(rough, PAPERS_CUBIC, [WING_THETA]) == []
+    assert where_modes_interact(backbone_data(system, measured, harmonics=(1,)), PAPERS_CUBIC, [WING_THETA]) == []
+
+
+def test_a_band_runs_smoothly_past_an_interaction(wing):
+    system, measured = wing
+    data = backbone_data(system, measured)
+    found = update_class(data, PAPERS_CUBIC, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
+    assert [each for each in found.warnings if "converge" in each] == []
+    _, second = predict(data, found, measured, rng=np.random.default_rng(0))
+    assert np.isfinite(second.frequency_hz).all()
+    smooth = np.polynomial.Chebyshev.fit(second.amplitude, second.frequency_hz, 6)(second.amplitude)
+    np.testing.assert_allclose(second.frequency_hz, smooth, rtol=6e-5)

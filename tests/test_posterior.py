@@ -6,11 +6,13 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating import likelihood, posterior
+from opid.updating.doubts import doubts_of_choice, doubts_of_classes
 from opid.updating.likelihood import backbone_data
 from opid.updating.maximum import maximum_a_posteriori
 from opid.updating.model_class import Prior
 from opid.updating.posterior import density_of, update_class
 from opid.updating.prior_sensitivity import wider
+from opid.updating.result import Evidence
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +133,47 @@ def test_class_without_any_backbone(data, monkeypatch):
     monkeypatch.setattr(posterior, "likelihood_function", nothing)
     with pytest.raises(NotDeterminedError, match="class 'cubic' has no backbone anywhere in its prior"):
         update_class(data, made.CUBIC, rng=np.random.default_rng(0))
+
+
+def test_amplitudes_a_thousand_times_too_small_are_one_sentence():
+    small = tuple(replace(one, amplitude=1e-3 * one.amplitude) for one in made.backbones(2))
+    data = backbone_data(made.system(), small, harmonics=(1,))
+    found = [
+        update_class(data, each, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
+        for each in (made.CUBIC, made.BOTH)
+    ]
+    (sentence,) = doubts_of_classes(found)
+    assert sentence.startswith("no class moves the frequencies by more than 5 % of their measured growth: look at the")
+    assert "unit of the amplitudes" in sentence
+    assert list(doubts_of_choice(found, ())) == []
+    whole = replace(found[0], warnings=("one", "two"))
+    assert doubts_of_classes([whole, found[1]])[:2] == ["class 'cubic': one", "class 'cubic': two"]
+    assert doubts_of_classes([whole, found[1]])[2].startswith(
+        "class 'cubic and quintic': no theta that its prior allows"
+    )
+
+
+def test_the_prior_of_any_class_may_decide(cubic):
+    def ranked(*given):
+        names = ("first", "second", "third")
+        return [
+            replace(
+                cubic,
+                model_class=replace(made.CUBIC, name=name),
+                evidences=(Evidence("laplace", value),),
+                prior_sensitivity={"theta_1": change},
+            )
+            for name, (value, change) in zip(names, given, strict=True)
+        ]
+
+    assert list(doubts_of_choice(ranked((50.0, -0.69), (47.0, -0.69), (40.0, 5.0)), ())) == []
+    (own,) = doubts_of_choice(ranked((50.0, -4.0), (47.0, -0.69), (40.0, 0.0)), ())
+    assert own.startswith("with a prior of theta_1 twice as wide, 'second' would come before 'first' (-4.0 against 3.0")
+    (third,) = doubts_of_choice(ranked((50.0, -0.69), (47.0, -0.69), (40.0, 12.0)), ())
+    assert third == (
+        "with a prior of its theta_1 twice as wide, 'third' would come before 'first' (+12.0 against 10.0 in log "
+        "evidence): the prior decides"
+    )
 
 
 def test_bad_input(data):

@@ -262,6 +262,18 @@ def test_chains_are_written_one_file_a_posterior(result, arviz, tmp_path):
     assert files[3].read_text(encoding="utf-8") == "{'theta_1': (1, 2000), 'theta_2': (1, 2000)} False"
 
 
+@pytest.mark.filterwarnings("ignore::FutureWarning")  # ArviZ 0.23 announces its successor once a day
+def test_arviz_reads_back_the_chains_that_are_written(result, tmp_path):
+    real = pytest.importorskip("arviz")
+    written = write_chains(result, tmp_path)
+    posteriors = [result.linear, *result.classes]
+    for path, posterior in zip(written, posteriors, strict=True):
+        read = real.from_netcdf(path)["posterior"]
+        assert list(read.data_vars) == list(posterior.estimates)
+        for column, name in zip(posterior.samples.T, posterior.estimates, strict=True):
+            np.testing.assert_array_equal(read[name].to_numpy().ravel(), column)
+
+
 def test_without_arviz_or_its_writer_chains_are_refused_in_a_sentence(result, arviz, tmp_path, monkeypatch):
     def to_netcdf(self, path):
         raise ValueError("no suitable backend")

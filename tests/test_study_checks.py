@@ -1,18 +1,21 @@
 """What is wrong with matrices and backbones of a study, told when it is read."""
 
+import re
 from dataclasses import replace
 
 import made_backbones as made
 import numpy as np
 import pytest
 from made_chain import DOFS, curve_of, small_chain
+from scipy import linalg
 
 from opid.errors import InputError
 from opid.mechanics.jointed_modes import JointedModes
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.noise_settings import NoiseSettings
 from opid.updating.study import UpdatingStudy
-from opid.updating.study_checks import backbone_faults, nominal_modes, sensor_faults, structure_faults
+from opid.updating.study_checks import backbone_faults, nominal_modes, overlaps, sensor_faults, structure_faults
+from opid.updating.surrogate import wing_engine_structure
 
 
 def test_sound_backbones_have_no_faults():
@@ -31,9 +34,39 @@ def test_frequencies_far_from_any_mode_are_told_with_the_nearest():
 
 def test_a_mode_with_another_number_is_told_by_its_shape():
     (fault,) = backbone_faults(small_chain(), [replace(curve_of(4), mode=1)])
-    assert "its shape and frequency are those of mode 4 at 42.3" in fault
+    assert "shape and frequency are those of mode 4 at 42.3" in fault
     (fault,) = backbone_faults(small_chain(), [replace(curve_of(), mode=9)])
-    assert "is of mode 9, and the structure has 4" in fault
+    assert "of mode 9 begins at 7.818 Hz, and the structure has 4 modes" in fault
+
+
+def test_the_shape_of_another_mode_is_told_where_the_frequencies_are_near():
+    (fault,) = backbone_faults(small_chain(), [replace(curve_of(2), mode=3)])
+    assert "the shape is that of mode 2 of the structure at 22.5" in fault
+    assert "not that of mode 3 at 34.4" in fault
+    # two sensors are too few to tell
+    curve = curve_of(2)
+    few = replace(curve, mode=3, sensors=DOFS[2:], amplitude=curve.amplitude[:, 2:])
+    assert list(backbone_faults(small_chain(), [few])) == []
+
+
+def test_what_is_wrong_with_many_curves_is_told_once():
+    curves = [curve_of(4, name=f"sensor {k}", factor=2 * np.pi * (1 + 1e-3 * k)) for k in range(14)]
+    curves += [curve_of(3, name=f"other {k}", factor=2 * np.pi) for k in range(2)]
+    first, second = backbone_faults(small_chain(), curves)
+    assert "14 backbones of mode 4 ('sensor 0' and 13 others) begin at 265.8 to 269.3 Hz, far from any mode" in first
+    assert "are they rad/s? Else look at the unit" in first
+    assert "2 backbones of mode 3 ('other 0' and 'other 1') begin at 216.7 Hz" in second
+
+
+def test_frequencies_that_overlap_are_doubted():
+    low, high = curve_of(1), curve_of(2, name="b")
+    assert overlaps([low, high]) == []
+    assert overlaps([]) == []
+    growing = replace(low, frequency_hz=np.linspace(7.8, 23.0, 6))
+    (doubt,) = overlaps([growing, high])
+    assert "mode 1 reach up to 23 Hz and those of mode 2 down to 22.5" in doubt
+    # it is no fault: modes may do so at different amplitudes
+    assert list(backbone_faults(small_chain(), [growing, high])) == []
 
 
 def test_modes_that_cross_and_curves_that_stand_apart_are_told():
@@ -55,6 +88,18 @@ def test_matrices_that_are_not_positive_are_told():
     assert "the stiffness matrix is not positive" in next(iter(structure_faults(wrong)))
     mass = 2 * np.eye(4) + 3 * np.eye(4, k=1) + 3 * np.eye(4, k=-1)
     assert "the mass matrix is not positive" in next(iter(structure_faults(replace(chain, mass=mass))))
+
+
+@pytest.mark.parametrize(("place", "share"), [(100, 0.9), (1000, 0.9), (500, -1.0)])
+def test_a_stiffness_that_is_hardly_not_positive_is_told_with_its_least_eigenvalue(place, share):
+    wing = wing_engine_structure()
+    stiffness = wing.stiffness_at({}).tolil()
+    stiffness[place, place] *= share
+    (fault,) = structure_faults(replace(wing, stiffness=stiffness.tocsr(), parts={}))
+    least = float(re.search(r"eigenvalue (\S+) N/m", fault)[1])
+    # of the whole matrix, not by factors of shifted ones
+    exact = linalg.eigh(stiffness.toarray(), eigvals_only=True, subset_by_index=(0, 0))[0]
+    assert least == pytest.approx(exact, rel=0.01)
 
 
 def test_a_mode_that_extends_no_joint_is_told():
@@ -90,6 +135,10 @@ def test_curves_of_a_mode_have_the_same_sensors():
     turned = replace(whole, name="d", sensors=DOFS[::-1], amplitude=whole.amplitude[:, ::-1])
     (fault,) = sensor_faults([whole, turned])
     assert "backbone 'd' of mode 1 has the sensors of 'first' in another order" in fault
+    (fault,) = sensor_faults([whole, *(replace(fewer, name=f"b{k}") for k in range(3))])
+    assert "each of 3 backbones ('b0' and 2 others) of mode 1 lacks the sensor(s) a of 'first'" in fault
+    (fault,) = sensor_faults([fewer, whole])
+    assert "backbone 'b' of mode 1 lacks the sensor(s) a of 'first'" in fault
     with pytest.raises(InputError, match="leave out those that one lacks"):
         UpdatingStudy("x", small_chain(), (whole, fewer), (made.CUBIC,))
 
@@ -98,6 +147,8 @@ EVEN = ModelClass("uneven", ("even_quadratic_stiffness",), (1e5,), (Prior(),))
 OF_MODE_2 = NoiseSettings(cov={2: 0.01})
 TWICE = (curve_of(), curve_of(name="b"))
 APART = (curve_of(), curve_of(name="b", factor=1.001))
+# alike at first, and apart from then on
+GROWING = (curve_of(), replace(TWICE[1], frequency_hz=TWICE[1].frequency_hz * np.linspace(1, 1.01, 6)))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +159,7 @@ APART = (curve_of(), curve_of(name="b", factor=1.001))
         ({"form": "paper"}, "the curves of mode 1 do not tell how lambda varies .*: give cov of mode 1"),
         ({"form": "paper", "backbones": TWICE}, "the curves of mode 1 do not tell how lambda varies"),
         (
-            {"noise": OF_MODE_2, "backbones": (*TWICE, curve_of(2, name="c")), "parameters": {"E": Prior()}},
+            {"form": "paper", "backbones": GROWING, "parameters": {"E": Prior()}},
             "the curves of mode 1 begin at one frequency, .* give cov of mode 1",
         ),
         ({"parameters": {"E": Prior("uniform", -2.0, -1.0)}}, "the prior of 'E' allows nothing above 0"),

@@ -95,13 +95,56 @@ def test_the_error_that_all_curves_share_is_part_of_phase_i_but_in_the_papers_fo
         update_study(given)
 
 
+def settings_of_phase_i(monkeypatch, **changes):
+    """What `update_linear` is called with."""
+    told = {}
+
+    def note(*_, **others):
+        told.update(others)
+        raise NotDeterminedError("noted")
+
+    monkeypatch.setattr(identification, "update_linear", note)
+    with pytest.raises(NotDeterminedError, match="noted"):
+        update_study(study(structure=made.structure(), parameters={"plate": BOUNDS}, n_internal=0, **changes))
+    return {name: told.get(name) for name in ("cov", "weights", "shape_std", "shape_factor")}
+
+
+def test_a_mode_with_one_curve_leaves_the_others_inferred(monkeypatch):
+    all_of_two, one = made.MODES[0], made.MODES[1]
+    curves = made.backbones(5)
+    whole = settings_of_phase_i(monkeypatch, backbones=curves)
+    assert whole["cov"] == dict.fromkeys(made.MODES, "inferred")
+    first = next(each for each in curves if each.mode == one)
+    few = (*(each for each in curves if each.mode == all_of_two), first)
+    found = settings_of_phase_i(monkeypatch, backbones=few)
+    assert found["cov"] == {all_of_two: "inferred", one: 0.006}
+    assert found["shape_std"] == dict.fromkeys(made.MODES, "inferred")
+    # two sensors and two factors: one shape may be met exactly, which tells no error of it
+    sparse = replace(first, sensors=first.sensors[3:], amplitude=first.amplitude[:, 3:])
+    single = settings_of_phase_i(monkeypatch, backbones=(*few[:-1], sparse))
+    assert single["shape_std"] == {all_of_two: "inferred", one: pytest.approx(np.hypot(0.02, 0.003))}
+    alone = replace(first, sensors=first.sensors[3:4], amplitude=first.amplitude[:, 3:4])
+    assert set(settings_of_phase_i(monkeypatch, backbones=(*few[:-1], alone))["shape_std"]) == {all_of_two}
+
+
+def test_settings_of_the_papers_forms_are_for_both_phases_of_these(monkeypatch):
+    noise = NoiseSettings(weight=2.0, cov={2: 0.01, 3: 0.02}, shape_factor=3.0)
+    for form in ("paper", "independent"):
+        found = settings_of_phase_i(monkeypatch, form=form, noise=noise)
+        assert found == {"cov": noise.cov, "weights": {2: 2.0, 3: 2.0}, "shape_std": None, "shape_factor": 3.0}
+    assert settings_of_phase_i(monkeypatch, noise=noise) == settings_of_phase_i(monkeypatch)
+    told = update_study(study(noise=noise, classes=(made.CUBIC,))).warnings
+    assert any("recommended form does not use weight, cov, shape_factor: leave out what" in each for each in told)
+
+
 def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from_phase_i(monkeypatch):
     names, best = ("plate", "leaves"), np.ones(2)
     given = {"structure": made.structure(), "parameters": dict.fromkeys(names, BOUNDS), "n_internal": 0}
     given["classes"] = (made.CUBIC,)
     growths = []
     for noise, std in (
-        (NoiseSettings(linear_error_growth=0.2), 0.01),
+        # as large as where nothing is known, and yet stated
+        (NoiseSettings(linear_error_growth=0.3), 0.01),
         (NoiseSettings(), 0.01),
         (NoiseSettings(), 0.02),
     ):
@@ -109,7 +152,7 @@ def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from
         monkeypatch.setattr(identification, "update_linear", lambda *_, linear=linear, **__: linear)
         found = update_study(study(noise=noise, **given))
         growths.append(np.array(list(found.settings["noise"]["linear_error_growth"].values())))
-    np.testing.assert_array_equal(growths[0], 0.2)
+    np.testing.assert_array_equal(growths[0], 0.3)
     first, second = (growth**2 - UNMENDED_GROWTH**2 for growth in growths[1:])
     np.testing.assert_allclose(second, 4 * first)
 

@@ -10,6 +10,7 @@ from opid.errors import InputError
 from opid.updating.backbone_file import write_backbone
 from opid.updating.matrices_file import write_structure
 from opid.updating.model_class import ModelClass, Prior
+from opid.updating.noise_settings import LeftOut
 from opid.updating.study_checks import nominal_modes
 from opid.updating.study_file import read_updating_study, write_updating_study
 
@@ -98,7 +99,8 @@ def test_what_may_be_left_out_has_its_default(place):
     study = study_of(place, text.replace('title = "A chain"', ""))
     assert study.title == "study"
     assert dict(study.parameters) == {}
-    assert study.n_samples == 5500
+    assert (study.n_samples, study.n_drawn) == (None, 5500)
+    assert replace(study, sampler="ensemble").n_drawn == 20000
     # what is not updated is as it was
     assert abs(study.structure.stiffness_at({}) - small_chain().stiffness_at({})).max() == 0
     named = study_of(place, STUDY.replace('E = ["lognormal", 1, 0.3]', ""))
@@ -138,6 +140,46 @@ def test_everything_that_is_wrong_is_said_at_once(place):
     for words in ("the joint 'end' is ['c']", "'F', which is no parameter", "point_noise", "give true or false"):
         assert words in told
     assert "7 faults" in told
+
+
+def test_a_table_at_fault_does_not_hide_what_is_wrong_elsewhere(place):
+    text = STUDY.replace('law = "cubic"', 'law = "cubik"').replace("samples = 1500", "samples = 15")
+    text = text.replace('["c", "tip"]', '["c", "top"]').replace("first.csv", "last.csv")
+    told = refused(place, text, "'cubik'", "'top'", "there is no backbone", "n_samples is 15")
+    assert "4 faults" in told
+    # the structure is read where its table is sound, and backbones where it is not
+    text = STUDY.replace("mode = 1", "mod = 1").replace('["c", "tip"]', '["c", "top"]')
+    told = refused(place, text, "'mod'", "'top'")
+    assert "3 faults" in told
+    told = refused(place, STUDY.replace("sensors = [", "sensor = [").replace("first.csv", "last.csv"), "'sensor'")
+    assert "there is no backbone" in told
+    for odd in ('structure = 3\nform = "best"', "backbones = 3\nclasses = 4\nnoise = 5\nlog = 6\nsampling = 7"):
+        refused(place, odd, "faults", "give a table [structure]")
+    refused(place, 'harmonics = ["1", 2]\n' + STUDY, "harmonics are ['1', 2], give 1 and others beside it")
+
+
+def test_what_is_wrong_with_many_files_is_said_once(place):
+    text = STUDY
+    for number in range(5):
+        (place / f"{number}.csv").write_text("frequency_hz,tipp [mm]\n1,2\n", encoding="utf-8")
+        text += f'[[backbones]]\nfile = "{number}.csv"\nmode = 1\ncontrolled_sensor = "tip"\n'
+    told = refused(place, text, "[[backbones]] 5 files ('0.csv' and 4 others): the column 'tipp [mm]' is no sensor")
+    assert "faults" not in told
+
+
+@pytest.mark.parametrize("growth", [0.3, 0.2])
+def test_a_growth_of_the_linear_error_that_is_stated_is_read_and_written(place, growth):
+    study = study_of(place, STUDY + f"[noise]\nlinear_error_growth = {growth}\n")
+    (place / "again").mkdir()
+    write_updating_study(study, place / "again" / "study.toml")
+    again = read_updating_study(place / "again" / "study.toml")
+    for each in (study, again):
+        assert each.noise.linear_error_growth == growth
+        assert not isinstance(each.noise.linear_error_growth, LeftOut)
+    # what is left out is not written
+    assert isinstance(study_of(place, STUDY).noise.linear_error_growth, LeftOut)
+    write_updating_study(study_of(place, STUDY), place / "again" / "study.toml")
+    assert "[noise]" not in (place / "again" / "study.toml").read_text(encoding="utf-8")
 
 
 def test_faults_of_files_are_said_at_once(place):

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 DRIVE, DAMPING_RATIO = "7", 0.003
 """Where the shaker acts, as in the paper, and the damping of every mode."""
 
+FEWEST_CONTROLLED = 10
+"""Points of a curve of a controlled test: with larger steps it loses quadrature, after a minute."""
+
 
 @simulate.command("backbones")
 @click.argument("out", type=click.Path(path_type=Path))
@@ -75,6 +78,7 @@ def backbones(
     """
     import numpy as np
 
+    from opid.errors import InputError
     from opid.report import updating_truth_json, write_updating_field_test
     from opid.report.directory import require_directory
     from opid.report.updating_tables import counted
@@ -85,6 +89,11 @@ def backbones(
     from opid.updating.surrogate import UPDATED, wing_engine_structure
     from opid.updating.virtual_backbones import synthetic_backbones
 
+    if by == "continuation" and points < FEWEST_CONTROLLED:
+        raise InputError(
+            f"--points is {points}, and a controlled test loses quadrature between points so far apart: give at least "
+            f"{FEWEST_CONTROLLED}, or leave out --by continuation"
+        )
     require_directory(out)
     settings = {"by": by, "seed": seed, "true_class": true_class, "points": points, "curves": list(curves)}
     settings |= {"linear_error_percent": linear_error} if by == "synthetic" else {"damping_ratio": DAMPING_RATIO}

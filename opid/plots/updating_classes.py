@@ -63,7 +63,7 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
     named: set[str] = set()
     with house_style():
         ax = panels(ax, 1, height_in=1.4 + 0.42 * len(classes))[0, 0]
-        lowest = 0.0
+        lowest, spread = 0.0, False
         for row, each in enumerate(classes):
             color = RUN_COLORS[1] if each.model_class.name == result.best_class else RUN_COLORS[0]
             for evidence in each.evidences:
@@ -73,6 +73,7 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
                     continue
                 lowest = min(lowest, offset - 2 * evidence.std)
                 bar = 2 * evidence.std if evidence.std > LEAST_STD else None
+                spread = spread or bar is not None
                 ax.errorbar(
                     offset, row, xerr=bar, color=color, marker=marker, linestyle="none", markersize=6,
                     markerfacecolor="none", markeredgewidth=1.5, elinewidth=1.2, capsize=3,
@@ -83,7 +84,8 @@ def log_evidences(result: Updating, ax: Any = None) -> Axes:
         ax.axvline(0, color=GREY, linewidth=0.9, zorder=0)
         ax.set_yticks(range(len(classes)), [_class_label(each) for each in classes])
         ax.set_ylim(len(classes) - 0.5, -0.5)
-        ax.set_xlabel("log evidence less that of the best class (± 2 standard deviations)")
+        bars = " (± 2 standard deviations)" if spread else ""
+        ax.set_xlabel(f"log evidence less that of the best class{bars}")
         if named:
             # above the axes: a class may lie anywhere within
             ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named), fontsize=8)

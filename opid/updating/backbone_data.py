@@ -36,6 +36,8 @@ class ModeData:
         between: (n_points, n_nodes of all parts) what takes values at the nodes to the measured points.
         curve: (n_points,) number of the curve of each point, from 0.
         eigenvalue: (n_points,) measured lambda, 1/s^2.
+        sensor: (n_points,) name of the controlled sensor of each point.
+        amplitude: (n_points,) of that sensor, m.
         level: (n_points,) amplitude of the controlled sensor, of the largest of any curve with the same one.
         growth: (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude.
         shapes: (n_points, n_sensors) measured shapes of unit length.
@@ -53,6 +55,8 @@ class ModeData:
     between: FloatArray
     curve: IntArray
     eigenvalue: FloatArray
+    sensor: NDArray[np.str_]
+    amplitude: FloatArray
     level: FloatArray
     growth: FloatArray
     shapes: FloatArray
@@ -183,11 +187,12 @@ def _mode_data(
     shapes = shapes / np.linalg.norm(shapes, axis=1, keepdims=True)
     parts, blocks = [], []
     controlled = [one.controlled_sensor for one in curves]
+    names = np.repeat(controlled, [one.frequency_hz.size for one in curves])
+    amplitude = np.concatenate([one.controlled_amplitude for one in curves])
     for sensor in dict.fromkeys(controlled):
         system.sensor(sensor)
-        amplitude = [one.controlled_amplitude if one.controlled_sensor == sensor else np.zeros(0) for one in curves]
-        nodes, block = _nodes(np.concatenate(amplitude), n_nodes)
-        mine = np.repeat([name == sensor for name in controlled], [one.frequency_hz.size for one in curves])
+        mine = names == sensor
+        nodes, block = _nodes(amplitude[mine], n_nodes)
         rows_of_all = np.zeros((mine.size, nodes.size))
         rows_of_all[mine] = block
         parts.append((sensor, nodes))
@@ -195,23 +200,24 @@ def _mode_data(
     between = np.concatenate(blocks, axis=1)
     curve = np.repeat(np.arange(len(curves)), [one.frequency_hz.size for one in curves])
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
-    level, growth = _level_and_growth(curves, eigenvalue / linear)
+    level, growth = _level_and_growth(names, amplitude, eigenvalue / linear)
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
     models: tuple[CurveNoise | None, CurveNoise | None] = (None, None)
     if form == "recommended":
         models = _noise_models(noise, between, curve, growth, eigenvalue / linear, shapes[:, free])
     return ModeData(
-        mode, tuple(parts), between, curve, eigenvalue, level, growth, shapes, free, rows, linear, cov, *models
+        mode, tuple(parts), between, curve, eigenvalue, names, amplitude, level, growth, shapes, free, rows, linear,
+        cov, *models,
     )  # fmt: skip
 
 
-def _level_and_growth(curves: Sequence[MeasuredBackbone], relative: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _level_and_growth(
+    names: NDArray[np.str_], amplitude: FloatArray, relative: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Amplitude of each point of the largest, and how far lambda has grown there: a cubic without the points' noise.
 
     With that noise in it, a slope of the error would take the noise up.
     """
-    amplitude = np.concatenate([one.controlled_amplitude for one in curves])
-    names = np.repeat([one.controlled_sensor for one in curves], [one.frequency_hz.size for one in curves])
     level, smooth = np.empty_like(relative), np.empty_like(relative)
     for name in np.unique(names):
         mine = names == name

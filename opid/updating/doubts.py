@@ -39,6 +39,16 @@ TOO_CLOSE = 1.0
 POOR_COVERAGE = 0.8
 """Share of the measured points within a 95 % band below which it is doubted."""
 
+LEAST_MOVED = 0.05
+"""Of the measured growth of the frequencies: a class that moves them by less anywhere in its prior tells nothing."""
+
+_TOO_LITTLE = (
+    f"moves the frequencies by more than {100 * LEAST_MOVED:.0f} % of their measured growth: look at the unit of the "
+    "amplitudes, and at the scale of the law"
+)
+MOVES_NOTHING = f"no theta that its prior allows {_TOO_LITTLE}"
+"""All there is to say of a class without any effect."""
+
 
 def doubts_of_class(
     model_class: ModelClass,
@@ -51,6 +61,7 @@ def doubts_of_class(
     unexplained: float,
     gaps: Sequence[str],
     lost: Sequence[str],
+    met: Sequence[str] = (),
 ) -> Iterator[str]:
     """Yield what to doubt about the posterior of one class.
 
@@ -61,9 +72,11 @@ def doubts_of_class(
         diagnostics: of the sampling.
         pressures: where the posterior presses against its priors.
         misfits: what the best parameters leave in each mode, the same way in all curves.
-        unexplained: share of the measured growth of lambda that the best parameters leave.
+        unexplained: share of the measured growth of lambda that the best parameters leave; only asked where `misfits`
+            is empty.
         gaps: where the model did not converge for samples of the posterior, from `where_it_fails`.
         lost: where it did not for parameters three times as far out, which have no curve then.
+        met: measured points at which modes interact, from `where_modes_interact`.
     """
     for pressure in pressures:
         yield pressure.sentence
@@ -79,6 +92,11 @@ def doubts_of_class(
             f"beside the posterior, in {'; in '.join(lost)} of the parameters, the model does not converge: they count "
             "as impossible, which may cut the posterior off; take fewer harmonics, or leave out measured points near "
             "those amplitudes"
+        )
+    for clause in met:
+        yield (
+            f"in {clause}: frequencies measured there may lie off the smooth backbone of the model, which knows no "
+            "interaction; leave those points out (continued_backbone follows an interaction)"
         )
     if diagnostics.effective_samples < FEW_SAMPLES:
         yield (
@@ -123,6 +141,8 @@ def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbone
         classes: all of them.
         bands: that the best class predicts.
     """
+    if all(each.warnings == (MOVES_NOTHING,) for each in classes):
+        return  # there is nothing to choose, nor to predict
     ranked = sorted(classes, key=lambda each: -each.log_evidence)
     if len(ranked) > 1:
         apart = ranked[0].log_evidence - ranked[1].log_evidence
@@ -133,7 +153,7 @@ def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbone
                 "measure at larger amplitudes"
             )
         else:
-            yield from _prior_decides(ranked[0], ranked[1], apart)
+            yield from _prior_decides(ranked)
     for band in bands:
         missing = ~np.isfinite(band.frequency_hz)
         if missing.any():
@@ -149,13 +169,50 @@ def doubts_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[Backbone
             )
 
 
-def _prior_decides(best: ClassPosterior, second: ClassPosterior, apart: float) -> Iterator[str]:
+def _prior_decides(ranked: Sequence[ClassPosterior]) -> Iterator[str]:
+    """Whether a prior twice as wide, of the best class or of another, would put another one first."""
+    best = ranked[0]
     for name, change in best.prior_sensitivity.items():
+        apart = best.log_evidence - ranked[1].log_evidence
         if -change > apart:
             yield (
-                f"with a prior of {name} twice as wide, {second.model_class.name!r} would come before "
+                f"with a prior of {name} twice as wide, {ranked[1].model_class.name!r} would come before "
                 f"{best.model_class.name!r} ({change:.1f} against {apart:.1f} in log evidence): the prior decides"
             )
+    for other in ranked[1:]:
+        apart = best.log_evidence - other.log_evidence
+        for name, change in other.prior_sensitivity.items():
+            if change > apart:
+                yield (
+                    f"with a prior of its {name} twice as wide, {other.model_class.name!r} would come before "
+                    f"{best.model_class.name!r} ({change:+.1f} against {apart:.1f} in log evidence): the prior decides"
+                )
+
+
+def doubts_of_classes(classes: Sequence[ClassPosterior]) -> list[str]:
+    """Return the doubts of all classes with their names; a single one where none of them has any effect.
+
+    Args:
+        classes: all of them.
+    """
+    if all(each.warnings == (MOVES_NOTHING,) for each in classes):
+        return [f"no class {_TOO_LITTLE}"]
+    return [f"class {each.model_class.name!r}: {doubt}" for each in classes for doubt in each.warnings]
+
+
+def moves_nothing(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> bool:
+    """Return whether a class leaves the frequencies where they are, while the measured ones grow.
+
+    Args:
+        data: the backbones.
+        model_class: the class.
+        theta: (n, n_parameters), draws of its prior.
+    """
+    for mode in data.modes:
+        eigenvalue, _, _, lost = curves_of(data, mode, model_class)(theta)
+        if lost.any() or np.ptp(eigenvalue, axis=1).max() > LEAST_MOVED * np.ptp(mode.growth) * mode.linear:
+            return False
+    return True
 
 
 def unexplained_share(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> float:

@@ -134,8 +134,9 @@ def quadrature(
             return Evidence("quadrature", value, abs(value - before))
         n, before = n + n // 2, value
     raise NotDeterminedError(
-        f"the integral did not converge within {max_evaluations} evaluations: give the support, or the covariance of "
-        "samples, or take transitional Markov chain Monte Carlo",
+        f"the integral did not settle to {tolerance:g} within {max_evaluations} evaluations: the posterior has steps, "
+        "long tails or several maxima; draw more samples, which tell how far it reaches, or take the transitional "
+        "evidence",
         partial=before,
     )
 

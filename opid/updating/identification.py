@@ -10,17 +10,18 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.jointed_modes import JointedModes
-from opid.updating.doubts import doubts_of_choice
+from opid.updating.doubts import doubts_of_choice, doubts_of_classes
 from opid.updating.likelihood import BackboneData, backbone_data
 from opid.updating.linear_error import growth_of_linear_error
 from opid.updating.linear_updating import update_linear
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.noise_settings import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH
+from opid.updating.noise_settings import UNMENDED_GROWTH, LeftOut
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.reduction import reduce
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 from opid.updating.study import UpdatingStudy
+from opid.updating.study_checks import overlaps
 
 Say = Callable[[str], None]
 
@@ -49,7 +50,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _prediction(study, data, best)
-    of_classes = [f"class {each.model_class.name!r}: {doubt}" for each in classes for doubt in each.warnings]
+    of_classes = doubts_of_classes(classes)
+    of_study = [*_unused(study), *overlaps(study.backbones)]
     of_linear = [f"linear structure: {doubt}" for doubt in linear.warnings] if linear else []
     return Updating(
         title=study.title,
@@ -60,10 +62,18 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         classes=tuple(classes),
         best_class=best.model_class.name,
         prediction=bands,
-        warnings=(*of_linear, *lost, *of_classes, *doubts_of_choice(classes, bands), *gone),
+        warnings=(*of_study, *of_linear, *lost, *of_classes, *doubts_of_choice(classes, bands), *gone),
         not_determined="",
         settings=_settings(study, data, growth),
     )
+
+
+def _unused(study: UpdatingStudy) -> list[str]:
+    """At most one sentence: settings that the form does not use."""
+    stated = study.noise.stated_for_papers
+    if study.form != "recommended" or not stated:
+        return []
+    return [f"the recommended form does not use {', '.join(stated)}: leave out what is stated, or take another form"]
 
 
 def _linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, JointedModes]:
@@ -88,32 +98,37 @@ def _linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, Joi
 
 
 def _linear_noise(study: UpdatingStudy) -> dict[str, Any]:
-    """How phase I weighs frequencies and shapes: the scatter of the curves, inferred in the recommended form.
+    """How phase I weighs frequencies and shapes: by the scatter of the curves, inferred in the recommended form.
 
     Beside it stands an error that all curves of a mode share, but in the forms that are the paper's.
     """
-    modes = [one.mode for one in study.backbones]
-    begun = {mode: {float(one.frequency_hz[0]) for one in study.backbones if one.mode == mode} for mode in modes}
-    single = [mode for mode, first_hz in begun.items() if len(first_hz) < 2]
-    papers = study.form in ("paper", "literal")
-    given: dict[str, Any] = {} if papers else {"common_error": study.noise.linear_error}
-    if study.form != "recommended" or study.noise.cov:
-        weights = dict.fromkeys(modes, study.noise.weight)
-        return given | {"cov": study.noise.cov or "scatter", "weights": weights}
-    if single:
-        # one curve has no scatter, and curves that begin alike: its offset is what is expected of one
-        return given | {"cov": dict.fromkeys(single, 2 * study.noise.curve_offset)}
-    given["cov"] = "inferred"
-    if min(len(one.sensors) for one in study.backbones) < 2:
-        return given  # one sensor has no shape
-    return given | {"shape_std": "inferred"}
+    noise = study.noise
+    given: dict[str, Any] = {} if study.form in ("paper", "literal") else {"common_error": noise.linear_error}
+    modes = sorted({one.mode for one in study.backbones})
+    if study.form != "recommended":
+        weights = dict.fromkeys(modes, noise.weight)
+        return given | {"cov": noise.cov or "scatter", "weights": weights, "shape_factor": noise.shape_factor}
+    cov, shape_std = {}, {}
+    for mode in modes:
+        curves = [one for one in study.backbones if one.mode == mode]
+        scatters = len({float(one.frequency_hz[0]) for one in curves}) > 1
+        # one curve has no scatter, nor have curves that begin alike: its offset is what is expected of one
+        cov[mode] = "inferred" if scatters else 2 * noise.curve_offset
+        n_sensors = len(curves[0].sensors)
+        if n_sensors < 2:
+            continue  # one sensor has no shape
+        # a shape that the factors can meet exactly tells nothing of its own error
+        rest = len(curves) * (n_sensors - 1) - len(study.parameters)
+        level = float(np.hypot(noise.shape_offset, noise.linear_shape_error))
+        shape_std[mode] = "inferred" if len(curves) > 1 or rest > 0 else level
+    return given | {"cov": cov, "shape_std": shape_std}
 
 
 def _growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
     """How far the linear error may grow along the backbones of each mode: as set, else by what phase I leaves."""
     growth = dict.fromkeys(sorted({one.mode for one in study.backbones}), study.noise.linear_error_growth)
-    given = study.noise.linear_error_growth != LINEAR_ERROR_GROWTH
-    if linear is None or given or study.form != "recommended" or isinstance(study.structure, JointedModes):
+    stated = not isinstance(study.noise.linear_error_growth, LeftOut)
+    if linear is None or stated or study.form != "recommended" or isinstance(study.structure, JointedModes):
         return growth
     left = growth_of_linear_error(
         study.structure,
@@ -152,9 +167,7 @@ def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[C
         rng = np.random.default_rng([study.seed, 2, number])
         try:
             classes.append(
-                update_class(
-                    data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_samples, progress=told
-                )
+                update_class(data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_drawn, progress=told)
             )
         except NotDeterminedError as error:
             lost.append(f"class {model_class.name!r} is left out: {error}")
@@ -181,7 +194,7 @@ def _settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, flo
     return {
         "form": study.form,
         "sampler": study.sampler,
-        "samples": study.n_samples,
+        "samples": study.n_drawn,
         "seed": study.seed,
         "harmonics": list(study.harmonics),
         "internal_modes": study.n_internal,

@@ -21,8 +21,10 @@ LEAST_SCALE, MOST_SCALE = 0.1, 1e4
 STEP_SCALE = 1.0
 """Step of their logarithms in standard deviations of that of n errors, 1 / sqrt(2 n): the sum is right to 1e-8."""
 
-Cov = float | Mapping[int, float] | Literal["scatter", "inferred"]
-ShapeStd = float | Literal["paper", "scatter", "inferred"]
+OneCov = float | Literal["scatter", "inferred"]
+Cov = OneCov | Mapping[int, OneCov]
+OneShapeStd = float | Literal["paper", "scatter", "inferred"]
+ShapeStd = OneShapeStd | Mapping[int, OneShapeStd]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +39,8 @@ class LinearData:
         eigenvalue_std: (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2.
         shape_std: sigma_phi of an entry of the shape (eq. 6).
         infer_eigenvalue_std: whether that is a guess, its common factor to be integrated out.
-        infer_shape_std: likewise.
+        infer_shape_std: likewise of `shape_std`, which may then be any number.
         common_std: standard deviation of an error that the eigenvalues of all curves share, 1/s^2: of the model itself.
-        common_shape_std: likewise of an entry of the shapes.
     """
 
     mode: int
@@ -51,7 +52,6 @@ class LinearData:
     infer_eigenvalue_std: bool = False
     infer_shape_std: bool = False
     common_std: float = 0.0
-    common_shape_std: float = 0.0
 
 
 def linear_data(
@@ -61,8 +61,8 @@ def linear_data(
     cov: Cov = "scatter",
     weights: Mapping[int, float] | None = None,
     shape_std: ShapeStd = "paper",
+    shape_factor: float | None = None,
     common_error: float = 0.0,
-    common_shape_error: float = 0.0,
 ) -> tuple[LinearData, ...]:
     """Return the lowest points of backbones, by mode, with the standard deviations of eqs. (5) and (6).
 
@@ -73,12 +73,12 @@ def linear_data(
             (those left out as "scatter"); "scatter" for that of the curves of each mode, as the paper has it;
             "inferred" for that unknown, integrated out with the prior 1 / CoV: right where there are few curves.
         weights: w_m by mode; 1 where left out.
-        shape_std: standard deviation of an entry of a shape of unit length: "paper" for sqrt(n_sensors) w_m CoV
-            (eq. 6, a weighting and no model of noise), "scatter" for that of the curves about their mean, "inferred"
-            for that unknown, or a number.
+        shape_std: standard deviation of an entry of a shape of unit length, one for all modes, or by mode (those left
+            out as "paper"): "paper" for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise), "scatter"
+            for that of the curves about their mean, "inferred" for that unknown, or a number.
+        shape_factor: sigma_phi over w_m CoV of "paper"; the square root of the number of sensors where None.
         common_error: standard deviation of the relative error of a linear frequency of the model, which all curves of a
             mode share: more curves make it no smaller; 0 is the paper's likelihood.
-        common_shape_error: likewise of an entry of a linear shape of unit length.
 
     Raises:
         InputError: no backbone, a sensor that the structure does not have, curves of one mode with different sensors,
@@ -87,22 +87,28 @@ def linear_data(
     if not backbones:
         raise InputError("no backbone is given: measure at least one")
     modes = sorted({curve.mode for curve in backbones})
-    if isinstance(cov, str) and cov not in ("scatter", "inferred"):
-        raise InputError(f"cov is {cov!r}: give 'scatter', 'inferred' or a number")
-    if isinstance(shape_std, str) and shape_std not in ("paper", "scatter", "inferred"):
-        raise InputError(f"shape_std is {shape_std!r}: give 'paper', 'scatter', 'inferred' or a number")
-    for what, error in (("common_error", common_error), ("common_shape_error", common_shape_error)):
-        if not (np.isfinite(error) and error >= 0):
-            raise InputError(f"{what} is {error}: give 0 or more")
-    for what, by_mode in (("cov", cov), ("weights", weights)):
-        for mode in by_mode if isinstance(by_mode, Mapping) else ():
+    for what, given, words in (
+        ("cov", cov, ("scatter", "inferred")),
+        ("shape_std", shape_std, ("paper", "scatter", "inferred")),
+        ("weights", weights or {}, ()),
+    ):
+        for mode in given if isinstance(given, Mapping) else ():
             if mode not in modes:
                 raise InputError(f"{what} names mode {mode}, of which there is no backbone: there are {modes}")
+        for each in given.values() if isinstance(given, Mapping) else (given,):
+            if isinstance(each, str) and each not in words:
+                raise InputError(f"{what} is {each!r}: give {', '.join(map(repr, words))} or a number")
+    if not (np.isfinite(common_error) and common_error >= 0):
+        raise InputError(f"common_error is {common_error}: give 0 or more")
+    factor = None if shape_factor is None else _positive("shape_factor", shape_factor)
     found = []
     for mode in modes:
-        each = _of_one_mode(structure, mode, [c for c in backbones if c.mode == mode], cov, weights or {}, shape_std)
-        shared = 2 * common_error * float(each.eigenvalue.mean())
-        found.append(replace(each, common_std=shared, common_shape_std=float(common_shape_error)))
+        curves = [curve for curve in backbones if curve.mode == mode]
+        weight = _positive(f"the weight of mode {mode}", (weights or {}).get(mode, 1.0))
+        of_mode = cov.get(mode, "scatter") if isinstance(cov, Mapping) else cov
+        shape = shape_std.get(mode, "paper") if isinstance(shape_std, Mapping) else shape_std
+        one = _of_one_mode(structure, mode, curves, of_mode, weight, shape, factor)
+        found.append(replace(one, common_std=2 * common_error * float(one.eigenvalue.mean())))
     return tuple(found)
 
 
@@ -157,18 +163,12 @@ def _of_eigenvalues(data: LinearData, found: FloatArray) -> FloatArray:
 
 
 def _of_shapes(data: LinearData, unit: FloatArray) -> FloatArray:
-    """Those of 1 - MAC, and what of it the mean shape has, which an error of the model may explain."""
+    """Those of 1 - MAC: no error of the model's own shape stands beside that of the curves."""
     n_sets, n_sensors = data.shapes.shape
-    along = unit @ data.shapes.T
-    square = (1 - along**2).sum(axis=1) / data.shape_std**2
-    facing = np.where(along < 0, -1.0, 1.0)
-    mean = facing @ data.shapes / n_sets
-    across = mean - np.einsum("ns,ns->n", mean, unit)[:, None] * unit
-    missed = n_sets * np.einsum("ns,ns->n", across, across) / data.shape_std**2
+    square = (1 - (unit @ data.shapes.T) ** 2).sum(axis=1) / data.shape_std**2
     # a shape of unit length has one entry less to choose than sensors
     free = n_sensors - 1
-    shared = n_sets * data.common_shape_std**2 / data.shape_std**2
-    density = _log_normal(np.maximum(square - missed, 0.0), missed, n_sets, free, shared, data.infer_shape_std)
+    density = _log_normal(square, np.zeros_like(square), n_sets, free, 0.0, data.infer_shape_std)
     return density - n_sets * free * np.log(data.shape_std)
 
 
@@ -234,9 +234,10 @@ def _of_one_mode(
     structure: AffineStructure,
     mode: int,
     curves: Sequence[MeasuredBackbone],
-    cov: Cov,
-    weights: Mapping[int, float],
-    shape_std: ShapeStd,
+    cov: OneCov,
+    weight: float,
+    shape_std: OneShapeStd,
+    shape_factor: float | None,
 ) -> LinearData:
     sensors = curves[0].sensors
     for curve in curves:
@@ -257,9 +258,10 @@ def _of_one_mode(
     lowest = np.array([curve.amplitude[0] for curve in curves])
     shapes = lowest / np.linalg.norm(lowest, axis=1, keepdims=True)
     spread = _variation(mode, eigenvalue, cov)
-    weight = _positive(f"the weight of mode {mode}", weights.get(mode, 1.0))
     if shape_std == "paper":
-        sigma = float(np.sqrt(len(sensors))) * spread
+        sigma = (float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor) * spread
+    elif shape_std == "inferred":
+        sigma = 1.0
     else:
         sigma = _shape_scatter(mode, shapes) if isinstance(shape_std, str) else _positive("shape_std", shape_std)
     return LinearData(
@@ -274,11 +276,10 @@ def _of_one_mode(
     )
 
 
-def _variation(mode: int, eigenvalue: FloatArray, cov: Cov) -> float:
+def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
     """Coefficient of variation of the eigenvalue of a mode, given or of its curves."""
-    given = cov.get(mode, "scatter") if isinstance(cov, Mapping) else cov
-    if not isinstance(given, str):
-        return _positive(f"cov of mode {mode}", given)
+    if not isinstance(cov, str):
+        return _positive(f"cov of mode {mode}", cov)
     if eigenvalue.size < 2:
         raise InputError(f"mode {mode} has one backbone, which has no scatter: give cov, that of its eigenvalue")
     spread = float(eigenvalue.std(ddof=1) / eigenvalue.mean())

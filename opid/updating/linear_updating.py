@@ -33,6 +33,8 @@ UNMIXED = 1.1
 """R-hat above which the chains are not to be trusted."""
 MISFIT = 3.0
 """Standard deviations by which the updated eigenvalue may miss the mean of the measured ones."""
+POOR_MAC = 0.8
+"""MAC of the updated shape with the measured ones below which they are hardly of one mode."""
 MOVED = 1.0
 """Standard deviations of the mean by which the lowest points may lie off the linear frequency of their curves."""
 
@@ -46,8 +48,8 @@ def update_linear(
     cov: Cov = "scatter",
     weights: Mapping[int, float] | None = None,
     shape_std: ShapeStd = "paper",
+    shape_factor: float | None = None,
     common_error: float = 0.0,
-    common_shape_error: float = 0.0,
     n_chains: int = 4,
     n_samples: int = 1000,
     n_warm_up: int = 200,
@@ -65,9 +67,9 @@ def update_linear(
         cov: see `linear_data`.
         weights: see `linear_data`.
         shape_std: see `linear_data`.
+        shape_factor: see `linear_data`.
         common_error: relative error of a linear frequency of the model, which all curves of its mode share: see
             `linear_data`. Without it (0, the paper's form) the intervals hold only what makes curves differ.
-        common_shape_error: likewise of an entry of a linear shape of unit length.
         n_chains: chains.
         n_samples: kept of each.
         n_warm_up: dropped of each before them.
@@ -78,8 +80,8 @@ def update_linear(
         NotDeterminedError: the data do not tell a parameter.
     """
     data = linear_data(
-        structure, backbones, cov=cov, weights=weights, shape_std=shape_std, common_error=common_error,
-        common_shape_error=common_shape_error,
+        structure, backbones, cov=cov, weights=weights, shape_std=shape_std, shape_factor=shape_factor,
+        common_error=common_error,
     )  # fmt: skip
     modes = [each.mode for each in data]
     model = ritz_model(structure, box=_prior_box(structure, priors), modes=modes)
@@ -166,21 +168,27 @@ def _doubts(
     backbones: Sequence[MeasuredBackbone],
     cov: Cov,
 ) -> list[str]:
-    """What to doubt: a poor estimate of scatter, a mode that is missed, lowest points that are already nonlinear."""
+    """What to doubt: a poor estimate of scatter, a mode or a shape that is missed, lowest points that are nonlinear."""
     doubts = []
     for each, row in zip(data, table, strict=True):
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size
         mean, std = mean_eigenvalue(each)
-        estimated = cov == "scatter" or (isinstance(cov, Mapping) and each.mode not in cov)
-        if n_sets < FEW_SETS and estimated:
+        given = cov.get(each.mode, "scatter") if isinstance(cov, Mapping) else cov
+        if n_sets < FEW_SETS and given == "scatter":
             doubts.append(
-                f"the scatter of {mode} is estimated from {n_sets} curves: measure more, give cov, or have it inferred"
+                f"the scatter of {mode} is estimated from {n_sets} curves: measure more, give cov, or take the "
+                "recommended form, which infers it"
             )
         missed = ((2 * np.pi * row.updated_hz) ** 2 - mean) / std
         if abs(missed) > MISFIT:
             doubts.append(
                 f"the updated {mode} lies at {row.updated_hz:.4g} Hz, {abs(missed):.1f} standard deviations from the "
                 f"measured {row.identified_hz:.4g} Hz: the structure has an error that its parameters cannot mend"
+            )
+        if row.updated_mac < POOR_MAC:
+            doubts.append(
+                f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): look whether "
+                "the curves are of another mode, and at the names and signs of the sensors"
             )
         moved = float(np.mean([_nonlinear_part(c) for c in backbones if c.mode == each.mode])) / std
         if abs(moved) > MOVED:

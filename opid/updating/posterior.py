@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
 from opid.updating.chains import Chain, LogDensity, Progress, spread_starts
 from opid.updating.diagnostics import diagnose, presses_against
-from opid.updating.doubts import doubts_of_class, unexplained_share
+from opid.updating.doubts import MOVES_NOTHING, doubts_of_class, moves_nothing, unexplained_share
 from opid.updating.ensemble import ensemble
 from opid.updating.evidence import laplace, laplace_of_samples, quadrature
 from opid.updating.lack_of_fit import lack_of_fit
@@ -20,9 +20,9 @@ from opid.updating.likelihood import BackboneData, likelihood_function
 from opid.updating.maximum import Maximum, maximum_a_posteriori
 from opid.updating.metropolis import adaptive_metropolis, metropolis
 from opid.updating.model_class import ModelClass
-from opid.updating.model_curves import where_it_fails
+from opid.updating.model_curves import where_it_fails, where_modes_interact
 from opid.updating.prior_sensitivity import prior_sensitivity
-from opid.updating.result import ClassPosterior, Evidence
+from opid.updating.result import ClassPosterior, Diagnostics, Evidence
 from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.transitional import Transitional, transitional
 
@@ -52,6 +52,9 @@ MOST_BY_QUADRATURE = 3
 
 MOST_NODES = 6_000
 """Evaluations after which quadrature gives up, ten times as many for three parameters."""
+
+N_TRIED = 20
+"""Draws of the prior at which it is seen whether a class moves the frequencies at all."""
 
 N_CHECKED, FAR_OUT = 200, 3.0
 """Samples at which it is seen where the model converges, and how much farther out than they lie."""
@@ -137,7 +140,6 @@ def update_class(
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     density = density_of(data, model_class)
-    support = [prior.support for prior in model_class.priors]
     peak, doubts = _peak(density, data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
@@ -150,28 +152,11 @@ def update_class(
     # a sample beats the search where it stopped short
     values = density.posterior(chain.best[None])
     best, at_best = (peak.theta, peak.log_density) if peak else (chain.best, float(values[0]))
-    found = [_evidence(method, density, peak, best, at_best, chain, stages, support) for method in methods]
-    found += [stages.evidence] if stages and "transitional" not in methods else []
-    kept = [each for each in found if isinstance(each, Evidence)] or [laplace_of_samples(at_best, best, chain)]
-    doubts += [each for each in found if isinstance(each, str)]
-    samples = chain.pooled
-    diagnostics = diagnose(chain)
-    low, high = np.quantile(samples, [0.025, 0.975], axis=0)
-    std = samples.std(axis=0, ddof=1)
-    estimates = {
-        f"theta_{k + 1}": Estimate(float(samples[:, k].mean()), float(std[k]), (float(low[k]), float(high[k])))
-        for k in range(model_class.n_parameters)
-    }
-    near = chain.thinned(N_CHECKED)
-    doubts += doubts_of_class(
-        model_class, estimates, kept, diagnostics, presses_against(samples, model_class.priors),
-        misfits=lack_of_fit(data, model_class, best), unexplained=unexplained_share(data, model_class, best),
-        gaps=where_it_fails(data, model_class, near),
-        lost=where_it_fails(data, model_class, _far_out(model_class, near, best), lost=True),
-    )  # fmt: skip
+    evidence, refused = _evidences(methods, density, model_class, peak, best, at_best, chain, stages)
+    samples, diagnostics, estimates = chain.pooled, diagnose(chain), _estimates(chain.pooled)
     return ClassPosterior(
         model_class=model_class,
-        evidences=tuple(kept),
+        evidences=evidence,
         best=best,
         estimates=estimates,
         covariance=np.atleast_2d(np.cov(samples, rowvar=False)),
@@ -179,9 +164,45 @@ def update_class(
         log_likelihood_at_best=float(density.likelihood(best[None])[0]),
         diagnostics=diagnostics,
         prior_sensitivity=prior_sensitivity(density.likelihood, model_class, samples, best),
-        warnings=tuple(doubts),
+        warnings=_warnings(data, model_class, chain, best, (*doubts, *refused), estimates, evidence, diagnostics),
         chain=chain,
     )
+
+
+def _estimates(samples: FloatArray) -> dict[str, Estimate]:
+    """Mean, standard deviation and 95 % interval of each parameter."""
+    low, high = np.quantile(samples, [0.025, 0.975], axis=0)
+    mean, std = samples.mean(axis=0), samples.std(axis=0, ddof=1)
+    return {
+        f"theta_{k + 1}": Estimate(float(mean[k]), float(std[k]), (float(low[k]), float(high[k])))
+        for k in range(samples.shape[1])
+    }
+
+
+def _warnings(
+    data: BackboneData,
+    model_class: ModelClass,
+    chain: Chain,
+    best: FloatArray,
+    doubts: Sequence[str],
+    estimates: Mapping[str, Estimate],
+    evidences: Sequence[Evidence],
+    diagnostics: Diagnostics,
+) -> tuple[str, ...]:
+    """All that there is to doubt; of a class without any effect nothing but that."""
+    if moves_nothing(data, model_class, _prior_draws(model_class, N_TRIED, np.random.default_rng(0))):
+        return (MOVES_NOTHING,)
+    near = chain.thinned(N_CHECKED)
+    misfits = lack_of_fit(data, model_class, best)
+    found = doubts_of_class(
+        model_class, estimates, evidences, diagnostics, presses_against(chain.pooled, model_class.priors),
+        misfits=misfits,
+        unexplained=float("nan") if misfits else unexplained_share(data, model_class, best),
+        gaps=where_it_fails(data, model_class, near),
+        lost=where_it_fails(data, model_class, _far_out(model_class, near, best), lost=True),
+        met=where_modes_interact(data, model_class, best),
+    )  # fmt: skip
+    return (*doubts, *found)
 
 
 def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
@@ -324,30 +345,42 @@ def _sampled(
     )  # fmt: skip
 
 
-def _evidence(
-    method: str,
+def _evidences(
+    methods: Sequence[str],
     density: Density,
+    model_class: ModelClass,
     peak: Maximum | None,
     best: FloatArray,
     at_best: float,
     chain: Chain,
     stages: Transitional | None,
-    support: list[tuple[float, float]],
-) -> Evidence | str:
-    """The evidence by one method, or why there is none."""
-    try:
-        if method == "transitional" and stages is not None:
-            return stages.evidence
-        if method == "laplace":
-            return laplace(peak, support=support) if peak else laplace_of_samples(at_best, best, chain)
-        covariance = np.atleast_2d(np.cov(chain.pooled, rowvar=False))
-        most = MOST_NODES if best.size < MOST_BY_QUADRATURE else 10 * MOST_NODES
-        return quadrature(
-            density.posterior, chain.pooled.mean(axis=0), covariance, support=support, tolerance=1e-3,
-            max_evaluations=most,
-        )  # fmt: skip
-    except (NotDeterminedError, InputError) as error:
-        return f"no evidence by {method}: {error}"
+) -> tuple[tuple[Evidence, ...], list[str]]:
+    """The evidence by each method, one at least, and why there is none by some."""
+    support = [prior.support for prior in model_class.priors]
+    found, refused = [], []
+    for method in methods:
+        try:
+            if method == "transitional" and stages is not None:
+                found.append(stages.evidence)
+            elif method == "laplace" and peak:
+                found.append(laplace(peak, support=support))
+            elif method == "laplace":
+                found.append(laplace_of_samples(at_best, best, chain))
+            else:
+                found.append(_by_quadrature(density, chain, support))
+        except (NotDeterminedError, InputError) as error:
+            refused.append(f"no evidence by {method}: {error}")
+    if stages and "transitional" not in methods:
+        found.append(stages.evidence)
+    return tuple(found) or (laplace_of_samples(at_best, best, chain),), refused
+
+
+def _by_quadrature(density: Density, chain: Chain, support: list[tuple[float, float]]) -> Evidence:
+    covariance = np.atleast_2d(np.cov(chain.pooled, rowvar=False))
+    most = MOST_NODES if chain.n_parameters < MOST_BY_QUADRATURE else 10 * MOST_NODES
+    return quadrature(
+        density.posterior, chain.pooled.mean(axis=0), covariance, support=support, tolerance=1e-3, max_evaluations=most
+    )
 
 
 def _far_out(model_class: ModelClass, samples: FloatArray, best: FloatArray) -> FloatArray:

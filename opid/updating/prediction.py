@@ -10,7 +10,7 @@ from opid.signals.recording import FloatArray
 from opid.updating.backbone_data import BackboneData, ModeData
 from opid.updating.curve_noise import draw_errors
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_curves import curves_of, named_points
+from opid.updating.model_curves import curves_of, named_points, without_interactions
 from opid.updating.result import BackboneBand, ClassPosterior
 
 LEAST_DRAWS = 0.5
@@ -70,8 +70,8 @@ def _band(
     seen = [np.abs(one.amplitude[:, one.sensors.index(sensor)]) for one in curves]
     amplitude = np.linspace(min(each.min() for each in seen), max(each.max() for each in seen), n_amplitudes)
     solve = family_evaluator(
-        data.system, posterior.model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude,
-        harmonics=data.harmonics,
+        without_interactions(data, mode), posterior.model_class.kinds, mode=mode.mode, sensor=sensor,
+        amplitude=amplitude, harmonics=data.harmonics,
     )  # fmt: skip
     found = solve(posterior.model_class.coefficients(drawn))
     errors = _errors(data, mode, posterior, drawn, found.eigenvalue, rng)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
+
+import numpy as np
 
 from opid.errors import InputError
 from opid.mechanics.harmonic_balance import harmonics_of
@@ -17,14 +19,16 @@ from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.noise_settings import NoiseSettings
 from opid.updating.structure import AffineStructure
-from opid.updating.study_checks import mode_faults, sensor_faults
+from opid.updating.study_checks import mode_faults, sensor_faults, shortened
 
 Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
+USUAL_SAMPLES: dict[Sampler, int] = {"adaptive": 5500, "metropolis": 5500, "transitional": 5500, "ensemble": 20000}
+"""Where a study names no number: as in the paper, and more for the ensemble, which mixes slowly."""
+
 FEWEST_SAMPLES = 1000
 """Of all chains, the warm-up among them: fewer tell no 95 % interval."""
-
 
 FAR = 5.0
 """Standard deviations above its mean where a normal prior ends."""
@@ -44,7 +48,8 @@ class UpdatingStudy:
         form: of the likelihood, see `opid.updating.likelihood.backbone_data`.
         sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
             Carlo, or the affine-invariant "ensemble" of emcee.
-        n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them.
+        n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the
+            sampler where None.
         seed: of all that is drawn; the same seed gives the same result.
         harmonics: of the model.
         noise: what is known of the errors of the backbones.
@@ -62,7 +67,7 @@ class UpdatingStudy:
     parameters: Mapping[str, Prior] = field(default_factory=dict)
     form: Form = "recommended"
     sampler: Sampler = "adaptive"
-    n_samples: int = 5500
+    n_samples: int | None = None
     seed: int = 0
     harmonics: tuple[int, ...] = (1, 3)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
@@ -74,6 +79,45 @@ class UpdatingStudy:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
         refuse(list(_faults(self)), self.source)
+
+    @property
+    def n_drawn(self) -> int:
+        """Samples of each class, `n_samples` or what is usual of the sampler."""
+        return USUAL_SAMPLES[self.sampler] if self.n_samples is None else self.n_samples
+
+
+def setting_faults(
+    *,
+    form: str = "recommended",
+    sampler: str = "adaptive",
+    n_samples: int | None = None,
+    seed: int = 0,
+    harmonics: Sequence[Any] = (1, 3),
+    n_internal: int = 15,
+) -> Iterator[str]:
+    """Yield what is wrong with settings of a study, each by itself.
+
+    Args:
+        form: as in `UpdatingStudy`, like the others.
+        sampler: likewise.
+        n_samples: likewise.
+        seed: likewise.
+        harmonics: likewise; of any type.
+        n_internal: likewise.
+    """
+    if form not in FORMS:
+        yield f"form is {form!r}, give one of {', '.join(FORMS)}"
+    if sampler not in SAMPLERS:
+        yield f"sampler is {sampler!r}, give one of {', '.join(SAMPLERS)}"
+    if n_samples is not None and n_samples < FEWEST_SAMPLES:
+        yield f"n_samples is {n_samples}, give at least {FEWEST_SAMPLES}"
+    if seed < 0:
+        yield f"seed is {seed}, give 0 or more"
+    whole = all(isinstance(each, int | np.integer) and each >= 0 for each in harmonics)
+    if 1 not in harmonics or not whole:
+        yield f"harmonics are {list(harmonics)}, give 1 and others beside it, [1, 3] say"
+    if n_internal < 0:
+        yield f"n_internal is {n_internal}, give 0 or more"
 
 
 def _faults(study: UpdatingStudy) -> Iterator[str]:
@@ -88,18 +132,10 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 yield f"{names.count(name)} {what} are called {name!r}, rename them"
-    if study.form not in FORMS:
-        yield f"form is {study.form!r}, give one of {', '.join(FORMS)}"
-    if study.sampler not in SAMPLERS:
-        yield f"sampler is {study.sampler!r}, give one of {', '.join(SAMPLERS)}"
-    if study.n_samples < FEWEST_SAMPLES:
-        yield f"n_samples is {study.n_samples}, give at least {FEWEST_SAMPLES}"
-    if study.seed < 0:
-        yield f"seed is {study.seed}, give 0 or more"
-    if 1 not in study.harmonics or min(study.harmonics, default=0) < 0:
-        yield f"harmonics are {list(study.harmonics)}, give 1 and others beside it, [1, 3] say"
-    if study.n_internal < 0:
-        yield f"n_internal is {study.n_internal}, give 0 or more"
+    yield from setting_faults(
+        form=study.form, sampler=study.sampler, n_samples=study.n_samples, seed=study.seed, harmonics=study.harmonics,
+        n_internal=study.n_internal,
+    )  # fmt: skip
     if not study.structure.joints:
         yield "the structure has no joint, name the degrees of freedom that the nonlinear law lies between"
     if study.parameters and isinstance(study.structure, JointedModes):
@@ -109,10 +145,15 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
             if name not in study.structure.parts:
                 known = ", ".join(study.structure.parts) or "it has none"
                 yield f"parameter {name!r} is none of the structure's: {known}"
+    alike: dict[tuple[str, ...], list[str]] = {}
     for one in study.backbones:
-        unknown = [name for name in one.sensors if name not in study.structure.sensors]
+        unknown = tuple(name for name in one.sensors if name not in study.structure.sensors)
+        alike.setdefault(unknown, []).append(one.name)
+    for unknown, names in alike.items():
         if unknown:
-            yield f"backbone {one.name!r} has the sensors {', '.join(unknown)}, which the structure does not have"
+            several = f"{len(names)} backbones ({shortened(names)}) have" if len(names) > 1 else ""
+            told = several or f"backbone {names[0]!r} has"
+            yield f"{told} the sensors {', '.join(unknown)}, which the structure does not have"
     yield from sensor_faults(study.backbones)
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
@@ -131,7 +172,7 @@ def _prior_faults(study: UpdatingStudy) -> Iterator[str]:
 
 def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
     """Laws that are not odd and harmonics without a mean."""
-    if 1 not in study.harmonics or min(study.harmonics) < 0:
+    if any(setting_faults(harmonics=study.harmonics)):
         return  # told already
     for each in study.classes:
         try:
@@ -147,13 +188,13 @@ def _scatter_faults(study: UpdatingStudy) -> Iterator[str]:
     for mode in given:
         if mode not in modes:
             yield f"cov names mode {mode}, of which there is no backbone, there are {modes}"
-    if study.form == "recommended" and not given:
+    if study.form == "recommended":
         return
     for mode in modes:
         curves = [one for one in study.backbones if one.mode == mode]
         if mode in given:
             continue
-        if study.form != "recommended" and not coefficient_of_variation(curves) > 0:
+        if not coefficient_of_variation(curves) > 0:
             yield scatter_fault(mode)
         elif study.parameters and len({float(one.frequency_hz[0]) for one in curves}) < 2:
             yield (

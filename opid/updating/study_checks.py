@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +22,14 @@ FARTHEST = 3.0
 ALIKE = 0.8
 """Modal assurance from which a measured shape is that of a mode."""
 
+UNLIKE = 0.3
+"""Modal assurance below which it is not."""
+
 APART = 0.1
 """Share by which curves of one mode may begin at different frequencies."""
 
 N_ABOVE = 8
 """Modes beyond the highest that is named, to look for the right one in."""
-
 
 LEAST_EXTENSION = 1e-3
 """Of the largest extension that any mode gives a joint: below it the joints' law does not show in a mode."""
@@ -38,23 +41,40 @@ def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
     Args:
         backbones: all of a study.
     """
-    first: dict[int, MeasuredBackbone] = {}
-    for curve in backbones:
-        other = first.setdefault(curve.mode, curve)
-        if curve.sensors == other.sensors:
-            continue
-        for one, two in ((curve, other), (other, curve)):
-            lacking = [name for name in two.sensors if name not in one.sensors]
+    for mode in sorted({curve.mode for curve in backbones}):
+        first, *others = (curve for curve in backbones if curve.mode == mode)
+        alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
+        for each in others:
+            lacking = tuple(name for name in first.sensors if name not in each.sensors)
+            more = tuple(name for name in each.sensors if name not in first.sensors)
+            alike.setdefault((lacking, more), []).append(each.name)
+        turned = [each.name for each in others if _in_another_order(each.sensors, first.sensors)]
+        advice = "give all curves of a mode the same sensors, leave out those that one lacks"
+        for (lacking, more), names in alike.items():
             if lacking:
                 yield (
-                    f"backbone {one.name!r} of mode {one.mode} lacks the sensor(s) {', '.join(lacking)} of "
-                    f"{two.name!r}: give all curves of a mode the same sensors, leave out those that one lacks"
+                    f"{_named(names)} of mode {mode} lacks the sensor(s) {', '.join(lacking)} of {first.name!r}: "
+                    f"{advice}"
                 )
-        if set(curve.sensors) == set(other.sensors):
+            if more:
+                yield (
+                    f"backbone {first.name!r} of mode {mode} lacks the sensor(s) {', '.join(more)} of "
+                    f"{shortened(names)}: {advice}"
+                )
+        if turned:
             yield (
-                f"backbone {curve.name!r} of mode {curve.mode} has the sensors of {other.name!r} in another order: "
-                "give all curves of a mode the same order"
+                f"{_named(turned)} of mode {mode} has the sensors of {first.name!r} in another order: give all curves "
+                "of a mode the same order"
             )
+
+
+def _in_another_order(one: Sequence[str], other: Sequence[str]) -> bool:
+    return set(one) == set(other) and tuple(one) != tuple(other)
+
+
+def _named(names: Sequence[str]) -> str:
+    """The backbone, or each of several."""
+    return f"backbone {names[0]!r}" if len(names) == 1 else f"each of {len(names)} backbones ({shortened(names)})"
 
 
 def joint_fault(modes: JointedModes, mode: int) -> list[str]:
@@ -126,10 +146,10 @@ def nominal_modes(structure: AffineStructure, n_modes: int) -> JointedModes:
 
 
 def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield what is wrong with backbones against the structure and against each other.
+    """Yield what is wrong with backbones against the structure and against each other, one clause for curves alike.
 
-    Frequencies that are far from any mode, or from the one that is named; curves of one mode that begin far from each
-    other; modes whose curves cross.
+    Frequencies that are far from any mode, or from the one that is named; the shape of another mode; curves of one mode
+    that begin far from each other; modes whose curves begin in the wrong order.
 
     Args:
         structure: of the study.
@@ -140,39 +160,93 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
         modes = nominal_modes(structure, n_modes)
     except InputError:
         return  # told by `structure_faults`
-    wrong = []
+    alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
-        fault = _frequency_fault(modes, curve)
-        wrong += [curve.name] * bool(fault)
-        yield from fault
-    yield from mode_faults(modes, [curve for curve in backbones if curve.name not in wrong])
-    if not wrong:
+        alike.setdefault((curve.mode, _misplaced(modes, curve)), []).append(curve)
+    for (_, fault), curves in alike.items():
+        if fault:
+            yield f"{_begun(curves)}{fault}"
+    placed = [curve for (_, fault), curves in alike.items() for curve in curves if not fault]
+    yield from mode_faults(modes, placed)
+    if len(placed) == len(backbones):
         yield from _crossings(backbones)
 
 
-def _frequency_fault(modes: JointedModes, curve: MeasuredBackbone) -> list[str]:
-    """At most one clause: the mode that is named is not there, or lies elsewhere."""
-    if curve.mode > modes.n_modes:
-        return [f"backbone {curve.name!r} is of mode {curve.mode}, and the structure has {modes.n_modes}"]
-    lowest = float(curve.frequency_hz[0])
-    hz = modes.frequency_hz
-    if _far(lowest, hz[curve.mode - 1]) <= FARTHEST:
-        return []
-    nearest = int(np.argmin([_far(lowest, each) for each in hz]))
-    begins = f"backbone {curve.name!r} of mode {curve.mode} begins at {lowest:.4g} Hz"
+def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
+    """Return what to doubt where the frequencies of two modes overlap.
+
+    It is no fault: modes that stiffen pass the frequencies at which others began, at different amplitudes.
+
+    Args:
+        backbones: of a study, the modes in the right order.
+    """
+    ends: dict[int, tuple[float, float]] = {}
+    for curve in backbones:
+        low, high = ends.get(curve.mode, (np.inf, 0.0))
+        ends[curve.mode] = (min(low, float(curve.frequency_hz.min())), max(high, float(curve.frequency_hz.max())))
+    return [
+        f"the backbones of mode {low} reach up to {ends[low][1]:.4g} Hz and those of mode {high} down to "
+        f"{ends[high][0]:.4g} Hz: they overlap, as modes may at different amplitudes; look whether a curve has the "
+        "number of another mode or has jumped to it"
+        for low, high in pairwise(sorted(ends))
+        if ends[low][1] >= ends[high][0]
+    ]
+
+
+def _misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
+    """What follows the name of a curve whose mode is not there, lies elsewhere or has another shape; "" if none."""
+    mode, hz = curve.mode, modes.frequency_hz
+    if mode > modes.n_modes:
+        return f", and the structure has {modes.n_modes} modes"
+    lowest, own = float(curve.frequency_hz[0]), float(hz[mode - 1])
+    apart = np.array([_far(lowest, each) for each in hz])
     like = _likeness(modes, curve)
-    best = int(np.argmax(like))
-    if like[best] >= ALIKE and best != curve.mode - 1 and _far(lowest, hz[best]) <= FARTHEST:
-        return [
-            f"{begins}, and mode {curve.mode} of the structure lies at {hz[curve.mode - 1]:.4g} Hz: its shape and "
-            f"frequency are those of mode {best + 1} at {hz[best]:.4g} Hz (modes are counted from 1, rigid ones too)"
-        ]
-    if _far(lowest, hz[nearest]) > FARTHEST:
-        told = f"far from any mode of the structure (the nearest is mode {nearest + 1} at {hz[nearest]:.4g} Hz)"
+    nearest, best = int(np.argmin(apart)), int(np.argmax(like))
+    is_another = like[best] >= ALIKE and best != mode - 1 and apart[best] <= FARTHEST
+    counted = "(modes are counted from 1, rigid ones too)"
+    if apart[mode - 1] <= FARTHEST:
+        if not (is_another and like[mode - 1] < UNLIKE):
+            return ""
+        return (
+            f", and the shape is that of mode {best + 1} of the structure at {hz[best]:.4g} Hz (MAC above {ALIKE:g}), "
+            f"not that of mode {mode} at {own:.4g} Hz (MAC below {UNLIKE:g}): look at the number of the mode {counted}"
+        )
+    if is_another:
+        return (
+            f", and mode {mode} of the structure lies at {own:.4g} Hz: shape and frequency are those of "
+            f"mode {best + 1} at {hz[best]:.4g} Hz {counted}"
+        )
+    if apart[nearest] > FARTHEST:
+        told = f", far from any mode of the structure (the nearest is mode {nearest + 1} at {hz[nearest]:.4g} Hz)"
     else:
-        told = f"and that mode of the structure lies at {hz[curve.mode - 1]:.4g} Hz (the nearest is mode {nearest + 1} "
-        told += f"at {hz[nearest]:.4g} Hz)"
-    return [f"{begins}, {told}: look at the unit of the frequencies, the number of the mode, and the matrices"]
+        told = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
+        told += f"{hz[nearest]:.4g} Hz)"
+    asked = "are they rad/s? Else " if _far(lowest / max(own, 1e-12), 2 * np.pi) <= 2 else ""
+    return f"{told}: {asked}look at the unit of the frequencies, the number of the mode, and the matrices"
+
+
+def _begun(curves: Sequence[MeasuredBackbone]) -> str:
+    """Names of curves of one mode and where they begin."""
+    first = sorted(float(curve.frequency_hz[0]) for curve in curves)
+    if len(curves) == 1:
+        return f"backbone {curves[0].name!r} of mode {curves[0].mode} begins at {first[0]:.4g} Hz"
+    span = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (first[0], first[-1])))
+    names = shortened([curve.name for curve in curves])
+    return f"{len(curves)} backbones of mode {curves[0].mode} ({names}) begin at {span} Hz"
+
+
+def shortened(names: Sequence[str]) -> str:
+    """Return names in quotes, of more than two the first and how many others.
+
+    Args:
+        names: at least one.
+
+    >>> shortened(["a", "b"]), shortened(["a", "b", "c"])
+    ("'a' and 'b'", "'a' and 2 others")
+    """
+    if len(names) <= 2:
+        return " and ".join(map(repr, names))
+    return f"{names[0]!r} and {len(names) - 1} others"
 
 
 def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
@@ -213,21 +287,37 @@ def _far(one: float, other: float) -> float:
 
 
 def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
-    """An eigenvalue that is negative if any is, else a positive number: by the signs of the pivots (Sylvester)."""
+    """The least eigenvalue if it is negative, else a positive number or 0: by the signs of the pivots (Sylvester)."""
     from scipy import sparse
-    from scipy.sparse.linalg import eigsh, splu
+    from scipy.sparse.linalg import eigsh
 
     found = sparse.csc_matrix(matrix)
-    n = found.shape[0]
-    if n <= 2:
+    if found.shape[0] <= 2:
         return float(np.linalg.eigvalsh(found.toarray())[0])
+    if _is_positive(found, shift):
+        return 1.0
+    # no eigenvalue lies below -largest; the tenfold of a shift that is enough brackets the least one
+    largest = float(np.abs(found).sum(axis=0).max())
+    shift = max(shift, 1e-12 * largest)
+    while shift < largest and not _is_positive(found, shift):
+        shift *= 10
+    try:
+        # all eigenvalues lie above -shift: the nearest to it is the least
+        return float(eigsh(found, k=1, sigma=-shift, return_eigenvectors=False, tol=1e-4)[0])
+    except (RuntimeError, ValueError):  # a shift that hits an eigenvalue, or no convergence
+        return -shift
+
+
+def _is_positive(matrix: Any, shift: float) -> bool:
+    """Whether a sparse matrix and a multiple of the identity together have positive pivots only."""
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
     try:
         factors = splu(
-            found + shift * sparse.identity(n, format="csc"),
+            matrix + shift * sparse.identity(matrix.shape[0], format="csc"),
             permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
     except RuntimeError:  # singular
-        return 0.0
-    if (factors.U.diagonal() > 0).all() and (factors.perm_r == factors.perm_c).all():
-        return 1.0
-    return float(eigsh(found, k=1, which="SA", return_eigenvectors=False, tol=1e-4)[0])
+        return False
+    return bool((factors.U.diagonal() > 0).all() and (factors.perm_r == factors.perm_c).all())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
 from opid.updating.noise_settings import NoiseSettings
 from opid.updating.structure import AffineStructure
-from opid.updating.study import SAMPLERS, UpdatingStudy
-from opid.updating.study_checks import backbone_faults
+from opid.updating.study import SAMPLERS, UpdatingStudy, setting_faults
+from opid.updating.study_checks import backbone_faults, shortened
 
 Say = Callable[[str], None]
 
@@ -90,27 +90,35 @@ def read_updating_study(path: str | os.PathLike[str], *, progress: Say | None = 
     say = progress or (lambda step: None)
     source = Path(path)
     document = load(source)
-    refuse(list(_document_faults(document)), source)
-    table = document["structure"]
-    faults: list[str] = []
-    say("the matrices")
-    structure, wrong = _structure(table, source.parent)
-    faults += [f"[structure]: {fault}" for fault in wrong]
-    backbones = []
-    for entry in document["backbones"]:
+    faults, table = list(_document_faults(document)), document.get("structure")
+    structure, backbones = None, []
+    # what is sound is read even so: its faults are told with the others
+    if isinstance(table, dict) and not list(_of_structure(table)):
+        say("the matrices")
+        structure, wrong = _structure(table, source.parent)
+        faults += [f"[structure]: {fault}" for fault in wrong]
+    alike: dict[str, list[str]] = {}
+    for entry in _tables(document, "backbones"):
+        if list(table_faults("", entry, _BACKBONE)):
+            continue
         say(entry["file"])
         try:
-            backbones.append(_backbone(entry, document.get("log", {}), source.parent, structure))
+            backbones.append(_backbone(entry, _sound(document.get("log"), _LOG), source.parent, structure))
         except InputError as error:
-            faults.append(f"[[backbones]] {error}")
+            file = str(source.parent / entry["file"])
+            alike.setdefault(str(error).removeprefix(f"{file}: "), []).append(file)
+    faults += [_of_files(fault, files) for fault, files in alike.items()]
     if structure is not None:
         faults += backbone_faults(structure, backbones)
     try:
-        noise = _noise(document.get("noise", {}))
+        noise = NoiseSettings() if list(_noise_faults(document)) else _noise(document.get("noise", {}))
     except InputError as error:
         faults.append(f"[noise]: {error}")
+    if faults:
+        faults += setting_faults(**_settings(document))
     refuse(faults, source)
     assert structure is not None  # or it would have been refused
+    assert table is not None
     priors = table.get("priors", {})
     return UpdatingStudy(
         title=document.get("title", source.stem),
@@ -152,29 +160,58 @@ def write_updating_study(study: UpdatingStudy, path: str | os.PathLike[str]) -> 
 # ---- tables -> study -------------------------------------------------------------------------------
 
 
+def _sound(table: object, keys: Mapping[str, Key]) -> dict[str, Any]:
+    """The entries of a table whose keys are known and whose values have the right type."""
+    pairs = table.items() if isinstance(table, dict) else ()
+    return {name: value for name, value in pairs if name in keys and not any(_unfit(name, value, keys[name]))}
+
+
+def _unfit(name: str, value: object, key: Key) -> Iterator[str]:
+    return table_faults("", {name: value}, {name: key})
+
+
+def _tables(document: Document, name: str) -> list[Any]:
+    found = document.get(name)
+    return found if isinstance(found, list) else []
+
+
+def _of_files(fault: str, files: Sequence[str]) -> str:
+    """A fault with the files that have it; those that are not read at all are named in it."""
+    if len(files) == 1:
+        return f"[[backbones]] {fault}" if files[0] in fault else f"[[backbones]] {files[0]}: {fault}"
+    return f"[[backbones]] {len(files)} files ({shortened([Path(file).name for file in files])}): {fault}"
+
+
 def _document_faults(document: Document) -> Iterator[str]:
     yield from table_faults("the study", document, _STUDY)
     structure = document.get("structure")
     if isinstance(structure, dict):
-        yield from table_faults("[structure]", structure, _STRUCTURE)
-        yield from _structure_faults(structure)
+        yield from _of_structure(structure)
     for name, keys in (("log", _LOG), ("sampling", _SAMPLING)):
         if isinstance(document.get(name), dict):
             yield from table_faults(f"[{name}]", document[name], keys)
-    if isinstance(document.get("noise"), dict):
-        others = {name: value for name, value in document["noise"].items() if name != "shapes"}
-        yield from table_faults("[noise]", others, _NOISE)
-        if not isinstance(document["noise"].get("shapes", True), bool):
-            yield f"'shapes' in [noise] is {document['noise']['shapes']!r}, give true or false"
-    backbones = document.get("backbones")
-    for number, entry in enumerate(backbones if isinstance(backbones, list) else [], start=1):
+    if isinstance(document.get("noise", {}), dict):
+        yield from _noise_faults(document)
+    for number, entry in enumerate(_tables(document, "backbones"), start=1):
         yield from table_faults(f"[[backbones]] number {number}", entry, _BACKBONE)
-    classes = document.get("classes")
-    for number, entry in enumerate(classes if isinstance(classes, list) else [], start=1):
+    for number, entry in enumerate(_tables(document, "classes"), start=1):
         yield from class_faults(number, entry)
     for name in ("backbones", "classes"):
         if document.get(name) == []:
             yield f"[[{name}]] is empty, give {_STUDY[name].what}"
+
+
+def _noise_faults(document: Document) -> Iterator[str]:
+    table = document.get("noise", {})
+    others = {name: value for name, value in table.items() if name != "shapes"} if isinstance(table, dict) else table
+    yield from table_faults("[noise]", others, _NOISE)
+    if isinstance(table, dict) and not isinstance(table.get("shapes", True), bool):
+        yield f"'shapes' in [noise] is {table['shapes']!r}, give true or false"
+
+
+def _of_structure(table: Mapping[str, Any]) -> Iterator[str]:
+    yield from table_faults("[structure]", table, _STRUCTURE)
+    yield from _structure_faults(table)
 
 
 def _structure_faults(table: Mapping[str, Any]) -> Iterator[str]:
@@ -236,15 +273,15 @@ def _noise(table: Mapping[str, Any]) -> NoiseSettings:
 
 
 def _settings(document: Document) -> dict[str, Any]:
-    """What is not left to the defaults of `UpdatingStudy`, by the names of its fields."""
-    sampling = document.get("sampling", {})
+    """What is not left to the defaults of `UpdatingStudy`, by the names of its fields; of the right types alone."""
+    whole, sampling = _sound(document, _STUDY), _sound(document.get("sampling"), _SAMPLING)
     given = {
-        "form": document.get("form"),
-        "harmonics": document.get("harmonics"),
+        "form": whole.get("form"),
+        "harmonics": whole.get("harmonics"),
         "sampler": sampling.get("sampler"),
         "n_samples": sampling.get("samples"),
         "seed": sampling.get("seed"),
-        "n_internal": document["structure"].get("internal_modes"),
+        "n_internal": _sound(document.get("structure"), _STRUCTURE).get("internal_modes"),
     }
     return {name: value for name, value in given.items() if value is not None}
 
@@ -280,13 +317,12 @@ def _toml(study: UpdatingStudy) -> str:
         text += "\n[[backbones]]\n" + tomli_w.dumps(entry)
     for each in study.classes:
         text += "\n[[classes]]\n" + tomli_w.dumps(class_table(each))
-    sampling = {"sampler": study.sampler, "samples": study.n_samples, "seed": study.seed}
-    usual = NoiseSettings()
-    noise = {
-        each.name: getattr(study.noise, each.name)
-        for each in fields(NoiseSettings)
-        if getattr(study.noise, each.name) != getattr(usual, each.name)
-    }
+    samples = {} if study.n_samples is None else {"samples": study.n_samples}
+    sampling = {"sampler": study.sampler, **samples, "seed": study.seed}
+    given, usual = vars(study.noise), vars(NoiseSettings())
+    # a stated growth is another thing than one that is left out, though they be equal
+    stated = [name for name, value in given.items() if value != usual[name] or type(value) is not type(usual[name])]
+    noise = {name: given[name] for name in stated}
     if noise.get("cov"):
         noise["cov"] = {str(mode): value for mode, value in noise["cov"].items()}
     text += "\n" + tomli_w.dumps({"sampling": sampling, **({"noise": noise} if noise else {})})
