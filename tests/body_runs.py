@@ -1,15 +1,18 @@
 """Short virtual runs of an aircraft as a study of a body: 12 s at 256 Hz, a reference and a loaded one."""
 
 from functools import cache
+from unittest import mock
 
 import numpy as np
 
 from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.mechanics import taxiing_aircraft
 from opid.mechanics.airframe import Loading
 from opid.mechanics.landing_gear import LandingGear, taxi_run
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
+from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import recording_from_arrays
 
 NOISE = 5e-3
@@ -43,6 +46,17 @@ def short_runs(bending_hz=None, seed=1, loads=LOADS):
         LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
         for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
     )
+
+
+@cache
+def one_track():
+    """A reference and a loaded run in which left and right wheels roll over one track: nothing makes the body roll."""
+
+    def same_on_both_sides(*, lateral_m, **settings):
+        return iso8608_tracks(lateral_m=[abs(y) for y in lateral_m], **settings)
+
+    with mock.patch.object(taxiing_aircraft, "iso8608_tracks", same_on_both_sides):
+        return short_runs(loads=(Loading(500.0, 1.0, 0.0),))
 
 
 def interfaces(shift=(0.0, 0.0)):

@@ -1,13 +1,21 @@
 """The fit of a body to short runs of an aircraft with known truth."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from body_runs import NOISE, aircraft, short_runs, study
 
 from opid.errors import InputError
-from opid.identify.body.candidates import fitted_rigid, left_out_level, loading_matrix, mass_is_told, shares
+from opid.identify.body.candidates import (
+    fitted_alone,
+    fitted_rigid,
+    left_out_level,
+    loading_matrix,
+    mass_is_told,
+    shares,
+)
 from opid.identify.body.equation import start_values
 from opid.identify.body.fit import body_model, first_vector, fit_body, with_laws
 from opid.identify.body.intervals import body_estimates, honest_covariance, suspension_estimates
@@ -16,7 +24,7 @@ from opid.identify.body.levels import is_white
 from opid.identify.body.model import Group
 from opid.identify.body.run import body_run
 from opid.identify.body.structure import own_body, rigid_body
-from opid.identify.body.study import PointMass
+from opid.identify.body.study import MeasuredInterface, PointMass
 from opid.identify.pursuit import library
 from opid.mechanics.laws import LINEAR, law
 from opid.mechanics.structure import Structure
@@ -196,6 +204,48 @@ def test_a_mass_rests_where_statics_puts_it():
     given = study()
     for place, expected in (((5.0, 0.0), (90, 0, 0)), ((0.0, 0.0), (0, 45, 45)), ((2.5, 0.0), (45, 22.5, 22.5))):
         np.testing.assert_allclose(shares(given, PointMass(90.0, *place)), expected, atol=1e-9)
+
+
+PLACES_IN_LINE = [
+    # the lever rule, also beyond the ends; off the line by the foot of the perpendicular
+    ([(0.0, 1.6), (0.0, -1.6)], (0.0, 1.6), (90, 0)),
+    ([(0.0, 1.6), (0.0, -1.6)], (3.0, 0.8), (67.5, 22.5)),
+    ([(0.0, 0.0), (4.0, 0.0)], (-1.0, 0.0), (112.5, -22.5)),
+    ([(5.0, -1.0), (5.0, 0.0), (5.0, 1.0)], (0.0, 0.0), (30, 30, 30)),
+    ([(5.0, -1.0), (5.0, 0.0), (5.0, 1.0)], (5.0, 1.0), (-15, 30, 75)),
+    ([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)], (0.5, 0.0), (33.75, 33.75, 11.25, 11.25)),
+    ([(7.0, 2.0)], (1.0, 1.0), (90,)),
+]
+
+
+@pytest.mark.parametrize(("places", "load", "expected"), PLACES_IN_LINE)
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (-12.0, 3.0)])
+def test_shares_are_the_mass_together_wherever_the_origin_is(places, load, expected, origin):
+    interfaces = tuple(
+        MeasuredInterface(str(k), f"{k} up", f"{k} low", *np.add(place, origin).tolist())
+        for k, place in enumerate(places)
+    )
+    given = SimpleNamespace(interfaces=interfaces)
+    found = shares(given, PointMass(90.0, *np.add(load, origin).tolist()))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_what_rounding_leaves_of_a_share_is_no_loading():
+    """All of the load is over the nose; statics leaves 1e-15 kg of it to the main gears."""
+    light, heavy = short_runs()
+    given = study(runs=(light, replace(heavy, loading=(PointMass(500.0, 5.0, 1e-4),))))
+    for slot, told in ((0, True), (1, False), (2, False)):
+        alone = fitted_alone(given, arrays_of(given), np.full(2, NOISE), (slot,), law=LINEAR, band_hz=BAND)
+        assert alone.found.model.mass_free is told
+
+
+def test_loadings_that_differ_by_rounding_are_one(started):
+    runs, body, _, _ = started
+    ballast = np.full((3, 3), 500.0)
+    same, more = (replace(runs[1], loading=ballast + change) for change in (1e-12, 1.0))
+    reference = replace(runs[0], loading=ballast)
+    assert not mass_is_told([reference, same], body)
+    assert mass_is_told([reference, more], body)
 
 
 def test_the_mass_is_told_by_loadings_that_differ_or_by_what_is_known_in_kg(started):

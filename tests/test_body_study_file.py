@@ -180,6 +180,12 @@ FAULTS = {
     "no such channel": ('"l_up"', '"l_upp"', "there is no channel 'l_upp'"),
     "a bad channel": ('tail_z = {channel = "tail", unit = "g"}', "tail_z = {chanel = 1}", "did you mean 'channel'"),
     "one line": ("x_m = 5\n", "x_m = 0\n", "one line or less"),
+    "sensors of the study of one gear": (
+        "[structure]",
+        "[sensors.sprung]\nnoise_m_per_s2 = 0.01\n[structure]",
+        r"\[sensors\] belongs to the study of one gear, state the noise .* as noise_m_per_s2 in \[structure\]",
+    ),
+    "sensors without body": ("[[body_sensors]]", "[[sensors]]", r"call further sensors on the body \[\[body_sensors"),
     "no log": ('log = "empty.csv"\n', "", "run 'empty' has no 'log'"),
     "a rate of nothing": ("[channels]", "fs_hz = 0\n[channels]", "give a positive rate"),
 }

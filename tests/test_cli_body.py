@@ -59,6 +59,41 @@ def test_a_simulation_writes_a_study_and_its_truth(simulated):
     assert truth["schema"] == "opid.body-truth/1"
     assert truth["parameters"]["sprung_mass_kg"] == 5400.0
     assert (truth["settings"]["seed"], truth["settings"]["tracks"]) == (3, "coherent")
+    assert (study.structure.noise_m_per_s2, study.structure.position_tolerance_m) == (0.005, 0.01)
+
+
+def test_a_weakened_strut_is_in_the_truth_and_the_rest_is_as_before(simulated, tmp_path):
+    done = opid("simulate", "aircraft", tmp_path, "--seed", 3, "--weaken", "left", 0.95, "--noise", 0, *SMALL)
+    assert done.exit_code == 0, done.output
+    sound, harmed = (
+        json.loads((folder / "truth.json").read_text(encoding="utf-8")) for folder in (simulated, tmp_path)
+    )
+    ratio = {
+        name: harmed["interfaces"][name]["stiffness_n_per_m"] / gear["stiffness_n_per_m"]
+        for name, gear in sound["interfaces"].items()
+    }
+    assert ratio == {"nose": 1.0, "left": pytest.approx(0.95), "right": 1.0}
+    assert harmed["interfaces"]["left"]["law"] == sound["interfaces"]["left"]["law"]
+    assert harmed["settings"]["weaken"] == [["left", 0.95]]
+    assert read_body_study(tmp_path / "study.toml").structure.noise_m_per_s2 is None
+    refused(opid("simulate", "aircraft", tmp_path, "--weaken", "lft", 0.9), "--weaken names the gear 'lft'", "'left'")
+    refused(opid("simulate", "aircraft", tmp_path, "--weaken", "left", 0), "has the factor 0, give a positive one")
+
+
+def test_tables_of_a_body_in_the_study_of_one_gear_point_to_its_interfaces(tmp_path):
+    (tmp_path / "study.toml").write_text(
+        '[channels]\nsprung = "a"\nunsprung = "b"\n[structure]\nkind = "auto"\n'
+        '[[runs]]\nname = "r"\nlog = "r.csv"\nmass_change_kg = 0.0\nloading = [[500.0, -1.0, 0.2]]\n',
+        encoding="utf-8",
+    )
+    done = opid("identify", tmp_path / "study.toml", "--out", tmp_path / "r")
+    refused(done, "the study has 'structure', which belongs to a body", "[[runs]] has 'loading'", "[[interfaces]]")
+    assert "did you mean" not in done.stderr
+
+
+def test_a_study_is_no_log_to_inspect(simulated):
+    path = simulated / "study.toml"
+    refused(opid("inspect", path), "is a study, no log", f"opid inspect LOG... --study {path}")
 
 
 def test_the_options_of_a_simulation(tmp_path):
@@ -138,7 +173,7 @@ def test_a_short_run_is_identified_from_end_to_end(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     path = tmp_path / "study.toml"
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('kind = "auto"', 'kind = "rigid_body"\nnoise_m_per_s2 = 0.005'), encoding="utf-8")
+    path.write_text(text.replace('kind = "auto"', 'kind = "rigid_body"'), encoding="utf-8")
     done = opid(
         "identify", path, "--out", tmp_path / "r", "--law", "arctan_velocity", "--truth", tmp_path / "truth.json"
     )

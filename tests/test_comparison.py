@@ -11,23 +11,32 @@ from scipy.stats import binom, norm
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.comparison import compare
-from opid.identify.departures import chance_of_differences, judged, measured, scatter_between
+from opid.identify.departures import chance_of_steps, judged, measured, scatter_between
 from opid.identify.flights import Flight, Flights, Quantity, in_order, read_flights
 
 MASS = Quantity("", "mass", "kg")
 
 
-def fleet(rng, n, *, std=0.01, scatter=0.0, at=None, loss=0.05):
-    """Flights of three gears; the left strut is softer from flight `at` on."""
+def fleet(rng, n, *, std=0.01, scatter=0.0, shared=0.0, at=None, loss=0.05):
+    """Flights of three gears; the left strut is softer from flight `at` on.
+
+    All quantities of a flight share one error, that of its mass: so much of each `std`.
+    """
     flights = []
     for i in range(n):
-        values = {MASS: error(rng, TRUTH["mass"], std, scatter)}
+        common = 1 + shared * std * rng.standard_normal() if shared else 1.0
+        own = std * np.sqrt(1 - shared**2)
+
+        def found(true, common=common, own=own):
+            return Estimate.normal(common * error(rng, true, own, scatter).value, std * true)
+
+        values = {MASS: found(TRUTH["mass"])}
         for gear, size in GEARS.items():
             for name in ("stiffness", "damping", "friction"):
                 gone = loss if at is not None and i >= at and (gear, name) == ("left", "stiffness") else 0.0
                 kind = "arctan_velocity" if name == "friction" else ""
                 quantity = Quantity(gear, name, "N", kind)
-                values[quantity] = error(rng, size * TRUTH[name] * (1 - gone), std, scatter)
+                values[quantity] = found(size * TRUTH[name] * (1 - gone))
         laws = dict.fromkeys(GEARS, ("arctan_velocity",))
         flights.append(Flight(f"f{i}", Path(f"f{i}"), None, "model", "rigid_body", laws, values))
     return Flights(tuple(flights), False)
@@ -68,6 +77,16 @@ def test_the_level_is_kept_where_it_can_be_measured():
     assert results[0].n_tests == 10 * (2 * 6 - 3)
 
 
+@pytest.mark.parametrize("shared", [0.0, 0.7, 0.95])
+@pytest.mark.parametrize("n", [3, 4, 5, 6])
+def test_few_flights_that_share_an_error_are_neither_flagged_nor_taken_for_scatter(n, shared):
+    n_fleets = 25
+    results = [compare(fleet(np.random.default_rng([seed, n]), n, shared=shared)) for seed in range(n_fleets)]
+    assert sum(bool(result.changes) for result in results) <= binom.isf(1e-4, n_fleets, 1e-3)
+    scattered = sum(any(series.scatter > 0 for series in result.series) for result in results)
+    assert scattered <= (binom.isf(1e-4, n_fleets, 0.01) if n > 4 else 0)
+
+
 def test_the_threshold_is_the_closed_form_of_sidak():
     result = compare(fleet(np.random.default_rng(0), 8), false_alarm=0.01)
     threshold = {each.threshold for each in result.series if each.scatter == 0.0}
@@ -100,10 +119,16 @@ def test_scatter_larger_than_the_intervals_does_not_cry_wolf():
 # ---- power -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("std", "least"), [(0.01, 0.85), (0.003, 1.0)])
-def test_a_loss_of_5_percent_is_flagged_within_two_flights(std, least):
-    n_fleets, at = 30, 8
-    results = [compare(fleet(np.random.default_rng(seed), at + 2, std=std, at=at)) for seed in range(n_fleets)]
+@pytest.mark.parametrize(
+    ("std", "at", "shared", "least"),
+    [(0.01, 8, 0.0, 0.85), (0.01, 3, 0.0, 0.8), (0.01, 3, 0.9, 0.8), (0.01, 4, 0.7, 0.8), (0.003, 8, 0.0, 1.0),
+     (0.003, 3, 0.0, 1.0), (0.003, 3, 0.9, 1.0), (0.003, 5, 0.7, 1.0)],
+)  # fmt: skip
+def test_a_loss_of_5_percent_is_flagged_within_two_flights(std, at, shared, least):
+    n_fleets = 30
+    results = [
+        compare(fleet(np.random.default_rng(seed), at + 2, std=std, shared=shared, at=at)) for seed in range(n_fleets)
+    ]
     assert sum(found_at(result, at) for result in results) >= least * n_fleets
     others = [c for r in results for c in r.changes if (c.quantity.gear, c.quantity.name) != ("left", "stiffness")]
     assert len(others) <= 2
@@ -118,6 +143,27 @@ def test_a_loss_of_5_percent_is_flagged_within_two_flights(std, least):
 def test_a_change_is_still_seen_under_scatter():
     results = [compare(fleet(np.random.default_rng(s), 22, std=0.002, scatter=0.005, at=20)) for s in range(10)]
     assert sum(found_at(result, 20) for result in results) >= 9
+
+
+def test_a_great_loss_in_the_third_flight_is_no_scatter():
+    for shared in (0.0, 0.95):
+        result = compare(fleet(np.random.default_rng(1), 3, std=0.002, shared=shared, at=2, loss=0.2))
+        (change,) = result.changes
+        assert (change.quantity.gear, change.quantity.name, change.first) == ("left", "stiffness", 2)
+        told = " ".join(result.warnings)
+        assert "rests on the intervals of the results" in told
+        assert "judged with it" not in told
+
+
+def test_a_strut_that_softens_from_flight_to_flight_is_no_scatter():
+    flights = list(fleet(np.random.default_rng(2), 8, std=0.002).flights)
+    left = Quantity("left", "stiffness", "N")
+    for i, flight in enumerate(flights):
+        softer = {left: Estimate.normal((1 - 0.01 * i) * flight.values[left].value, flight.values[left].std)}
+        flights[i] = Flight(flight.name, Path(), None, "model", "x", flight.laws, {**flight.values, **softer})
+    result = compare(Flights(tuple(flights), False))
+    assert {change.quantity for change in result.changes} == {left}
+    assert "judged with it" not in " ".join(result.warnings)
 
 
 def test_a_single_odd_flight_is_not_confirmed_and_the_next_are_judged_without_it():
@@ -158,22 +204,50 @@ def test_the_last_flight_waits_for_the_next():
 # ---- scatter -----------------------------------------------------------------------------------------
 
 
-def test_the_chance_of_differences_is_uniform_at_most():
+@pytest.mark.parametrize("shared", [0.0, 1.0])
+@pytest.mark.parametrize(("n_quantities", "n_flights"), [(1, 15), (10, 5), (10, 15), (10, 60)])
+def test_a_small_chance_of_steps_is_as_rare_as_it_says(n_quantities, n_flights, shared):
     rng = np.random.default_rng(2)
-    chances = [chance_of_differences([(100 + rng.standard_normal(15), np.ones(15))] * 1) for _ in range(300)]
-    # neighbours share a flight, so it is a little less even than for independent differences
-    assert np.mean(np.array(chances) < 0.05) < 0.12
-    assert 0.3 < np.mean(chances) < 0.7
+    size, n_sets = (n_quantities, n_flights), 300
+    chances = [
+        chance_of_steps(
+            100 + np.sqrt(1 - shared) * rng.standard_normal(size) + shared * rng.standard_normal(n_flights),
+            np.ones(size),
+        )
+        for _ in range(n_sets)
+    ]
+    assert np.sum(np.array(chances) < 0.05) <= binom.isf(1e-3, n_sets, 0.05)
 
 
 def test_one_step_does_not_pass_for_scatter():
     rng = np.random.default_rng(3)
-    x = 100 + rng.standard_normal(20)
-    x[10:] += 40
-    assert chance_of_differences([(x, np.ones(20))]) > 0.01
-    assert scatter_between([(x, np.ones(20))])[0] < 0.01
-    assert chance_of_differences([(x[:1], np.ones(1))]) == 1.0
-    assert scatter_between([]) == (0.0, 1.0)
+    x = 100 + rng.standard_normal((1, 20))
+    x[:, 10:] += 40
+    assert chance_of_steps(x, np.ones(x.shape)) > 0.01
+    assert scatter_between(x, np.ones(x.shape))[0] < 0.01
+    assert chance_of_steps(x[:, :1], np.ones((1, 1))) == 1.0
+    assert scatter_between(x[:, :1], np.ones((1, 1))) == (0.0, 1.0)
+
+
+def test_flights_that_lack_a_quantity_leave_the_other_steps():
+    x = np.array([[100.0, 103, 98, 101, 96, 104, 99, 103], [np.nan] * 4 + [100.0, 101, np.nan, 100]])
+    assert chance_of_steps(x, np.full(x.shape, 0.1)) < 1e-6
+    assert scatter_between(x, np.full(x.shape, 0.1))[1] == pytest.approx(0.4 * 8)
+
+
+def test_flags_of_few_flights_that_may_be_scatter_are_said_to_be_that():
+    result = compare(fleet(np.random.default_rng(1), 4, std=0.003, scatter=0.02))
+    assert result.changes
+    told = " ".join(result.warnings)
+    assert "a flag may be scatter (wheel tracks, temperature, loading) that more flights would show" in told
+    assert "rests on the intervals" in told
+
+
+def test_what_scatter_hides_is_said():
+    result = compare(fleet(np.random.default_rng(1), 12, std=0.003, scatter=0.015))
+    told = " ".join(result.warnings)
+    assert "the departures are judged with it, and one flight alone shows a change of" in told
+    assert "rests on the intervals" not in told
 
 
 def test_changes_of_all_gears_at_once_are_told_to_be_that():

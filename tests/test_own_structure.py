@@ -7,6 +7,7 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.identify.body import candidates
 from opid.identify.body.own_structure import identify_structure
 from opid.mechanics.laws import law
 from opid.mechanics.response import time_response
@@ -105,6 +106,29 @@ def test_loadings_give_unknown_masses(runs):
     assert near(found.masses["high"], HIGH_KG)
     check_springs(found)
     assert found.left_out_over_noise == pytest.approx(1.0, abs=0.1)
+
+
+def test_loadings_of_the_wrong_sign_give_no_negative_springs(runs):
+    """Ratios hold all the same."""
+    found = identify_structure(
+        machine(), runs, unknown=["inner"], unknown_mass=["high", "low"], loadings=[{}, {"high": -60.0}],
+        law="arctan_velocity", **WHERE,
+    )  # fmt: skip
+    assert found.not_determined.startswith("the mass of high would be negative: check the signs of the loadings")
+    assert found.per_mass
+    assert found.masses["high"] == Estimate(1.0)
+    assert near(found.masses["low"], LOW_KG / HIGH_KG)
+    check_springs(found, per=HIGH_KG)
+    amplitude = found.interfaces["low"].law.parameters["arctan_velocity"]["amplitude_n"]
+    assert amplitude == pytest.approx(120.0 / HIGH_KG, rel=0.1)
+
+
+def test_runs_that_do_not_go_together_are_told(runs, monkeypatch):
+    monkeypatch.setattr(candidates, "left_out_level", lambda fit: 2.4 * NOISE)
+    found = identify_structure(machine(), runs, loadings=[{}, {"high": 60.0}], law="arctan_velocity", **WHERE)
+    assert found.left_out_over_noise == pytest.approx(2.4)
+    assert "runs that the others predict leave 2.4 times" in found.warnings[0]
+    assert found.warnings[0].endswith("all intervals are widened 2 times")
 
 
 def test_one_known_mass_or_spring_keeps_the_scale(runs):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from made_flights import body_result, day, gear_result, write_result
+from matplotlib.dates import date2num
 
 from opid import plots
 from opid.identify.comparison import compare
@@ -40,6 +41,19 @@ def test_what_is_flagged_is_ringed_and_named_once(compared):
     calm = plots.compared_quantity(compared, "damping")
     assert calm.get_title(loc="left") == "Damping: nothing flagged"
     assert len(calm.texts) == 0
+
+
+def test_gears_stand_beside_each_other_on_paper_at_one_date(compared):
+    ax = plots.compared_quantity(compared, "damping")
+    days = [flight.date for flight in compared.flights]
+    markers = [line for line in ax.lines if line.get_marker() == "o"]
+    assert {float(line.get_xdata()[0]) for line in markers} == {float(x) for x in date2num(days)}
+    plots.png(plots.figure_of(ax), dpi=50)
+    first = [line for line in markers if line.get_xdata()[0] == date2num(days[0])]
+    seen = sorted(line.get_transform().transform(line.get_xydata())[0, 0] for line in first)
+    assert len(first) == 3
+    assert np.allclose(np.diff(seen), 3.0 * plots.figure_of(ax).dpi / 72)
+    assert ax.get_xlim()[0] == pytest.approx(date2num(days[0]), abs=3)
 
 
 def test_without_dates_the_flights_are_counted_and_hollow_values_have_no_bar(tmp_path):

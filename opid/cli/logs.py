@@ -39,6 +39,12 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     from opid.report.as_json import json_text
     from opid.report.directory import require_directory
 
+    studies = [log for log in logs if log.suffix.lower() == ".toml"]
+    if studies:
+        raise click.UsageError(
+            f"{studies[0]} is a study, no log: name the logs and say how to read them, "
+            f"opid inspect LOG... --study {studies[0]}"
+        )
     if out is not None:
         require_directory(out)
     readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study)]

@@ -12,7 +12,11 @@ from opid.cli.group import progress
 from opid.cli.virtual_tests import simulate
 
 if TYPE_CHECKING:
+    from opid.mechanics.airframe import Airframe
     from opid.mechanics.taxiing_aircraft import AircraftTest
+
+POSITION_TOLERANCE_M = 0.01
+"""What the study says of its coordinates, as of those of a real drawing."""
 
 
 @simulate.command()
@@ -36,6 +40,14 @@ if TYPE_CHECKING:
     metavar="KG X Y",
     help="Put on for the second run; once for each mass.  [default: 500 -1 0.2]",
 )
+@click.option(
+    "--weaken",
+    nargs=2,
+    type=(str, float),
+    multiple=True,
+    metavar="GEAR FACTOR",
+    help="Times FACTOR the stiffness of the strut nose, left or right, as harm would: left 0.95.",
+)
 @click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run.")
 @click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate.")
 @click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")
@@ -45,7 +57,7 @@ def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> Non
     """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
 
     The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
-    study.toml for `opid identify`, and truth.json.
+    study.toml for `opid identify`, which states the noise and coordinates to 1 cm, and truth.json.
     """
     from opid.report import write_aircraft_test
     from opid.report.directory import require_directory
@@ -58,7 +70,16 @@ def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> Non
         say("the files")
         title = f"A virtual aircraft on three gears, seed {seed}"
         told = {"seed": seed} | settings
-        study = write_aircraft_test(test, out, title=title, day=None if day is None else day.date(), settings=told)
+        study = write_aircraft_test(
+            test,
+            out,
+            title=title,
+            day=None if day is None else day.date(),
+            settings=told,
+            position_tolerance_m=POSITION_TOLERANCE_M,
+            # no level can be stated of none
+            noise_m_per_s2=settings["noise"] or None,
+        )
     for name, run in zip(("reference", "loaded"), test.runs, strict=True):
         click.echo(f"{run.airframe.mass_kg:.6g} kg: {out / name}.csv")
     click.echo(f"Next: opid identify {study} --truth {out / 'truth.json'}")
@@ -77,6 +98,8 @@ def _aircraft_test(seed: int, settings: dict[str, Any]) -> AircraftTest:
     airframe = random_aircraft(aircraft_rng) if settings["is_random"] else default_aircraft()
     if settings["bending"] is not None:
         airframe = with_bending(airframe, frequency_hz=settings["bending"])
+    for name, factor in settings["weaken"]:
+        airframe = _weakened(airframe, name, factor)
     # ahead of the struts and nearer to the middle, as there is room in a fuselage
     beside = {gear.name: (gear.x_m + 0.3, round(0.85 * gear.y_m, 2)) for gear in airframe.gears}
     behind = min(gear.x_m for gear in airframe.gears) - 3.0
@@ -92,3 +115,23 @@ def _aircraft_test(seed: int, settings: dict[str, Any]) -> AircraftTest:
         further_sensors={"tail_z": (behind, 0.0)},
         sensor=Sensor(noise_m_per_s2=settings["noise"]),
     )
+
+
+def _weakened(airframe: Airframe, name: str, factor: float) -> Airframe:
+    """The aircraft with the stiffness of one strut times `factor`; its law stays."""
+    from dataclasses import replace
+
+    from opid.errors import InputError, nearest
+
+    names = [gear.name for gear in airframe.gears]
+    if name not in names:
+        raise InputError(f"--weaken names the gear {name!r}, which is not there ({nearest(name, names)})")
+    if not 0.0 < factor < float("inf"):
+        raise InputError(f"--weaken {name} has the factor {factor:g}, give a positive one, as 0.95 for 5 % less")
+    gears = tuple(
+        replace(gear, suspension_stiffness_n_per_m=factor * gear.suspension_stiffness_n_per_m)
+        if gear.name == name
+        else gear
+        for gear in airframe.gears
+    )
+    return replace(airframe, gears=gears)

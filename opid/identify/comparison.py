@@ -12,20 +12,22 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.identify.departures import Measured, Point, Series, chance_of_differences, judged, measured, scatter_between
+from opid.identify.departures import Measured, Point, Series, chance_of_steps, judged, measured, scatter_between
 from opid.identify.flights import Flight, Flights, Quantity, listed
 from opid.signals.recording import FloatArray
 
 FALSE_ALARM = 1e-3
 """Chance that a structure that did not change is flagged anywhere in a comparison, if the intervals hold."""
 
-
 NARROW, NARROW_AS_OTHERS = 0.01, 0.5
-"""Chance of the differences between neighbouring flights below which intervals are taken to be too narrow; and that
+"""Chance of the steps between neighbouring flights below which intervals are taken to be too narrow anywhere; and that
 of one quantity where those of all quantities together are."""
 
 ENOUGH = 4
-"""Differences between neighbouring flights below which a change cannot be told from scatter."""
+"""Steps between neighbouring flights below which a change cannot be told from scatter."""
+
+SUSPECT = 0.1
+"""Chance of the steps below which scatter is not yet certain, but a flag may be scatter."""
 
 CLEAR = 5.0
 """A change is told as a share where the value before is this many standard deviations from zero."""
@@ -87,10 +89,11 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
 
         P(any |z| > t) <= 1 - (1 - a)^N,  a = P(|z| > t)
 
-    whatever the correlation between quantities (Sidak 1967), so a = 1 - (1 - false_alarm)^(1/N). Where the differences
-    between neighbouring flights are larger than their intervals make them, the median of all gears gives the scatter
-    between flights (wheel tracks, temperature), which joins the standard deviations, and t is one of Student's
-    distribution. The flight after a flagged one is judged by itself (`FOLLOWING`): it confirms the flag or not.
+    whatever the correlation between quantities (Sidak 1967), so a = 1 - (1 - false_alarm)^(1/N). Where the steps
+    between neighbouring flights, of five or more, are larger than their intervals make them (`chance_of_steps`), the
+    median of all gears gives the scatter between flights (wheel tracks, temperature), which joins the standard
+    deviations, and t is one of Student's distribution, with the freedom of the scatter. The flight after a flagged one
+    is judged by itself (`FOLLOWING`): it confirms the flag or not.
 
     Args:
         flights: from `read_flights`.
@@ -110,7 +113,7 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
             "identify with the default method, and with runs of two known masses"
         )
     chance = -math.expm1(math.log1p(-false_alarm) / n_tests)
-    scatter = _scatter(found)
+    scatter = _scatter(found, len(flights.flights))
     series = []
     for each in found:
         share, freedom = scatter[each.quantity.label]
@@ -123,29 +126,41 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
         tuple(changes),
         false_alarm,
         n_tests,
-        (*flights.notes, *_doubts(flights.flights, series, changes)),
+        (*flights.notes, *_doubts(flights.flights, series, changes, _chance(found, len(flights.flights)))),
     )
 
 
-def _scatter(found: Sequence[Measured]) -> dict[str, tuple[float, float]]:
+def _scatter(found: Sequence[Measured], n_flights: int) -> dict[str, tuple[float, float]]:
     """Scatter and degrees of freedom for each kind of quantity, of all gears together."""
-    alike: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    alike: dict[str, list[Measured]] = {}
     for each in found:
-        alike.setdefault(each.quantity.label, []).append((each.value, each.std))
-    everything = [pair for pairs in alike.values() for pair in pairs]
+        alike.setdefault(each.quantity.label, []).append(each)
     # few flights tell little of one quantity, but more of all of them
-    together = _n_differences(everything) >= ENOUGH and chance_of_differences(everything) < NARROW
-    narrow = {
-        label
-        for label, pairs in alike.items()
-        if (together or _n_differences(pairs) >= ENOUGH)
-        and chance_of_differences(pairs) < (NARROW_AS_OTHERS if together else NARROW)
-    }
-    return {label: scatter_between(pairs) if label in narrow else (0.0, math.inf) for label, pairs in alike.items()}
+    together = _is_narrow(found, n_flights, NARROW)
+    scatter = {}
+    for label, several in alike.items():
+        narrow = _is_narrow(several, n_flights, NARROW_AS_OTHERS if together else NARROW)
+        scatter[label] = scatter_between(*_table(several, n_flights)) if narrow else (0.0, math.inf)
+    return scatter
 
 
-def _n_differences(pairs: Sequence[tuple[FloatArray, FloatArray]]) -> int:
-    return sum(max(0, value.size - 1) for value, _ in pairs)
+def _is_narrow(found: Sequence[Measured], n_flights: int, level: float) -> bool:
+    """Whether the steps between flights are enough, and larger than their intervals make them."""
+    value, _ = _table(found, n_flights)
+    steps = ~np.isnan(np.diff(value)).all(axis=0)
+    return bool(steps.sum() >= ENOUGH and _chance(found, n_flights) < level)
+
+
+def _chance(found: Sequence[Measured], n_flights: int) -> float:
+    return chance_of_steps(*_table(found, n_flights))
+
+
+def _table(found: Sequence[Measured], n_flights: int) -> tuple[FloatArray, FloatArray]:
+    """Values and standard deviations, a row for each quantity and a column for each flight."""
+    value, std = (np.full((len(found), n_flights), np.nan) for _ in range(2))
+    for row, each in enumerate(found):
+        value[row, list(each.place)], std[row, list(each.place)] = each.value, each.std
+    return value, std
 
 
 def _quantities(flights: Flights) -> list[Quantity]:
@@ -226,7 +241,9 @@ def when(flight: Flight) -> str:
 # ---- what to doubt -----------------------------------------------------------------------------------
 
 
-def _doubts(flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change]) -> Iterator[str]:
+def _doubts(
+    flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change], chance: float
+) -> Iterator[str]:
     yield from _missing(flights, series)
     for gear, n in Counter(gear for flight in flights for gear in flight.laws).items():
         if n == 1:
@@ -236,18 +253,7 @@ def _doubts(flights: Sequence[Flight], series: Sequence[Series], changes: Sequen
     methods = sorted({flight.method for flight in flights})
     if len(methods) > 1:
         yield f"the results come from different methods ({', '.join(methods)}), which may differ from each other"
-    scattered = {each.quantity.label: each.scatter for each in series if each.scatter > 0}
-    for label, share in scattered.items():
-        yield (
-            f"{label}: neighbouring flights differ by more than their intervals, as by {100 * share:.2g} % from flight "
-            "to flight (wheel tracks, temperature, loading); the departures are judged with it"
-        )
-    few = max(sum(point.departure is not None for point in each.points) for each in series)
-    if few < ENOUGH:
-        yield (
-            f"with {few + 1} flights the scatter between flights is hardly seen: what is flagged and what is not rests "
-            "on the intervals of the results"
-        )
+    yield from _scattered(series, changes, chance)
     for change in changes:
         if len(_before(change, series)) == 1:
             yield (
@@ -255,6 +261,36 @@ def _doubts(flights: Sequence[Flight], series: Sequence[Series], changes: Sequen
                 "flagged one, so which of the two is the odd one is not known"
             )
     yield from _all_alike(flights, series, changes)
+
+
+def _scattered(series: Sequence[Series], changes: Sequence[Change], chance: float) -> Iterator[str]:
+    """Whether flights differ by more than their intervals, and what that hides."""
+    widest: dict[str, Series] = {}
+    for each in series:
+        if each.scatter > widest.get(each.quantity.label, each).scatter or each.quantity.label not in widest:
+            widest[each.quantity.label] = each
+    scattered = {label: each for label, each in widest.items() if each.scatter > 0}
+    for label, each in scattered.items():
+        last = next((point for point in reversed(each.points) if point.std is not None), None)
+        least = each.threshold * (last.std or 0.0) / abs(last.expected) if last and last.expected else math.nan
+        hidden = "" if math.isnan(least) else f", and one flight alone shows a change of {100 * least:.2g} % or more"
+        yield (
+            f"{label}: neighbouring flights differ by more than their intervals, as by {100 * each.scatter:.2g} % from "
+            f"flight to flight (wheel tracks, temperature, loading); the departures are judged with it{hidden}"
+        )
+    if scattered:
+        return
+    few = max(sum(point.departure is not None for point in each.points) for each in series)
+    if few < ENOUGH:
+        yield (
+            f"with {few + 1} flights the scatter between flights is hardly seen: what is flagged and what is not rests "
+            "on the intervals of the results"
+        )
+    if changes and chance < SUSPECT:
+        yield (
+            "most quantities differ from flight to flight by more than their intervals let expect: a flag may be "
+            "scatter (wheel tracks, temperature, loading) that more flights would show"
+        )
 
 
 def _before(change: Change, series: Sequence[Series]) -> list[Point]:

@@ -124,13 +124,16 @@ def judged(found: Measured, *, scatter: float, freedom: float, chance: float) ->
     Args:
         found: the values.
         scatter: between flights, as a share of the value (`scatter_between`).
-        freedom: degrees of freedom of the standard deviations, infinite where they are known.
+        freedom: degrees of freedom of the scatter; the intervals are taken as known, so that the sum has more of them
+            (Welch 1947, Satterthwaite 1946).
         chance: two-sided, of flagging one value by itself.
     """
     from scipy.special import ndtri, stdtrit
 
     x = found.value
-    variance = found.std**2 + (scatter * np.median(x) if x.size else 0.0) ** 2
+    beyond = (scatter * np.median(x) if x.size else 0.0) ** 2
+    variance = found.std**2 + beyond
+    freedom = freedom * (1 + float(np.median(found.std)) ** 2 / beyond) ** 2 if beyond else math.inf
     far, near = (
         -float(ndtri(each) if math.isinf(freedom) else stdtrit(freedom, each)) for each in (chance / 2, FOLLOWING)
     )
@@ -197,52 +200,63 @@ def _finished(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, 
 # ---- scatter between flights -------------------------------------------------------------------------
 
 
-def chance_of_differences(series: Sequence[tuple[FloatArray, FloatArray]]) -> float:
+def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
     """Return the chance that honest intervals leave neighbouring flights as far apart as they are.
 
-    So many of n differences are beyond the median one; each is by itself with the probability of a normal deviate
-    (binomial). A change of one gear is one difference of many, so it does not count as scatter.
+    Quantities of a flight share errors (that of its mass), so a step from flight to flight counts once, by the mean
+    square of its quantities: its chance is the greater of those for quantities that are alike and that are
+    independent. Neighbouring steps share a flight, so every other step is taken, and of the two ways to do so the one
+    that says less. So many of n steps are beyond the middle one (binomial): one large step is a change, no scatter.
 
     Args:
-        series: values and standard deviations, each (n_flights,), of one or several quantities.
+        value: of each quantity in each flight, (n_quantities, n_flights); NaN where it has none.
+        std: of `value`.
 
-    >>> x, s = np.array([100.0, 103, 98, 101, 96, 104]), np.full(6, 0.1)
-    >>> chance_of_differences([(x, s)]) < 0.001, chance_of_differences([(x, 100 * s)]) > 0.5
+    >>> x = np.array([[100.0, 103, 98, 101, 96, 104, 99, 103]])
+    >>> chance_of_steps(x, np.full(x.shape, 0.1)) < 1e-6, chance_of_steps(x, np.full(x.shape, 10.0)) > 0.5
     (True, True)
     """
-    from scipy.special import bdtrc, ndtr
+    from scipy.special import bdtrc, chdtrc
 
-    step, stated, _ = _differences(series)
-    if not step.size:
-        return 1.0
-    rank = (step.size - 1) // 2
-    middle = np.sort(np.abs(step) / np.sqrt(stated))[rank]
-    return float(bdtrc(step.size - rank - 1, step.size, 2 * ndtr(-middle)))
+    step, stated, _ = _differences(value, std)
+    n = np.sum(~np.isnan(step), axis=0)
+    squares = np.nansum(step**2 / stated, axis=0)[n > 0]
+    n = n[n > 0]
+    chance = np.maximum(chdtrc(1, squares / n), chdtrc(n, squares))
+    of_middle = [0.0 if chance.size else 1.0]
+    for every_other in (np.sort(chance[first::2])[::-1] for first in (0, 1)):
+        if every_other.size:
+            rank = (every_other.size - 1) // 2
+            of_middle.append(float(bdtrc(every_other.size - rank - 1, every_other.size, every_other[rank])))
+    return max(of_middle)
 
 
-def scatter_between(series: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
+def scatter_between(value: FloatArray, std: FloatArray) -> tuple[float, float]:
     """Return the scatter between flights that the intervals do not explain, as a share of the value.
 
     It makes the median difference of neighbouring flights what it is for normal deviates.
 
     Args:
-        series: values and standard deviations, each (n_flights,), of the same quantity of each gear.
+        value: of the same quantity of each gear in each flight, (n_gears, n_flights); NaN where it has none.
+        std: of `value`.
 
     Returns:
         The share, 0 where the intervals explain the differences; and the degrees of freedom of a standard deviation
         that it gives.
 
-    >>> x, s = np.array([100.0, 103, 98, 101, 96, 104]), np.full(6, 0.1)
-    >>> share, freedom = scatter_between([(x, s)])
+    >>> x = np.array([[100.0, 103, 98, 101, 96, 104]])
+    >>> share, freedom = scatter_between(x, np.full(x.shape, 0.1))
     >>> f"{share:.3f}, {freedom:.0f}"
     '0.052, 2'
-    >>> scatter_between([(x, 100 * s)])[0]
+    >>> scatter_between(x, np.full(x.shape, 10.0))[0]
     0.0
     """
     from scipy.optimize import brentq
     from scipy.special import ndtri
 
-    step, stated, size = _differences(series)
+    step, stated, size = _differences(value, std)
+    known = ~np.isnan(step)
+    step, stated, size = step[known], stated[known], size[known]
     n = step.size
     if not n:
         return 0.0, 1.0
@@ -257,12 +271,8 @@ def scatter_between(series: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[fl
     return 0.0 if explained else float(brentq(above, 0.0, LARGEST_SCATTER)), max(1.0, FREEDOM_SHARE * n)
 
 
-def _differences(series: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _differences(value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Differences of neighbouring flights, their stated variance, and that of a scatter as large as the values."""
-    parts = [
-        np.stack([np.diff(x), s[1:] ** 2 + s[:-1] ** 2, np.full(x.size - 1, 2 * np.median(x) ** 2)])
-        for x, s in series
-        if x.size > 1
-    ]
-    step, stated, size = np.concatenate(parts, axis=1) if parts else np.empty((3, 0))
-    return step, stated, size
+    step, stated = np.diff(value), std[:, 1:] ** 2 + std[:, :-1] ** 2
+    middle = np.array([np.nanmedian(row) if np.any(np.isfinite(row)) else 0.0 for row in value]).reshape(-1, 1)
+    return step, stated, np.broadcast_to(2 * middle**2, step.shape)

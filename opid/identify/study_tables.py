@@ -12,6 +12,12 @@ from opid.errors import nearest
 from opid.identify.sensor_facts import SIDES, SensorFacts
 from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, table_faults
 
+# Keys of the study of a body that one gear has not, and where they belong.
+_OF_A_BODY = {
+    "the study": ("structure", "body_sensors"),
+    "[[runs]]": ("loading",),
+}
+
 # Every key of a study file. A further table is one more row here and one more line in `document_faults`.
 _STUDY = {
     "title": maybe(str, "text in quotes"),
@@ -51,7 +57,8 @@ def document_faults(document: Document) -> Iterator[str]:
     Args:
         document: what the file holds.
     """
-    yield from table_faults("the study", document, _STUDY)
+    yield from table_faults("the study", _without(document, _OF_A_BODY["the study"]), _STUDY)
+    yield from _facts_of_a_body(document)
     yield from general_faults(document)
     if isinstance(document.get("channels"), dict):
         for side in SIDES:
@@ -62,12 +69,31 @@ def document_faults(document: Document) -> Iterator[str]:
         yield from _useless_facts("channels", document["channels"], SIDES)
     if isinstance(document.get("runs"), list):
         for number, entry in enumerate(document["runs"], start=1):
-            yield from table_faults(f"[[runs]] number {number}", entry, _RUN)
+            yield from table_faults(f"[[runs]] number {number}", _without(entry, _OF_A_BODY["[[runs]]"]), _RUN)
             if isinstance(entry, dict) and isinstance(entry.get("channels"), dict):
                 yield from channel_faults("runs.channels", entry["channels"])
                 yield from _useless_facts("runs.channels", entry["channels"], ())
     if isinstance(document.get("sensors"), dict):
         yield from _sensor_faults(document["sensors"])
+
+
+def _without(table: object, names: Sequence[str]) -> object:
+    """A table without what is said of it in other words."""
+    return {name: value for name, value in table.items() if name not in names} if isinstance(table, dict) else table
+
+
+def _facts_of_a_body(document: Document) -> Iterator[str]:
+    """Keys that only the study of a body has."""
+    runs = document.get("runs")
+    entries = runs if isinstance(runs, list) else []
+    tables = {"the study": [document], "[[runs]]": [run for run in entries if isinstance(run, dict)]}
+    for where, names in _OF_A_BODY.items():
+        for name in names:
+            if any(name in table for table in tables[where]):
+                yield (
+                    f"{where} has {name!r}, which belongs to a body on several suspensions: describe each suspension "
+                    "in [[interfaces]] (name, sprung, unsprung, x_m, y_m), or leave it out for one gear"
+                )
 
 
 def general_faults(document: Document) -> Iterator[str]:

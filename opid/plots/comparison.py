@@ -9,15 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Transform, offset_copy
 
 from opid.identify.comparison import Comparison
 from opid.identify.departures import Point, Series
-from opid.plots.style import INK, house_style, panels, pretty, run_colors
+from opid.plots.style import INK, figure_of, house_style, panels, pretty, run_colors
 
 __all__ = ["compared_quantity"]
 
-# the widest share of the flights' spacing over which the gears of one flight are drawn beside each other
-BESIDE = 0.3
+# the gears of one flight are drawn beside each other by so many points on paper: a date stays what it is
+BESIDE = 3.0
 # a quantity is drawn in percent of its first flights where these are so many standard deviations from zero
 CLEAR = 5.0
 
@@ -40,19 +41,17 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     if not series:
         raise ValueError(f"no quantity is called {label!r}")
     places = _places(result)
-    step = float(np.min(np.diff(np.unique(places)), initial=np.inf))
-    step = step if np.isfinite(step) else 1.0
     references = [_reference(each) for each in series]
     relative = all(reference is not None for reference in references)
     with house_style():
         ax = panels(ax, 1, height_in=3.4)[0, 0]
         for i, (each, reference, color) in enumerate(zip(series, references, run_colors(len(series)), strict=True)):
-            beside = BESIDE * step * (i - (len(series) - 1) / 2) / len(series)
+            beside = BESIDE * (i - (len(series) - 1) / 2)
             scale = 100 / abs(reference) if relative and reference else 1.0
             name = each.quantity.gear or "all of the body"
             if relative and reference:
                 name += f": {_digits(reference)} {pretty(each.quantity.unit)}"
-            _draw(ax, each, places + beside, scale, color, name)
+            _draw(ax, each, places, scale, color, name, beside)
         _dates(ax, result, places)
         unit = "% of what was expected" if relative else pretty(series[0].quantity.unit)
         ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
@@ -62,7 +61,10 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     return ax
 
 
-def _draw(ax: Axes, series: Series, places: np.ndarray, scale: float, color: str, name: str) -> None:
+def _draw(
+    ax: Axes, series: Series, places: np.ndarray, scale: float, color: str, name: str, beside_points: float
+) -> None:
+    beside = offset_copy(ax.transData, figure_of(ax), x=beside_points, units="points")
     judged = [point for point in series.points if point.limits is not None]
     if judged:
         x = [places[point.flight] for point in judged]
@@ -82,18 +84,43 @@ def _draw(ax: Axes, series: Series, places: np.ndarray, scale: float, color: str
             color=color,
             markerfacecolor=color if point in bars else "white",
             linestyle="none",
+            transform=beside,
         )
     ends = np.array([point.estimate.interval95 for point in bars], dtype=float).reshape(-1, 2)
-    ax.vlines([places[point.flight] for point in bars], scale * ends[:, 0], scale * ends[:, 1], color=color, label=name)
+    ax.vlines(
+        [places[point.flight] for point in bars],
+        scale * ends[:, 0],
+        scale * ends[:, 1],
+        color=color,
+        label=name,
+        transform=beside,
+    )
+    # what is moved aside on paper does not count for the limits of the axes
+    ax.update_datalim([(places[point.flight], height) for point, height in zip(known, scale * value, strict=True)])
+    ax.update_datalim(
+        [(places[point.flight], scale * end) for point, both in zip(bars, ends, strict=True) for end in both]
+    )
+    ax.autoscale_view()
     for point in series.points:
         if point.flagged:
-            _mark(ax, point, places[point.flight], scale, series.quantity.gear if _starts(series, point) else None)
+            _mark(
+                ax, point, places[point.flight], scale, series.quantity.gear if _starts(series, point) else None, beside
+            )
 
 
-def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None) -> None:
+def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None, beside: Transform) -> None:
     """A ring about a flagged value; the first of a change has the gear's name and its departure."""
     height = scale * (point.estimate.value or 0.0)
-    ax.plot([place], [height], marker="o", markersize=10, color=INK, markerfacecolor="none", linestyle="none")
+    ax.plot(
+        [place],
+        [height],
+        marker="o",
+        markersize=10,
+        color=INK,
+        markerfacecolor="none",
+        linestyle="none",
+        transform=beside,
+    )
     if name is not None:
         told = {True: "confirmed", False: "not confirmed", None: "next flight awaited"}[point.confirmed]
         up = (point.departure or 0.0) > 0
@@ -101,6 +128,7 @@ def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None) 
             f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {told}".replace("-", "−"),
             (place, height),
             (0, 9 if up else -9),
+            xycoords=beside,
             textcoords="offset points",
             ha="right",
             va="bottom" if up else "top",

@@ -73,6 +73,7 @@ def study_of_aircraft(
     title: str,
     shared: Sequence[Sequence[str]] = (),
     position_tolerance_m: float = 0.0,
+    noise_m_per_s2: float | None = None,
     day: date | None = None,
 ) -> BodyStudy:
     """Return the study of a simulated field test of an aircraft: what its owner knows of it.
@@ -82,6 +83,7 @@ def study_of_aircraft(
         title: of the study.
         shared: names of gears that are to share stiffness, damping and law.
         position_tolerance_m: how well the places are said to be known.
+        noise_m_per_s2: what the rms noise of the sensors is said to be; None where it is not known.
         day: of the runs.
     """
     first = test.runs[0]
@@ -100,7 +102,9 @@ def study_of_aircraft(
             for name, run, loading in zip(run_names(len(test.runs)), test.runs, test.loadings, strict=True)
         ),
         structure=StructureSettings(
-            shared=tuple(tuple(group) for group in shared), position_tolerance_m=position_tolerance_m
+            shared=tuple(tuple(group) for group in shared),
+            position_tolerance_m=position_tolerance_m,
+            noise_m_per_s2=noise_m_per_s2,
         ),
         sensors=tuple(BodySensor(name, *place) for name, place in first.places_m.items() if name not in paired),
         date=day,

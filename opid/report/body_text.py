@@ -162,7 +162,9 @@ def recommendation(result: BodyIdentification) -> str:
     """
     best = recommended(result)
     if best is None:
-        return f"Recommended: none of them, for none leaves noise alone. The numbers are those of: {_kind(result)}."
+        explained = any(candidate.explains for candidate in result.candidates)
+        doubt = "their mass would be negative" if explained else "none leaves noise alone"
+        return f"Recommended: none of them, for {doubt}. The numbers are those of: {_kind(result)}."
     return f"Recommended: {kind_in_words(best.kind)}. Why: {sentence(reason(result))}"
 
 

@@ -21,7 +21,7 @@ LINEAR_ERROR_GROWTH = 0.3
 """Where nothing is known: on the wing-engine structure 91 of 100 intervals hold the coefficient if the linear error is
 one of the moduli, and nearly all, being too wide, if it is one of the modal eigenvalues."""
 
-UNMENDED_GROWTH = 0.15
+UNMENDED_GROWTH = 0.22
 """That of an error that no factor of the stiffness mends, beside what phase I leaves in the factors: that of a modal
 eigenvalue grows by 0.02 and 0.1 in the two modes of the wing-engine structure, more where modes interact."""
 
@@ -54,7 +54,7 @@ class NoiseSettings:
         linear_error_growth: how far that error of lambda may grow while lambda doubles by the nonlinearity, in units
             of itself: 0 for an error of the modal eigenvalue, 0.5 and 0.1 for errors of the moduli in the two modes of
             the wing-engine structure. Left out in a study that updates the linear structure, it is worked out for each
-            mode from what phase I leaves (`opid.updating.linear_error`) and from 0.15 beside it; a stated 0.3 is kept.
+            mode from what phase I leaves (`opid.updating.linear_error`) and from 0.22 beside it; a stated 0.3 is kept.
         point_noise: relative error of a measured frequency that is expected; the level is inferred, this weighs as
             much as one point.
         curve_offset: relative offset of the frequencies of a curve that is expected (imperfect quadrature); the level

@@ -25,9 +25,15 @@ from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 
 # the noise below the suspensions is taken for so many times larger on the way to a fit from afar
-FROM_AFAR = (30.0, 5.0)
+FROM_AFAR = (100.0, 20.0, 4.0)
 # residual over noise up to which a structure explains the runs
 EXPLAINS = 1.2
+# what rests on a gear of less than this share of a loading is nothing
+LEAST_SHARE = 1e-3
+# loadings that differ by less than this share of the largest are one
+SAME_LOADING = 1e-6
+# gears are on one line if they leave it by less than this share of its length
+ONE_LINE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +46,8 @@ class Fitted:
         fit: the fit; None where there is none.
         steps: laws that were tried.
         noise: level known beforehand of what was fitted, m/s^2.
-        left_out: level of the errors of runs that the others predict, m/s^2; None for a single run.
+        left_out: level of the errors of runs that the others predict, m/s^2; None for a single run, or where the others
+            cannot be fitted.
         reason: why there is no fit; "" if there is one.
     """
 
@@ -58,6 +65,16 @@ class Fitted:
         return self.fit.level / self.noise if self.fit is not None else float("inf")
 
     @property
+    def left_out_over_noise(self) -> float | None:
+        """Likewise of runs that the others predict; None where there is no such level."""
+        return None if self.left_out is None else self.left_out / self.noise
+
+    @property
+    def lack(self) -> float:
+        """The larger of both."""
+        return max(self.residual_over_noise, self.left_out_over_noise or 0.0)
+
+    @property
     def found(self) -> BodyFit:
         """The fit; NotDeterminedError where there is none."""
         if self.fit is None:
@@ -66,22 +83,25 @@ class Fitted:
 
     @property
     def explains(self) -> bool:
-        """Whether what is left is noise."""
-        return self.residual_over_noise <= EXPLAINS
+        """Whether what is left is noise, also of runs that the others predict."""
+        return self.lack <= EXPLAINS
 
 
 def shares(study: BodyStudy, loading: PointMass) -> FloatArray:
-    """Return how much of a mass rests on each interface, (n,) kg: by statics where there are three, least squares else.
+    """Return how much of a mass rests on each interface, (n,) kg: together all of it, wherever the origin is.
+
+    By statics where there are three, as even as statics allows where there are more. On one line the lever rule holds,
+    about the foot of the perpendicular from the mass.
 
     Args:
         study: the study.
         loading: the mass.
     """
-    rows = np.array([vertical(*interface.place) for interface in study.interfaces])
-    if len(rows) < 3:
-        return np.full(len(rows), loading.mass_kg / len(rows))
-    wanted = loading.mass_kg * vertical(loading.x_m, loading.y_m)
-    return np.asarray(np.linalg.lstsq(rows.T, wanted, rcond=1e-9)[0])
+    places = np.array([interface.place for interface in study.interfaces])
+    middle = places.mean(axis=0)
+    lever = np.array([loading.x_m, loading.y_m]) - middle
+    uneven = np.linalg.pinv((places - middle).T, rcond=ONE_LINE) @ lever
+    return np.asarray(loading.mass_kg * (1 / len(places) + uneven))
 
 
 def fitted_alone(
@@ -109,6 +129,8 @@ def fitted_alone(
     runs = []
     for run, (below, above) in zip(study.runs, arrays, strict=True):
         change = sum(float(shares(study, each)[picked].mean()) for each in run.loading)
+        if abs(change) < LEAST_SHARE * sum(abs(each.mass_kg) for each in run.loading):
+            change = 0.0
         runs.append(
             body_run(
                 below[:, picked].mean(axis=1, keepdims=True),
@@ -232,9 +254,13 @@ def fitted(
             fit, steps = search_laws(fit, progress=progress)
             # fits of a search stop early
             fit = fit_body(fit.model, fit.theta)
-        return Fitted(kind, interfaces, fit, steps, noise, left_out_level(fit))
     except (UnboundedResponseError, ImpossibleBodyError, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, (), noise, None, str(error))
+    try:
+        left_out = left_out_level(fit)
+    except (UnboundedResponseError, ImpossibleBodyError):
+        left_out = None
+    return Fitted(kind, interfaces, fit, steps, noise, left_out)
 
 
 def mass_is_told(runs: Sequence[BodyRun], body: Body) -> bool:
@@ -245,17 +271,31 @@ def mass_is_told(runs: Sequence[BodyRun], body: Body) -> bool:
         body: the body.
     """
     springs = any(spring.stiffness_n_per_m or spring.damping_n_s_per_m for spring in body.inside)
-    changed = any(np.abs(run.loading - runs[0].loading).any() for run in runs[1:])
-    return not body.absolute and (changed or springs or bool(body.known.any()))
+    return not body.absolute and (loading_changes(runs) or springs or bool(body.known.any()))
+
+
+def loading_changes(runs: Sequence[BodyRun]) -> bool:
+    """Return whether the loading of a run is another than that of the first.
+
+    Args:
+        runs: the runs.
+    """
+    largest = max(float(np.abs(run.loading).max()) for run in runs)
+    return any(bool((np.abs(run.loading - runs[0].loading) > SAME_LOADING * largest).any()) for run in runs[1:])
 
 
 def left_out_level(fit: BodyFit) -> float | None:
     """Return how well each run is predicted by a fit of the others, m/s^2; None for a single run.
 
-    Of the run left out only its start is fitted. The mass stays that of all runs where the others have one loading.
+    Of the run left out only its start is fitted. The mass stays that of all runs, the one left out among them, where
+    the others have one loading.
 
     Args:
         fit: of all runs.
+
+    Raises:
+        UnboundedResponseError: the other runs make a suspension that grows without bound.
+        ImpossibleBodyError: the other runs make no mass matrix for the loading of the one left out.
     """
     model = fit.model
     if len(model.runs) < 2:
@@ -263,7 +303,7 @@ def left_out_level(fit: BodyFit) -> float | None:
     cost, n_data, n_own = 0.0, 0, 2 * model.body.n_interfaces
     for place, run in enumerate(model.runs):
         others = tuple(each for k, each in enumerate(model.runs) if k != place)
-        changed = model.mass_free and any(np.abs(each.loading - others[0].loading).any() for each in others[1:])
+        changed = model.mass_free and loading_changes(others)
         shared = fit.theta[: model.n_shared]
         held = model.inverse_mass(fit.theta)
         if model.mass_free and not changed:

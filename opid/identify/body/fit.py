@@ -14,12 +14,16 @@ from opid.identify.body.run import BodyRun
 from opid.identify.body.structure import Body, ImpossibleBodyError
 from opid.identify.driven_model import Errors
 from opid.identify.law_parameters import from_free, to_free
-from opid.identify.levenberg_marquardt import LEAST_PROMISE, MOST_EVALUATIONS, least_squares
+from opid.identify.levenberg_marquardt import LEAST_PROMISE, least_squares
 from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
 
 # a fit from afar need not be a good one
 ON_THE_WAY = 10.0
+# places and laws of several suspensions take their time
+MOST_EVALUATIONS = 50
+# of the tolerance of a place, on the way
+HELD = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +133,8 @@ def fit_body(
     spent = 0
     for factor in (*noisier, 1.0):
         louder = replace(model, noise=(factor * model.noise[0], model.noise[1]))
+        if factor != 1.0:
+            louder = replace(louder, body=_with_places_held(model.body))
         promise = least_promise if factor == 1.0 else ON_THE_WAY
         theta, n = _settled(louder, theta, free, most_evaluations, promise)
         spent += n
@@ -165,6 +171,12 @@ def _typical(model: BodyModel, group: Group) -> tuple[FloatArray, FloatArray]:
     travel_rms, velocity_rms = np.sqrt(np.mean(model.motion_rms[list(group.slots)] ** 2, axis=0))
     phase = 2 * np.pi * np.arange(64) / 64
     return np.sqrt(2) * travel_rms * np.sin(phase), np.sqrt(2) * velocity_rms * np.cos(phase)
+
+
+def _with_places_held(body: Body) -> Body:
+    """The body with every place where it is stated to be: while all is wrong, places are not to make up for it."""
+    held = tuple(replace(coordinate, std=HELD * coordinate.std) for coordinate in body.coordinates)
+    return replace(body, coordinates=held)
 
 
 def _settled(

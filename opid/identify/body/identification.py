@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,25 +11,11 @@ from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
 from opid.identify.body.candidates import EXPLAINS, Fitted, fitted_alone, fitted_rigid
-from opid.identify.body.intervals import body_estimates, mass_of, suspension_estimates
-from opid.identify.body.levels import (
-    LOOSELY_KNOWN,
-    REFUSED,
-    WITHHELD,
-    is_white,
-    level_of,
-    noise_levels,
-    thinned,
-    widened,
-)
-from opid.identify.body.result import (
-    BODY_PARAMETERS,
-    BODY_RATIOS,
-    BodyIdentification,
-    Candidate,
-    InterfaceEstimate,
-    RunResidual,
-)
+from opid.identify.body.doubts import doubts, loose_motions, mass_doubt, refusal
+from opid.identify.body.intervals import mass_of, negative_mass
+from opid.identify.body.levels import WITHHELD, is_white, noise_levels, widened
+from opid.identify.body.numbers import found_numbers
+from opid.identify.body.result import BodyIdentification, Candidate, RunResidual
 from opid.identify.body.study import BodyStudy, rigid_faults, symmetric_pairs
 from opid.mechanics.laws import Law, default_law
 from opid.signals.health import without_spikes
@@ -38,6 +23,8 @@ from opid.signals.recording import FloatArray
 
 # of a run in a figure
 SHOWN_S = 6.0
+
+IN_WORDS = {"single": "each gear alone", "pair": "the mean of left and right", "rigid_body": "one rigid body"}
 
 Say = Callable[[str], None]
 
@@ -134,29 +121,36 @@ def _parts(study: BodyStudy, tried: Sequence[Fitted], kind: str) -> list[Fitted]
 
 def _chosen(study: BodyStudy, tried: Sequence[Fitted]) -> tuple[str, str]:
     """The simplest structure that explains the runs, and why."""
-    worst, own = {}, {}
+    lacks: dict[str, float] = {}
+    ratios: dict[str, float] = {}
+    leaves: dict[str, str] = {}
     for kind in ("single", "pair", "rigid_body"):
         parts = _parts(study, tried, kind)
         complete = sum(len(part.interfaces) for part in parts) == len(study.interfaces)
         if parts and complete and any(part.kind == kind for part in parts):
-            worst[kind] = max(part.residual_over_noise for part in parts)
-            own[kind] = max(part.residual_over_noise for part in parts if part.kind == kind)
-    said = {"single": "each gear alone", "pair": "the mean of left and right", "rigid_body": "one rigid body"}
-    for kind, ratio in worst.items():
-        if ratio <= EXPLAINS:
-            simpler = [f"{said[other]} {_leaves(own[other])}" for other in worst if worst[other] > EXPLAINS]
-            because = f"{said[kind]} leaves {ratio:.2f} times the sensors' noise"
+            lacks[kind] = max(part.lack for part in parts)
+            ratios[kind] = max(part.residual_over_noise for part in parts)
+            leaves[kind] = f"{IN_WORDS[kind]} {_leaves([part for part in parts if part.kind == kind])}"
+    for kind, lack in lacks.items():
+        if lack <= EXPLAINS:
+            because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
+            simpler = [leaves[other] for other in lacks if lacks[other] > EXPLAINS]
             return kind, f"{because}; {', '.join(simpler)}" if simpler else because
-    best = min(worst, key=lambda kind: worst[kind])
-    listed = ", ".join(f"{said[kind]} {_leaves(own[kind])}" for kind in worst)
+    best = min(ratios, key=lambda kind: ratios[kind])
     return best, (
-        f"no structure explains these runs: {listed}; something else moves (a bending airframe, a load that shifts, "
-        "wrong coordinates or loadings)"
+        f"no structure explains these runs: {', '.join(leaves.values())}; something else moves (a bending airframe, a "
+        "load that shifts, wrong coordinates or loadings)"
     )
 
 
-def _leaves(ratio: float) -> str:
-    return f"leaves {ratio:.3g} times the noise" if np.isfinite(ratio) else "cannot be fitted"
+def _leaves(parts: Sequence[Fitted]) -> str:
+    """What the fits of a structure leave, in words."""
+    ratio = max(part.residual_over_noise for part in parts)
+    if not np.isfinite(ratio):
+        return "cannot be fitted"
+    left_out = max(part.left_out_over_noise or 0.0 for part in parts)
+    said = f"leaves {ratio:.3g} times the noise"
+    return f"{said}, but {left_out:.3g} in runs that the others predict" if ratio <= EXPLAINS < left_out else said
 
 
 def _answer(
@@ -170,147 +164,69 @@ def _answer(
 ) -> BodyIdentification:
     parts = [part for part in _parts(study, tried, kind) if part.fit is not None]
     ratio = max(part.residual_over_noise for part in parts)
-    explained = ratio <= EXPLAINS
     covariances = [widened(part) for part in parts]
-    parameters, ratios = dict.fromkeys(BODY_PARAMETERS, Estimate()), dict.fromkeys(BODY_RATIOS, Estimate())
-    if kind == "rigid_body":
-        parameters, ratios = body_estimates(parts[0].found, covariances[0])
-    else:
-        parameters["sprung_mass_kg"] = _total(parts, covariances)
-    reason = _not_determined(study, parts, parameters["sprung_mass_kg"], ratio)
-    failed = [part for part in _parts(study, tried, kind) if part.fit is None]
-    if failed:
-        names = ", ".join(study.names[k] for part in failed for k in part.interfaces)
-        reason = f"{names} cannot be fitted ({failed[0].reason}), so there is no mass of the whole"
-        parameters = dict.fromkeys(BODY_PARAMETERS, Estimate())
-    interfaces = _interfaces(study, parts, covariances, noises)
-    corrections = _corrections(parts, covariances)
-    if ratio > WITHHELD:
-        parameters, ratios, corrections = (
-            {name: Estimate(each.value) for name, each in table.items()} for table in (parameters, ratios, corrections)
-        )
-        interfaces = tuple(_without_intervals(each) for each in interfaces)
-    if ratio > REFUSED or reason:
-        parameters = dict.fromkeys(BODY_PARAMETERS, Estimate())
-    if ratio > REFUSED:
-        ratios = dict.fromkeys(BODY_RATIOS, Estimate())
-        interfaces = tuple(
-            replace(each, stiffness=Estimate(), damping=Estimate(), law_estimates={}) for each in interfaces
-        )
+    unscaled = mass_doubt(study, parts, covariances, ratio)
+    reason = refusal(study, parts, ratio) or _failure(study, _parts(study, tried, kind)) or unscaled
+    numbers = found_numbers(study, kind, parts, covariances, per_mass=unscaled is not None)
+    mass = numbers.parameters["sprung_mass_kg"]
+    loose = []
+    if kind == "rigid_body" and ratio <= WITHHELD:
+        loose = loose_motions(parts[0].found, numbers.parameters, numbers.ratios)
+    numbers = numbers.told(ratio, reason, loose)
+    believed = all(part.explains for part in parts) and not _any_negative(parts, covariances)
     return BodyIdentification(
         title=study.title,
         date=study.date,
         structure=kind,
-        parameters=parameters,
-        ratios=ratios,
-        per_mass=not parts[0].found.model.mass_free,
-        interfaces=interfaces,
+        parameters=numbers.parameters,
+        ratios=numbers.ratios,
+        per_mass=unscaled is not None,
+        interfaces=numbers.interfaces,
         places={each.name: (*each.place, *each.sensor_place) for each in study.interfaces},
-        place_corrections=corrections,
-        candidates=tuple(_candidate(study, each, kind, explained) for each in tried),
+        place_corrections=numbers.corrections,
+        candidates=tuple(_candidate(study, each, recommended=believed and each.kind == kind) for each in tried),
         runs=_runs(study, parts, arrays),
         noise_m_per_s2=float(np.sqrt(np.mean(np.square(noises)))),
         residual_over_noise=ratio,
         diagnostics=_diagnostics(study, parts, why, settings),
-        warnings=tuple(_warnings(study, tried, parts, why, ratio)),
+        warnings=tuple(
+            doubts(study, tried, parts, why=why, ratio=ratio, mass=Estimate() if reason else mass, loose=loose)
+        ),
         not_determined=reason,
     )
 
 
-def _total(parts: Sequence[Fitted], covariances: Sequence[FloatArray]) -> Estimate:
-    """Mass of all gears together, where each is known."""
-    if not all(part.found.model.mass_free for part in parts):
-        return Estimate()
-    value = variance = 0.0
-    for part, covariance in zip(parts, covariances, strict=True):
-        mass, count = mass_of(part.found, covariance), len(part.interfaces)
-        if mass.value is None or mass.std is None:
-            return Estimate()
-        value, variance = value + count * mass.value, variance + (count * mass.std) ** 2
-    return Estimate.normal(value, float(np.sqrt(variance)))
+def _failure(study: BodyStudy, parts: Sequence[Fitted]) -> str | None:
+    """Why there is no mass of the whole though some gears are fitted."""
+    failed = [part for part in parts if part.fit is None]
+    if not failed:
+        return None
+    names = ", ".join(study.names[k] for part in failed for k in part.interfaces)
+    return f"{names} cannot be fitted ({failed[0].reason}), so there is no mass of the whole"
 
 
-def _not_determined(study: BodyStudy, parts: Sequence[Fitted], mass: Estimate, ratio: float) -> str | None:
-    if ratio > REFUSED:
-        return (
-            f"the structure leaves {ratio:.0f} times the sensors' noise, so every number of it would be a guess: check "
-            "channels (exchanged, upside down, in another unit), coordinates and loadings, or describe the structure "
-            "by its own matrices"
-        )
-    if not parts[0].found.model.mass_free:
-        return (
-            "all runs have the same loading: only ratios to the mass can be told; give `loading` to the runs that "
-            "carried more or less"
-        )
-    if mass.value is None or mass.std is None or mass.std > LOOSELY_KNOWN * mass.value:
-        if ratio > WITHHELD:
-            return (
-                f"the structure leaves {ratio:.1f} times the sensors' noise, and the mass that would explain most of "
-                "it is no mass: check places, signs and masses of the loadings first"
-            )
-        changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
-        return (
-            f"the change of loading ({changes}) moves too little of what the sensors see to give the mass: change it "
-            "more, or at a place that moves more"
-        )
-    return None
+def _any_negative(parts: Sequence[Fitted], covariances: Sequence[FloatArray]) -> bool:
+    return any(negative_mass(part.found, each) for part, each in zip(parts, covariances, strict=True))
 
 
-def _interfaces(
-    study: BodyStudy, parts: Sequence[Fitted], covariances: Sequence[FloatArray], noises: FloatArray
-) -> tuple[InterfaceEstimate, ...]:
-    found: dict[int, InterfaceEstimate] = {}
-    noise = float(np.sqrt(np.mean(np.square(noises))))
-    for part, covariance in zip(parts, covariances, strict=True):
-        fit = part.found
-        mu = fit.model.inverse_mass(fit.theta) if fit.model.mass_free else 1.0
-        for number, group in enumerate(fit.groups()):
-            stiffness, damping, law = suspension_estimates(fit, covariance, number)
-            members = [part.interfaces[slot] for slot in group.slots] if part.kind == "rigid_body" else part.interfaces
-            for k, member in enumerate(members):
-                slot = group.slots[k] if part.kind == "rigid_body" else 0
-                found[member] = InterfaceEstimate(
-                    name=study.names[member],
-                    shared_with=tuple(study.names[other] for other in members if other != member),
-                    stiffness=stiffness,
-                    damping=damping,
-                    law=group.law.scaled(1 / mu) if group.law.terms else group.law,
-                    law_estimates=law,
-                    travel=thinned([p.travel[:, slot] for p in fit.errors.predictions]),
-                    velocity=thinned([p.velocity[:, slot] for p in fit.errors.predictions]),
-                    residual_over_noise=level_of(fit, slot) / (noise if part.kind == "rigid_body" else part.noise),
-                )
-    return tuple(found[k] for k in sorted(found))
-
-
-def _without_intervals(each: InterfaceEstimate) -> InterfaceEstimate:
-    law = {kind: {name: Estimate(e.value) for name, e in table.items()} for kind, table in each.law_estimates.items()}
-    return replace(
-        each, stiffness=Estimate(each.stiffness.value), damping=Estimate(each.damping.value), law_estimates=law
-    )
-
-
-def _corrections(parts: Sequence[Fitted], covariances: Sequence[FloatArray]) -> dict[str, Estimate]:
-    found = {}
-    for part, covariance in zip(parts, covariances, strict=True):
-        for coordinate in part.found.model.body.coordinates:
-            k = part.found.model.names.index(coordinate.name)
-            found[coordinate.name] = Estimate.normal(float(part.found.theta[k]), float(np.sqrt(covariance[k, k])))
-    return found
-
-
-def _candidate(study: BodyStudy, part: Fitted, kind: str, explained: bool) -> Candidate:
+def _candidate(study: BodyStudy, part: Fitted, *, recommended: bool) -> Candidate:
     names = tuple(study.names[k] for k in part.interfaces)
-    mass = Estimate()
+    mass, negative = Estimate(), False
     if part.fit is not None and part.found.model.mass_free:
-        mass = mass_of(part.found, widened(part))
-        # what a wrong structure says is shown, as what it is
-        mass = mass if part.residual_over_noise <= WITHHELD else Estimate(mass.value)
-    recommended = explained and part.kind == kind and part.explains
+        covariance = widened(part)
+        mass, negative = mass_of(part.found, covariance), negative_mass(part.found, covariance)
+        # what a wrong structure says is shown, as what it is; a mass between nothing and infinity is none
+        if mass.std is None or part.residual_over_noise > WITHHELD:
+            mass = Estimate() if part.explains else Estimate(mass.value)
     if part.fit is None:
         why = part.reason
     elif part.explains:
-        why = "what it leaves is the sensors' noise"
+        why = "what it leaves is the sensors' noise" + (", but its mass would be negative" if negative else "")
+    elif part.residual_over_noise <= EXPLAINS:
+        why = (
+            f"it leaves the sensors' noise, but {part.left_out_over_noise:.3g} times as much in runs that the others "
+            "predict: the runs do not go together"
+        )
     else:
         why = f"it leaves {part.residual_over_noise:.3g} times the sensors' noise: these gears do not move like that"
     return Candidate(
@@ -318,7 +234,7 @@ def _candidate(study: BodyStudy, part: Fitted, kind: str, explained: bool) -> Ca
         interfaces=names,
         sprung_mass_kg=mass,
         residual_over_noise=part.residual_over_noise,
-        left_out_over_noise=None if part.left_out is None else part.left_out / part.noise,
+        left_out_over_noise=part.left_out_over_noise,
         law="; ".join(
             dict.fromkeys(group.law.name for group in part.found.model.groups) if part.fit is not None else ("",)
         ),
@@ -375,40 +291,3 @@ def _diagnostics(study: BodyStudy, parts: Sequence[Fitted], why: str, settings: 
         "laws_tried": [{"law": step.law, "bic": step.bic, "kept": step.kept} for part in parts for step in part.steps],
         **settings,
     }
-
-
-def _warnings(
-    study: BodyStudy, tried: Sequence[Fitted], parts: Sequence[Fitted], why: str, ratio: float
-) -> Iterator[str]:
-    for run in study.runs:
-        for finding in run.findings:
-            if finding.severity != "note":
-                channel = f", {finding.channel!r}" if finding.channel else ""
-                yield f"run {run.name!r}{channel}: {finding.message}"
-    if ratio > EXPLAINS:
-        yield why
-        if ratio <= WITHHELD:
-            yield f"all intervals are widened {ratio / EXPLAINS:.2g} times for what the structure leaves"
-        elif ratio <= REFUSED:
-            yield "the intervals are withheld: what the structure leaves is no noise"
-    white = all(is_white(part.found) for part in parts)
-    if ratio <= EXPLAINS and not white:
-        yield (
-            "what the structure leaves is not white, though little: a law or a coordinate may be missing; intervals "
-            "allow for its colour"
-        )
-    if study.structure.kind == "auto" and len(study.interfaces) > 1 and not any(p.kind == "rigid_body" for p in tried):
-        yield f"one rigid body was not tried: {'; '.join(rigid_faults(study))}"
-    for part in parts:
-        for coordinate, value in _far(part):
-            yield (
-                f"{coordinate} would have to be {100 * value:+.1f} cm from where it is stated to be: check the drawing"
-            )
-
-
-def _far(part: Fitted) -> Iterator[tuple[str, float]]:
-    model = part.found.model
-    for coordinate in model.body.coordinates:
-        value = float(part.found.theta[model.names.index(coordinate.name)])
-        if abs(value) > 3.5 * coordinate.std:
-            yield coordinate.name, value

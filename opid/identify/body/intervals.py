@@ -97,16 +97,38 @@ def mass_of(fit: BodyFit, covariance: FloatArray) -> Estimate:
         fit: with a free mass.
         covariance: (n_shared, n_shared) of the shared parameters.
     """
-    mu = fit.model.inverse_mass(fit.theta)
-    place = fit.model.names.index("inverse_mass")
-    std = float(np.sqrt(max(covariance[place, place], 0.0)))
+    mu, std = inverse_mass_of(fit, covariance)
     if mu <= 1.96 * std:
         return Estimate(1 / mu if mu > 0 else None)
     return Estimate(1 / mu, std / mu**2, (1 / (mu + 1.96 * std), 1 / (mu - 1.96 * std)))
 
 
+def inverse_mass_of(fit: BodyFit, covariance: FloatArray) -> tuple[float, float]:
+    """Return one over the reference mass and its standard deviation, 1/kg.
+
+    Args:
+        fit: with a free mass.
+        covariance: (n_shared, n_shared) of the shared parameters.
+    """
+    place = fit.model.names.index("inverse_mass")
+    return fit.model.inverse_mass(fit.theta), float(np.sqrt(max(covariance[place, place], 0.0)))
+
+
+def negative_mass(fit: BodyFit, covariance: FloatArray) -> bool:
+    """Return whether the reference mass is below nothing by more than its interval.
+
+    Args:
+        fit: a fitted body.
+        covariance: (n_shared, n_shared) of the shared parameters.
+    """
+    if not fit.model.mass_free:
+        return False
+    mu, std = inverse_mass_of(fit, covariance)
+    return mu < -1.96 * std
+
+
 def suspension_estimates(
-    fit: BodyFit, covariance: FloatArray, number: int
+    fit: BodyFit, covariance: FloatArray, number: int, *, per_mass: bool = False
 ) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
     """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted.
 
@@ -114,6 +136,7 @@ def suspension_estimates(
         fit: a fitted body.
         covariance: (n_shared, n_shared) of the shared parameters.
         number: of the group.
+        per_mass: whether they are wanted per kg though the mass is fitted.
     """
     first, places = fit.model.first_of_group[number], fit.model.law_places(number)
     law = fit.model.groups[number].law
@@ -126,26 +149,29 @@ def suspension_estimates(
             for k, (parameter, value) in enumerate(zip(LAWS[term.name].parameters, term.values, strict=True)):
                 slope = float(slopes[place - places.start])
                 if k == 0:
-                    estimates[term.name][parameter.name] = per_force(fit, covariance, place)
+                    estimates[term.name][parameter.name] = per_force(fit, covariance, place, per_mass=per_mass)
                 else:
                     std = slope * float(np.sqrt(max(covariance[place, place], 0.0)))
                     estimates[term.name][parameter.name] = Estimate.normal(value, std)
                 place += 1
-    return per_force(fit, covariance, first), per_force(fit, covariance, first + 1), estimates
+    stiffness, damping = (per_force(fit, covariance, entry, per_mass=per_mass) for entry in (first, first + 1))
+    return stiffness, damping, estimates
 
 
-def per_force(fit: BodyFit, covariance: FloatArray, place: int) -> Estimate:
+def per_force(fit: BodyFit, covariance: FloatArray, place: int, *, per_mass: bool = False) -> Estimate:
     """Return an entry of the vector that multiplies a force or a mass, times the reference mass where that is fitted.
 
     Args:
         fit: a fitted body.
         covariance: (n_shared, n_shared) of the shared parameters.
         place: of the entry.
+        per_mass: whether the entry itself is wanted though the mass is fitted.
     """
     model, value = fit.model, float(fit.theta[place])
     gradient = np.zeros(len(model.names))
-    mu = model.inverse_mass(fit.theta) if model.mass_free else 1.0
+    absolute = model.mass_free and not per_mass
+    mu = model.inverse_mass(fit.theta) if absolute else 1.0
     gradient[place] = 1 / mu
-    if model.mass_free:
+    if absolute:
         gradient[model.names.index("inverse_mass")] = -value / mu**2
     return Estimate.normal(value / mu, float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))))

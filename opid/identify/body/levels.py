@@ -50,7 +50,7 @@ def widened(part: Fitted) -> FloatArray:
     Args:
         part: a structure with a fit.
     """
-    wider = max(1.0, part.residual_over_noise / EXPLAINS)
+    wider = max(1.0, part.lack / EXPLAINS)
     return honest_covariance(part.found) * wider**2
 
 
@@ -91,3 +91,17 @@ def is_white(fit: BodyFit) -> bool:
             straight = np.arange(1, own.size + 1) / own.size
             statistic = max(statistic, float(np.abs(power / power[-1] - straight).max() * np.sqrt(own.size)))
     return statistic < WHITE_BELOW
+
+
+def motion_over_noise(fit: BodyFit) -> dict[str, float]:
+    """Return the measured rms of each motion of the body over what the noise of the sensors alone would make of it.
+
+    Args:
+        fit: of a body whose motion the sensors on it see.
+    """
+    model = fit.model
+    solved = np.linalg.pinv(model.body.readings)
+    noise = model.noise[1] * np.linalg.norm(solved, axis=1)
+    power = [np.mean(np.abs(solved @ run.transform(run.sprung.T)) ** 2, axis=1) / 2 for run in model.runs]
+    ratio = np.sqrt(np.mean(power, axis=0)) / noise
+    return dict(zip(model.body.dof, ratio.tolist(), strict=True))

@@ -24,7 +24,7 @@ from opid.signals.spectra import ComplexArray
 
 # the reading of a slot that has no sensor: nothing is learnt from it
 NO_SENSOR_M_PER_S2 = 1e6
-# rms motion of a spring inside of the body at the start, over that of the suspensions
+# how far the logarithm of a positive entry may move in a step
 LARGEST_LOG_STEP = 1.0
 # places are not looked for farther from where they are said to be, in standard deviations
 FARTHEST_STD = 6.0
@@ -197,13 +197,7 @@ class BodyModel:
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
         drive, measured = np.zeros((len(run.drive), n_slots)), np.zeros((run.n_samples, n_slots))
         drive[:, : body.n_interfaces], measured[:, : run.sprung.shape[1]] = run.drive, run.sprung
-        own = theta[self.n_shared + self._n_own * place :][: self._n_own].reshape(-1, 2)
-        start, std = np.zeros((4, n_slots)), np.zeros((4, n_slots))
-        start[:2, : body.n_interfaces] = own.T
-        std[:2, : body.n_interfaces] = 1e-9
-        springs = np.abs(body.rows[body.n_interfaces :]).max(axis=1, initial=0.0) > 0.0
-        std[:2, body.n_interfaces :] = springs * START_RMS * self.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
-        std[2, : body.n_interfaces] = std[3, : run.sprung.shape[1]] = OFFSET_M_PER_S2
+        start, std = self._at_start(theta, place)
         prediction = predict(
             slots,
             moved.accelerance,
@@ -225,6 +219,17 @@ class BodyModel:
             self._sort_out(change, slots, slopes, n_directions, place, by)
         # a hundred times larger than the rest, and used up
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by
+
+    def _at_start(self, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
+        """Travel, velocity and offsets of the sensors of all slots at the first sample of a run, and how well known."""
+        body, n_sensors = self.body, self.runs[place].sprung.shape[1]
+        start, std = np.zeros((4, body.n_slots)), np.zeros((4, body.n_slots))
+        start[:2, : body.n_interfaces] = theta[self.n_shared + self._n_own * place :][: self._n_own].reshape(-1, 2).T
+        std[:2, : body.n_interfaces] = 1e-9
+        springs = np.abs(body.rows[body.n_interfaces :]).max(axis=1, initial=0.0) > 0.0
+        std[:2, body.n_interfaces :] = springs * START_RMS * self.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
+        std[2, : body.n_interfaces] = std[3, :n_sensors] = OFFSET_M_PER_S2
+        return start, std
 
     def _sort_out(
         self,

@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.errors import InputError, nearest
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
-from opid.identify.body.candidates import EXPLAINS, Fitted, fitted, mass_is_told
-from opid.identify.body.equation import HIGH_PASS_HZ, Start
-from opid.identify.body.fit import BodyFit, body_model, first_vector
-from opid.identify.body.intervals import mass_of, per_force, suspension_estimates
+from opid.identify.body.candidates import EXPLAINS, Fitted, fitted
+from opid.identify.body.fit import BodyFit
+from opid.identify.body.intervals import mass_of, negative_mass, per_force, suspension_estimates
 from opid.identify.body.levels import (
     LOOSELY_KNOWN,
     REFUSED,
@@ -29,17 +27,23 @@ from opid.identify.body.levels import (
     widened,
 )
 from opid.identify.body.model import Group
-from opid.identify.body.run import BodyRun, body_run
-from opid.identify.body.structure import Body, own_body
-from opid.identify.study import SAME_RATE
+from opid.identify.body.own_inputs import channel_arrays, loading_matrices, stated_start
+from opid.identify.body.run import body_run
+from opid.identify.body.structure import own_body
 from opid.mechanics.laws import LINEAR, Law, default_law
 from opid.mechanics.structure import Structure
-from opid.signals.health import without_spikes
-from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 
 # the step puts a motion of this rate times its length off by two parts in a thousand
 FASTEST = 0.7
+
+NEGATIVE = (
+    "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
+    "runs are exchanged"
+)
+
+# a joint is told if with so little of its spring and damper the squared error over its variance grows by this much
+SOFT, LEAST_HOLD = 0.01, 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +77,13 @@ class StructureIdentification:
         masses: of the degrees of freedom whose mass was to be found, kg; over the first of them with `per_mass`.
         interfaces: the suspensions, by degree of freedom.
         joints: the joints that were to be found, by name.
-        per_mass: whether only ratios to the first unknown mass are told.
+        per_mass: whether only ratios to the first unknown mass are told: nothing gives the scale, or what gives it
+            makes that mass none, or negative.
         noise_m_per_s2: level of the sensors that was known beforehand or estimated from the records.
         residual_over_noise: of the whole fit.
         residual_of: of the sensor at each degree of freedom.
-        left_out_over_noise: of runs that the others predict; None for a single run.
+        left_out_over_noise: of runs that the others predict; None for a single run, or where the others cannot be
+            fitted.
         warnings: what to doubt, one sentence each.
         not_determined: what the runs do not tell; None if they tell all.
         fit: what the numbers were read from.
@@ -143,8 +149,8 @@ def identify_structure(
     opid.errors.InputError: there are no runs: give at least one recording
     """
     body = own_body(structure, tuple(interfaces), tuple(sensors), unknown=unknown, unknown_mass=unknown_mass)
-    arrays = _arrays(runs, interfaces, sensors)
-    masses = _loadings(structure, loadings, len(runs))
+    arrays = channel_arrays(runs, interfaces, sensors)
+    masses = loading_matrices(structure, loadings, len(runs))
     fs = runs[0].fs
     noises = noise_levels(noise_m_per_s2, arrays, fs=fs)
     prepared = [
@@ -155,157 +161,71 @@ def identify_structure(
     groups = tuple(Group(name, (slot,), kinds or LINEAR) for slot, name in enumerate(interfaces))
     begun = None
     if np.linalg.matrix_rank(body.readings) < structure.n_dof:
-        begun = _stated(structure, prepared, body, groups, start or {}, unknown, unknown_mass)
+        begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass)
     part = fitted(
         "own", tuple(range(len(groups))), prepared, body, groups, noises, law=kinds, start=begun, progress=progress
     )
     return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass))
 
 
-def _arrays(
-    runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Accelerations below and on the structure of each run, single spikes mended."""
-    if not runs:
-        raise InputError("there are no runs: give at least one recording")
-    if not interfaces or not sensors:
-        raise InputError(
-            "give at least one interface and one sensor on the structure, each as degree of freedom: channel"
-        )
-    used = [*interfaces.values(), *sensors.values()]
-    for name in used:
-        if used.count(name) > 1:
-            raise InputError(f"the channel {name!r} is named {used.count(name)} times: each sensor is one channel")
-    for place, run in enumerate(runs, start=1):
-        if abs(run.fs / runs[0].fs - 1) > SAME_RATE:
-            raise InputError(f"run 1 has {runs[0].fs:.9g} Hz and run {place} has {run.fs:.9g} Hz: resample one of them")
-        for name in used:
-            if name not in run.names:
-                raise InputError(f"run {place} has no channel {name!r}: {nearest(name, run.names)}")
-            if run.unit(name) != "m/s^2":
-                raise InputError(f"channel {name!r} of run {place} is in {run.unit(name)}: an acceleration is needed")
-
-    def samples(run: Recording, names: Sequence[str]) -> FloatArray:
-        return np.stack([without_spikes(run.channel(name), fs=run.fs)[0] for name in names], axis=1)
-
-    return [(samples(run, tuple(interfaces.values())), samples(run, tuple(sensors.values()))) for run in runs]
-
-
-def _loadings(structure: Structure, loadings: Sequence[Mapping[str, float]] | None, n_runs: int) -> list[FloatArray]:
-    """Mass matrix of what each run carries more than the structure, (n_dof, n_dof) kg."""
-    given = [{}] * n_runs if loadings is None else list(loadings)
-    if len(given) != n_runs:
-        raise InputError(f"there are {len(given)} loadings for {n_runs} run(s): give one a run, {{}} for none")
-    matrices = []
-    for loading in given:
-        diagonal = np.zeros(structure.n_dof)
-        for name, mass_kg in loading.items():
-            if not np.isfinite(mass_kg):
-                raise InputError(f"the loading at {name!r} is {mass_kg}: give a mass in kg")
-            diagonal[structure.index(name)] += mass_kg
-        matrices.append(np.diag(diagonal))
-    return matrices
-
-
-def _stated(
-    structure: Structure,
-    runs: Sequence[BodyRun],
-    body: Body,
-    groups: tuple[Group, ...],
-    start: Mapping[str, tuple[float, float]],
-    unknown: Sequence[str],
-    unknown_mass: Sequence[str],
-) -> Start:
-    """Start values from what the user says, where the sensors do not see all degrees of freedom."""
-    hidden = f"the sensors see {np.linalg.matrix_rank(body.readings)} of {structure.n_dof} degrees of freedom"
-    for name in start:
-        if name not in [group.name for group in groups]:
-            raise InputError(f"start has {name!r}, which is no interface: {nearest(name, [g.name for g in groups])}")
-    missing = [group.name for group in groups if group.name not in start]
-    if missing:
-        raise InputError(
-            f"{hidden}: give `start`, stiffness and damping roughly, of the suspension of {', '.join(missing)}"
-        )
-    joints = {joint.name: (joint.stiffness_n_per_m, joint.damping_n_s_per_m) for joint in structure.joints}
-    for name in unknown:
-        if joints[name][0] <= 0.0:
-            raise InputError(f"{hidden}: give the joint {name!r} a stiffness from which to begin, N/m")
-    places = [structure.index(name) for name in unknown_mass]
-    mass = np.diag(structure.mass)
-    reference = float(mass[places[0]]) if places else 1.0
-    # in the order of the slots, as `body.inside` has them
-    springs = [start[group.name] for group in groups]
-    springs += [joints[spring.name] for spring in body.inside if spring.stiffness_n_per_m is None]
-    stiffness, damping = np.array(springs, dtype=np.float64).T / reference
-    scaled = tuple(
-        replace(group, law=group.law.scaled(1 / reference)) if group.law.terms else group for group in groups
-    )
-    mass_free = mass_is_told(runs, body)
-    of_ground = [[integrate(u, fs=run.fs, high_pass_hz=HIGH_PASS_HZ) for u in run.unsprung.T] for run in runs]
-    rms = np.array([[[m.displacement.std(), m.velocity.std()] for m in motions] for motions in of_ground]).mean(axis=0)
-    begun = Start(
-        scaled,
-        stiffness,
-        damping,
-        mass[places[1:]] / reference,
-        1 / reference if mass_free else None,
-        rms,
-        np.zeros((len(runs), len(groups), 2)),
-        0.0,
-    )
-    # how far the suspensions move, from a first prediction
-    model = body_model(runs, body, begun, mass_free=mass_free, noise_m_per_s2=(1.0, 1.0))
-    predictions = model.evaluate(first_vector(model, begun), sensitivity=False).predictions
-    moved = [[[p.travel[:, k].std(), p.velocity[:, k].std()] for k in range(len(groups))] for p in predictions]
-    return replace(begun, motion_rms=np.mean(moved, axis=0))
-
-
 def _answer(
     part: Fitted, sensors: tuple[str, ...], unknown: tuple[str, ...], unknown_mass: tuple[str, ...]
 ) -> StructureIdentification:
     fit, covariance, ratio = part.found, widened(part), part.residual_over_noise
-    model = fit.model
-    per_mass = not (model.mass_free or model.body.absolute)
-    masses: dict[str, Estimate] = {}
-    for k, name in enumerate(unknown_mass):
-        if k:
-            masses[name] = per_force(fit, covariance, model.names.index(model.body.names[k - 1]))
-        else:
-            masses[name] = Estimate(1.0) if per_mass else mass_of(fit, covariance)
-    interfaces = {group.name: _suspension(fit, covariance, number) for number, group in enumerate(fit.groups())}
-    joints = {name: _joint(fit, covariance, name) for name in unknown}
-    reason = _not_determined(masses, interfaces, joints, ratio, per_mass, _too_fast(fit))
+    scaled = fit.model.mass_free or fit.model.body.absolute
+    masses = _masses(fit, covariance, unknown_mass, per_mass=not scaled)
+    # on a reference mass that is none, nothing in N can rest
+    per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
+    groups = enumerate(fit.groups())
+    interfaces = {group.name: _suspension(fit, covariance, number, per_mass) for number, group in groups}
+    joints = {name: _joint(fit, covariance, name, per_mass) for name in unknown}
+    reason = _refused_or_unscaled(ratio, scaled) or (
+        NEGATIVE.format(unknown_mass[0])
+        if negative_mass(fit, covariance)
+        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit))
+    )
+    told = _masses(fit, covariance, unknown_mass, per_mass=per_mass)
     if ratio > WITHHELD:
         keep = ratio <= REFUSED
-        masses = {name: _bare(each, keep) for name, each in masses.items()}
+        told = {name: _bare(each, keep) for name, each in told.items()}
         interfaces, joints = ({n: _bare_spring(s, keep) for n, s in t.items()} for t in (interfaces, joints))
     return StructureIdentification(
-        masses=masses,
+        masses=told,
         interfaces=interfaces,
         joints=joints,
         per_mass=per_mass,
         noise_m_per_s2=part.noise,
         residual_over_noise=ratio,
         residual_of={name: level_of(fit, slot) / part.noise for slot, name in enumerate(sensors)},
-        left_out_over_noise=None if part.left_out is None else part.left_out / part.noise,
-        warnings=tuple(_warnings(fit, ratio)),
+        left_out_over_noise=part.left_out_over_noise,
+        warnings=tuple(_warnings(part)),
         not_determined=reason,
         fit=fit,
     )
 
 
-def _suspension(fit: BodyFit, covariance: FloatArray, number: int) -> SpringEstimate:
+def _masses(
+    fit: BodyFit, covariance: FloatArray, unknown_mass: Sequence[str], *, per_mass: bool
+) -> dict[str, Estimate]:
+    """The masses that were to be found, kg, or over the first of them, which is the reference."""
+    found = {name: Estimate(1.0) if per_mass else mass_of(fit, covariance) for name in unknown_mass[:1]}
+    for name, factor in zip(unknown_mass[1:], fit.model.body.names, strict=True):
+        found[name] = per_force(fit, covariance, fit.model.names.index(factor), per_mass=per_mass)
+    return found
+
+
+def _suspension(fit: BodyFit, covariance: FloatArray, number: int, per_mass: bool) -> SpringEstimate:
     group = fit.groups()[number]
-    stiffness, damping, law = suspension_estimates(fit, covariance, number)
-    mu = fit.model.inverse_mass(fit.theta) if fit.model.mass_free else 1.0
+    stiffness, damping, law = suspension_estimates(fit, covariance, number, per_mass=per_mass)
+    mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
     found = group.law.scaled(1 / mu) if group.law.terms else LINEAR
     none = np.empty(0)
     return _moved(fit, group.slots[0], SpringEstimate(group.name, stiffness, damping, found, law, none, none))
 
 
-def _joint(fit: BodyFit, covariance: FloatArray, name: str) -> SpringEstimate:
+def _joint(fit: BodyFit, covariance: FloatArray, name: str, per_mass: bool) -> SpringEstimate:
     first = fit.model.names.index(f"stiffness_per_mass[{name}]", fit.model.law_places(len(fit.model.groups) - 1).stop)
-    stiffness, damping = (per_force(fit, covariance, place) for place in (first, first + 1))
+    stiffness, damping = (per_force(fit, covariance, place, per_mass=per_mass) for place in (first, first + 1))
     slot = fit.model.body.n_interfaces + [spring.name for spring in fit.model.body.inside].index(name)
     none = np.empty(0)
     return _moved(fit, slot, SpringEstimate(name, stiffness, damping, LINEAR, {}, none, none))
@@ -333,24 +253,27 @@ def _bare_spring(spring: SpringEstimate, keep: bool) -> SpringEstimate:
     )
 
 
-def _not_determined(
-    masses: Mapping[str, Estimate],
-    interfaces: Mapping[str, SpringEstimate],
-    joints: Mapping[str, SpringEstimate],
-    ratio: float,
-    per_mass: bool,
-    too_fast: str,
-) -> str | None:
+def _refused_or_unscaled(ratio: float, scaled: bool) -> str | None:
     if ratio > REFUSED:
         return (
             f"the structure leaves {ratio:.0f} times the sensors' noise, so every number of it would be a guess: check "
             "channels, masses and loadings, and which joints there are"
         )
-    if per_mass:
+    if not scaled:
         return (
             "no mass is known and all runs have the same loading: only ratios to the first unknown mass are told; give "
             "`loadings` to runs that carried more, or state a mass"
         )
+    return None
+
+
+def _untold(
+    masses: Mapping[str, Estimate],
+    interfaces: Mapping[str, SpringEstimate],
+    joints: Mapping[str, SpringEstimate],
+    not_held: Sequence[str],
+    too_fast: str,
+) -> str | None:
     known = [(f"the mass of {name}", each) for name, each in masses.items()]
     known += [(f"the stiffness of {name}", each.stiffness) for t in (interfaces, joints) for name, each in t.items()]
     loose = [
@@ -358,6 +281,7 @@ def _not_determined(
         for name, each in known
         if each.std is None or each.value is None or each.std > LOOSELY_KNOWN * abs(each.value)
     ]
+    loose += [f"the stiffness of {name}" for name in not_held if f"the stiffness of {name}" not in loose]
     # a joint that nothing holds runs to where the steps no longer follow
     if joints and too_fast:
         return f"these runs do not tell the stiffness of {', '.join(joints)}: {too_fast}"
@@ -366,16 +290,37 @@ def _not_determined(
     return None
 
 
-def _warnings(fit: BodyFit, ratio: float) -> Iterator[str]:
+def _not_held(fit: BodyFit, unknown: Sequence[str]) -> list[str]:
+    """Joints that might as well be soft: a resonance of its own always finds some noise to explain."""
+    found, n = [], fit.n_data
+    cost = float(np.sum(fit.errors.stacked[:n] ** 2))
+    behind_laws = fit.model.law_places(len(fit.model.groups) - 1).stop
+    for name in unknown:
+        theta = fit.theta.copy()
+        for what in ("stiffness", "damping"):
+            theta[fit.model.names.index(f"{what}_per_mass[{name}]", behind_laws)] *= SOFT
+        softer = fit.model.evaluate(theta, sensitivity=False)
+        if float(np.sum(softer.stacked[:n] ** 2)) - cost < LEAST_HOLD * fit.variance:
+            found.append(name)
+    return found
+
+
+def _warnings(part: Fitted) -> Iterator[str]:
+    fit, ratio, left_out = part.found, part.residual_over_noise, part.left_out_over_noise
     if ratio > EXPLAINS:
         yield (
             f"the structure leaves {ratio:.2f} times the sensors' noise: a joint, a mass, a law or a degree of "
             "freedom is not as it is described"
         )
         if ratio <= WITHHELD:
-            yield f"all intervals are widened {ratio / EXPLAINS:.2g} times for what the structure leaves"
+            yield f"all intervals are widened {part.lack / EXPLAINS:.2g} times for what the structure leaves"
         elif ratio <= REFUSED:
             yield "the intervals are withheld: what the structure leaves is no noise"
+    elif left_out is not None and left_out > EXPLAINS:
+        yield (
+            f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they do not go together, "
+            f"check the loading of each; all intervals are widened {part.lack / EXPLAINS:.2g} times"
+        )
     elif not is_white(fit):
         yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
     if too_fast := _too_fast(fit):

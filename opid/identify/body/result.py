@@ -54,9 +54,10 @@ class Candidate:
         interfaces: names of those that it is about; a pair is their mean.
         sprung_mass_kg: mass found: of all that is sprung, or of what rests on one gear.
         residual_over_noise: rms of the prediction errors over the noise known beforehand.
-        left_out_over_noise: likewise of runs that the others predict; None for a single run.
+        left_out_over_noise: likewise of runs that the others predict; None for a single run, or where the others cannot
+            be fitted.
         law: name of the law found.
-        explains: whether the residual is noise.
+        explains: whether the residual is noise, also in runs that the others predict.
         recommended: whether this is the structure to take.
         why: one sentence.
     """
@@ -108,7 +109,8 @@ class BodyIdentification:
         structure: kind of the structure that the numbers belong to.
         parameters: one `Estimate` for each name in `BODY_PARAMETERS`, of the reference loading.
         ratios: one `Estimate` for each name in `BODY_RATIOS`.
-        per_mass: whether stiffness, damping and laws are per kg of the body.
+        per_mass: whether stiffness, damping and laws are per kg of the body (of what rests on that gear, for gears
+            alone): the mass is not determined.
         interfaces: the suspensions, in the order of the study.
         places: {interface: (x, y, sensor x, sensor y)}, m, as stated.
         place_corrections: {"x_m[left]": Estimate, ...} of coordinates that were stated with a tolerance.

@@ -11,7 +11,7 @@ linear in mass, static moments and moments of inertia, and a point mass adds m j
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,8 +163,8 @@ def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loadi
     mass = body.mass(theta, mu, loading)
     if np.linalg.eigvalsh(mass)[0] <= 0.0:
         raise ImpossibleBodyError(
-            "the mass matrix of the body is not positive definite: check channels (exchanged, upside down), places and "
-            "loadings"
+            "the mass matrix of the body is not positive definite: check channels (exchanged, upside down, in another "
+            "unit), places and loadings"
         )
     inverse = np.linalg.inv(mass)
     by_force, by_row = inverse @ rows.T, seen @ inverse
@@ -208,13 +208,8 @@ def rigid_body(
     names = tuple(names) or tuple(str(k + 1) for k in range(len(places)))
     sensors = tuple(places) if sensor_places is None else tuple(sensor_places)
     rows, seen = (np.array([vertical(x, y) for x, y in where]) for where in (places, sensors))
-    for what, matrix in (("interfaces", rows), ("sensors on the body", seen)):
-        if len(matrix) < 3 or np.linalg.svd(matrix - matrix.mean(axis=0), compute_uv=False)[1] < 0.01:
-            where = ", ".join(f"({x:g}, {y:g})" for x, y in (places if what == "interfaces" else sensors))
-            raise InputError(
-                f"the {what} are at {where}, which is one line or less: heave, roll and pitch of a rigid body need "
-                "three that are not on one line"
-            )
+    _check_spread("interfaces", places)
+    _check_spread("sensors on the body", sensors)
     parts = np.zeros((4, 3, 3))
     parts[0, 0, 2] = parts[0, 2, 0] = -1.0
     parts[1, 0, 1] = parts[1, 1, 0] = 1.0
@@ -227,12 +222,6 @@ def rigid_body(
     n_more = max(0, len(seen) - len(rows))
     # a further sensor sits at a slot without a spring
     inside = tuple(Inside(f"sensor {k + 1}", 0.0, 0.0) for k in range(n_more))
-    coordinates = [
-        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", slot, of_sensor, by_place, tolerance_m)
-        for of_sensor in (False, True)
-        for slot, name in enumerate(names)
-        for axis, by_place in (("x", (0.0, 0.0, -1.0)), ("y", (0.0, 1.0, 0.0)))
-    ]
     return Body(
         ("heave", "roll", "pitch"),
         unit,
@@ -242,8 +231,28 @@ def rigid_body(
         rows=np.vstack([rows, np.zeros((n_more, 3))]),
         readings=seen,
         inside=inside,
-        coordinates=tuple(coordinates) if tolerance_m else (),
+        coordinates=_coordinates(names, tolerance_m) if tolerance_m else (),
         product=product,
+    )
+
+
+def _check_spread(what: str, places: Sequence[tuple[float, float]]) -> None:
+    array = np.array(places)
+    if len(array) < 3 or np.linalg.svd(array - array.mean(axis=0), compute_uv=False)[1] < 0.01:
+        where = ", ".join(f"({x:g}, {y:g})" for x, y in places)
+        raise InputError(
+            f"the {what} are at {where}, which is one line or less: heave, roll and pitch of a rigid body need three "
+            "that are not on one line"
+        )
+
+
+def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
+    """Coordinates of the interfaces, then of their sensors."""
+    return tuple(
+        Coordinate(f"{'sensor_' if of_sensor else ''}{axis}_m[{name}]", slot, of_sensor, by_place, tolerance_m)
+        for of_sensor in (False, True)
+        for slot, name in enumerate(names)
+        for axis, by_place in (("x", (0.0, 0.0, -1.0)), ("y", (0.0, 1.0, 0.0)))
     )
 
 
@@ -285,32 +294,9 @@ def own_body(
         for name in names:
             if list(names).count(name) > 1:
                 raise InputError(f"{what} names {name!r} {list(names).count(name)} times: give it once")
-    rows = [eye[structure.index(name)] for name in interfaces]
-    joints = {joint.name: joint for joint in structure.joints}
-    for name in unknown:
-        if name not in joints:
-            known_joints = nearest(name, joints) if joints else "it has none"
-            raise InputError(f"there is no joint {name!r} in the structure: {known_joints}")
-    inside: list[Inside] = []
-    for joint in structure.joints:
-        if joint.law.terms or joint.sliders is not None:
-            raise InputError(f"the joint {joint.name!r} inside of the structure has a law: make an interface of it")
-        free = joint.name in unknown
-        inside.append(
-            Inside(
-                joint.name,
-                None if free else joint.stiffness_n_per_m,
-                None if free else joint.damping_n_s_per_m,
-            )
-        )
-        rows.append(np.asarray(joint.direction))
-    for what, matrix in (("stiffness", structure.stiffness), ("damping", structure.damping)):
-        values, vectors = np.linalg.eigh(matrix)
-        spring, least = what == "stiffness", 1e-12 * np.abs(values).max(initial=0.0)
-        for number, (value, row) in enumerate(zip(values.tolist(), vectors.T, strict=True), start=1):
-            if abs(value) > least:
-                inside.append(Inside(f"{what} {number}", value if spring else 0.0, 0.0 if spring else value))
-                rows.append(row)
+    springs = [*_joints(structure, unknown), *_matrices(structure)]
+    rows = [*(eye[structure.index(name)] for name in interfaces), *(row for _, row in springs)]
+    inside = [spring for spring, _ in springs]
     seen = np.array([eye[structure.index(name)] for name in sensors])
     for k in range(len(seen) - len(rows)):
         inside.append(Inside(f"sensor {k + 1}", 0.0, 0.0))
@@ -331,3 +317,27 @@ def own_body(
         inside=tuple(inside),
         absolute=not places,
     )
+
+
+def _joints(structure: Structure, unknown: Sequence[str]) -> Iterator[tuple[Inside, FloatArray]]:
+    """The joints, each with its row."""
+    names = [joint.name for joint in structure.joints]
+    for name in unknown:
+        if name not in names:
+            known_joints = nearest(name, names) if names else "it has none"
+            raise InputError(f"there is no joint {name!r} in the structure: {known_joints}")
+    for joint in structure.joints:
+        if joint.law.terms or joint.sliders is not None:
+            raise InputError(f"the joint {joint.name!r} inside of the structure has a law: make an interface of it")
+        known = (None, None) if joint.name in unknown else (joint.stiffness_n_per_m, joint.damping_n_s_per_m)
+        yield Inside(joint.name, *known), np.asarray(joint.direction)
+
+
+def _matrices(structure: Structure) -> Iterator[tuple[Inside, FloatArray]]:
+    """The stiffness and damping matrices as springs and dampers along their eigenvectors."""
+    for what, matrix in (("stiffness", structure.stiffness), ("damping", structure.damping)):
+        values, vectors = np.linalg.eigh(matrix)
+        spring, least = what == "stiffness", 1e-12 * np.abs(values).max(initial=0.0)
+        for number, (value, row) in enumerate(zip(values.tolist(), vectors.T, strict=True), start=1):
+            if abs(value) > least:
+                yield Inside(f"{what} {number}", value if spring else 0.0, 0.0 if spring else value), row

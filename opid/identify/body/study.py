@@ -181,18 +181,21 @@ class BodyStudy:
 
 
 def symmetric_pairs(study: BodyStudy) -> list[tuple[int, int]]:
-    """Return places of interfaces that stand left and right of the middle.
+    """Return places of interfaces that stand left and right of the middle, each in one pair, with its nearest mirror.
 
     Args:
         study: the study.
     """
-    found = []
-    for i, one in enumerate(study.interfaces):
-        for k, other in enumerate(study.interfaces[i + 1 :], start=i + 1):
-            mirrored = abs(one.x_m - other.x_m) < SYMMETRIC_M and abs(one.y_m + other.y_m) < SYMMETRIC_M
-            if mirrored and abs(one.y_m) > SYMMETRIC_M:
-                found.append((i, k))
-    return found
+    mirrored = []
+    for (i, one), (k, other) in combinations(enumerate(study.interfaces), 2):
+        along, across = abs(one.x_m - other.x_m), abs(one.y_m + other.y_m)
+        if max(along, across) < SYMMETRIC_M < abs(one.y_m):
+            mirrored.append((math.hypot(along, across), i, k))
+    found: list[tuple[int, int]] = []
+    for _, i, k in sorted(mirrored):
+        if not {i, k} & {place for pair in found for place in pair}:
+            found.append((i, k))
+    return sorted(found)
 
 
 def _faults(study: BodyStudy) -> Iterator[str]:
@@ -250,7 +253,7 @@ def _interface_faults(study: BodyStudy) -> Iterator[str]:
             x, y = interface.sensor_place
             yield (
                 f"interface {interface.name!r} is at ({interface.x_m:g}, {interface.y_m:g}) m and its sensor at "
-                f"({x:g}, {y:g}) m, more than 5 m apart: name the sensor nearest to it, the others in [[sensors]]"
+                f"({x:g}, {y:g}) m, more than 5 m apart: name the sensor nearest to it, the others in [[body_sensors]]"
             )
 
 

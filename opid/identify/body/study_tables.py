@@ -74,8 +74,15 @@ def body_document_faults(document: Document) -> Iterator[str]:
     Args:
         document: what the file holds.
     """
-    yield from table_faults("the study", document, _STUDY)
+    yield from table_faults("the study", {key: value for key, value in document.items() if key != "sensors"}, _STUDY)
     yield from general_faults(document)
+    if isinstance(document.get("sensors"), list):
+        yield "[[sensors]] is no table of the study of a body, call further sensors on the body [[body_sensors]]"
+    elif "sensors" in document:
+        yield (
+            "[sensors] belongs to the study of one gear, state the noise of all sensors as noise_m_per_s2 in "
+            "[structure]; delays and gains are not fitted beside [[interfaces]]"
+        )
     if isinstance(document.get("channels"), dict):
         yield from channel_faults("channels", document["channels"], CHANNEL)
     for number, entry in _tables(document, "interfaces"):
