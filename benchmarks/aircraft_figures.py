@@ -187,7 +187,8 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
     yield f"| x_cg | | | | {int(np.nansum(held))} of {int(np.isfinite(held).sum())} |"
     residual = column("residual")
     yield (
-        f"\nresidual over noise {np.median(residual):.3f} median, {residual.max():.3f} at most; law right "
+        f"\nresidual over noise {np.median(residual):.3f} median, {residual.max():.3f} at most (seed "
+        f"{list(found)[int(residual.argmax())]}); law right "
         f"{int(column('law right').sum())} of {len(found)}; rigid body recommended {int(column('recommended').sum())} "
         f"of {len(found)}; {np.median(column('seconds')):.1f} s median, {column('seconds').max():.1f} s at most"
     )

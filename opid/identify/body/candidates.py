@@ -15,7 +15,7 @@ from opid.errors import NotDeterminedError
 from opid.identify.body.equation import Start, start_values
 from opid.identify.body.fit import BodyFit, body_model, first_vector, fit_body
 from opid.identify.body.laws import ENOUGH, LawStep, search_laws
-from opid.identify.body.model import Group
+from opid.identify.body.model import BodyModel, Group
 from opid.identify.body.run import BodyRun, body_run
 from opid.identify.body.structure import Body, ImpossibleBodyError, rigid_body, vertical
 from opid.identify.body.study import BodyStudy, PointMass
@@ -25,7 +25,7 @@ from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 
 # the noise below the suspensions is taken for so many times larger on the way to a fit from afar
-FROM_AFAR = (100.0, 20.0, 4.0)
+FROM_AFAR, FROM_NEARER = (100.0, 20.0, 4.0), (30.0, 5.0)
 # residual over noise up to which a structure explains the runs
 EXPLAINS = 1.2
 # what rests on a gear of less than this share of a loading is nothing
@@ -248,12 +248,15 @@ def fitted(
             kinds = library() if law is None else ()
             start = start_values(runs, body, groups, mass_free=mass_free, kinds=kinds)
         model = body_model(runs, body, start, mass_free=mass_free, noise_m_per_s2=(float(noises[0]), float(noises[1])))
-        fit = fit_body(model, first_vector(model, start), noisier=FROM_AFAR)
-        steps: tuple[LawStep, ...] = ()
-        if law is None:
-            fit, steps = search_laws(fit, progress=progress)
-            # fits of a search stop early
-            fit = fit_body(fit.model, fit.theta)
+        theta = first_vector(model, start)
+        fit, steps = _fitted_and_searched(model, theta, FROM_AFAR, law is None, progress)
+        # several gears have minima beside the right one, others on each way
+        if len(interfaces) > 1 and body.n_interfaces > 1 and fit.variance > EXPLAINS**2:
+            try:
+                again = _fitted_and_searched(model, theta, FROM_NEARER, law is None, progress, hold_places=False)
+                fit, steps = min((fit, steps), again, key=lambda way: way[0].bic)
+            except (UnboundedResponseError, ImpossibleBodyError):
+                pass
     except (UnboundedResponseError, ImpossibleBodyError, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, (), noise, None, str(error))
     try:
@@ -261,6 +264,24 @@ def fitted(
     except (UnboundedResponseError, ImpossibleBodyError):
         left_out = None
     return Fitted(kind, interfaces, fit, steps, noise, left_out)
+
+
+def _fitted_and_searched(
+    model: BodyModel,
+    theta: FloatArray,
+    noisier: Sequence[float],
+    searched: bool,
+    progress: Callable[[str], None] | None,
+    *,
+    hold_places: bool = True,
+) -> tuple[BodyFit, tuple[LawStep, ...]]:
+    """One way from the start values to a fit, and the laws that were tried on it."""
+    fit = fit_body(model, theta, noisier=noisier, hold_places=hold_places)
+    if not searched:
+        return fit, ()
+    fit, steps = search_laws(fit, progress=progress)
+    # fits of a search stop early
+    return fit_body(fit.model, fit.theta), steps
 
 
 def mass_is_told(runs: Sequence[BodyRun], body: Body) -> bool:

@@ -111,6 +111,7 @@ def fit_body(
     theta: FloatArray,
     *,
     noisier: Sequence[float] = (),
+    hold_places: bool = True,
     free: slice = slice(None),
     most_evaluations: int = MOST_EVALUATIONS,
     least_promise: float = LEAST_PROMISE,
@@ -122,6 +123,7 @@ def fit_body(
         theta: where to start.
         noisier: falling factors on the noise below the suspensions by which to come nearer from afar: the readings then
             hold the motion to the truth while the parameters are still wrong.
+        hold_places: whether coordinates stay as stated on the way.
         free: the entries that may move.
         most_evaluations: predictions of all runs at the most, of each step.
         least_promise: the fit ends when the next step promises less of the squared error over its variance.
@@ -133,7 +135,7 @@ def fit_body(
     spent = 0
     for factor in (*noisier, 1.0):
         louder = replace(model, noise=(factor * model.noise[0], model.noise[1]))
-        if factor != 1.0:
+        if factor != 1.0 and hold_places:
             louder = replace(louder, body=_with_places_held(model.body))
         promise = least_promise if factor == 1.0 else ON_THE_WAY
         theta, n = _settled(louder, theta, free, most_evaluations, promise)
