@@ -49,6 +49,6 @@ def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
         import arviz
     except ImportError:
         return groups
-    if int(arviz.__version__.split(".")[0]) < 1:
-        return arviz.from_dict(**groups)
-    return arviz.from_dict(groups)
+    # its signature differs between versions
+    from_dict: Any = arviz.from_dict
+    return from_dict(**groups) if int(arviz.__version__.split(".")[0]) < 1 else from_dict(groups)
