@@ -206,6 +206,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", default="", help="beginnings of the names of rows, with commas; all where left out")
     parser.add_argument("--seeds", type=int, help="how many, whatever the row asks for")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     wanted = tuple(part for part in args.rows.split(",") if part)
@@ -215,7 +216,7 @@ def main() -> None:
     print("| row | figure | mean | std | least | most | sets |\n|---|---|---|---|---|---|---|", flush=True)
     with get_context("fork").Pool(args.jobs) as pool:
         for name in names:
-            jobs = [(name, seed) for seed in range(args.seeds or ROWS[name][2])]
+            jobs = [(name, seed) for seed in range(args.first, args.first + (args.seeds or ROWS[name][2]))]
             ran = tqdm(pool.imap_unordered(one, jobs), name, len(jobs), disable=not sys.stderr.isatty())
             results = [found for _, found in ran]
             failures += [f"{name}, {found}" for found in results if isinstance(found, str)]

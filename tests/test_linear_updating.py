@@ -7,7 +7,7 @@ from scipy import integrate, sparse, stats
 
 from opid.errors import InputError
 from opid.updating.linear_likelihood import linear_data, log_likelihood, log_posterior
-from opid.updating.linear_updating import update_linear
+from opid.updating.linear_updating import _peak, update_linear
 from opid.updating.maximum import maximum_a_posteriori
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
@@ -412,3 +412,14 @@ def test_modes_and_boxes_that_cannot_be_are_told():
     model = ritz_model(two_springs(), box={"wall": (0.5, 2.0)}, modes=[1])
     with pytest.raises(InputError, match="give one column for each of 1 parameters"):
         ritz_modes(model, np.ones((3, 2)))
+
+
+def test_a_start_that_leads_nowhere_is_not_the_end():
+    """The best draw lies on a plateau; the others have a maximum."""
+
+    def density(theta):
+        return np.where(theta[:, 0] < 1, 5.0, -0.5 * (theta[:, 0] - 3.0) ** 2)
+
+    draws = np.array([[0.5], [2.0], [3.5], [4.0], [4.5], [5.0]])
+    peak = _peak(density, draws, [(0.0, 10.0)])
+    assert peak.theta == pytest.approx([3.0], abs=1e-3)

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.chains import spread_starts
+from opid.updating.chains import LogDensity, spread_starts
 from opid.updating.diagnostics import diagnose, presses_against
 from opid.updating.linear_likelihood import Cov, LinearData, ShapeStd, linear_data, log_posterior, mean_eigenvalue
-from opid.updating.maximum import maximum_a_posteriori
+from opid.updating.maximum import Maximum, Support, maximum_a_posteriori
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.metropolis import adaptive_metropolis
 from opid.updating.model_class import Prior
@@ -29,6 +29,8 @@ FEW_SETS = 4
 """With fewer curves of a mode their scatter is a poor estimate."""
 PEAK = 1e-6
 """How much the log density of the best parameters may be short of its maximum: far above its rounding, 1e-9."""
+MOST_STARTS = 5
+"""Draws of the prior that the search for the maximum may begin at."""
 UNMIXED = 1.1
 """R-hat above which the chains are not to be trusted."""
 MISFIT = 3.0
@@ -89,7 +91,7 @@ def update_linear(
     ordered = [priors[name] for name in model.names]
     support = [(max(low, 0.0), high) for low, high in (prior.support for prior in ordered)]
     draws = np.column_stack([prior.sample(200, rng) for prior in ordered])
-    peak = maximum_a_posteriori(density, draws, support=support, tolerance=PEAK)
+    peak = _peak(density, draws, support)
     start = spread_starts(density, peak.theta, peak.covariance, n_chains=n_chains, rng=rng)
     chain = adaptive_metropolis(
         density, start, covariance=peak.covariance, n_samples=n_samples, n_warm_up=n_warm_up, rng=rng, progress=progress
@@ -116,6 +118,17 @@ def update_linear(
         warnings=(*warnings, *_doubts(data, table, backbones, cov)),
         chain=chain,
     )
+
+
+def _peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:
+    """The maximum a posteriori, from the best of the draws; from others where that one leads nowhere."""
+    ranked = draws[np.argsort(-density(draws), kind="stable")]
+    for start in ranked[: MOST_STARTS - 1]:
+        try:
+            return maximum_a_posteriori(density, start, support=support, tolerance=PEAK)
+        except NotDeterminedError:
+            continue
+    return maximum_a_posteriori(density, ranked[MOST_STARTS - 1 :], support=support, tolerance=PEAK)
 
 
 def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
