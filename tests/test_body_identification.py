@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_runs import NOISE, aircraft, gears_apart, interfaces, one_track, short_runs, study
+from body_runs import NOISE, aircraft, gears_apart, one_track, short_runs, study
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
@@ -18,11 +18,7 @@ from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS
 from opid.identify.body.structure import ImpossibleBodyError
 from opid.identify.body.study import (
     BodySensor,
-    BodyStudy,
-    LoadedRun,
-    MeasuredInterface,
     PointMass,
-    StructureSettings,
     symmetric_pairs,
 )
 from opid.mechanics.airframe import Loading
@@ -341,116 +337,6 @@ def test_an_unknown_law_is_refused():
         identify_body(study(), law="arctan_velocty")
 
 
-# ---- faults of a study
-
-
-def small_recording(names=None, n=300, fs=256.0, unit="m/s^2", seed=0):
-    names = names or [f"{gear}_{side}_z" for gear in ("nose", "left", "right") for side in ("lower", "upper")]
-    samples = np.random.default_rng(seed).standard_normal((n, len(names)))
-    return Recording(samples, fs=fs, channels=tuple(Channel(name, unit) for name in names))
-
-
-def gear(name, x_m, y_m, **more):
-    given = {"sprung": f"{name}_upper_z", "unsprung": f"{name}_lower_z", **more}
-    return MeasuredInterface(name, x_m=x_m, y_m=y_m, **given)
-
-
-THREE = (gear("nose", 5.0, 0.0), gear("left", 0.0, 1.6), gear("right", 0.0, -1.6))
-
-
-def made(**changes):
-    given = {
-        "title": "small",
-        "interfaces": THREE,
-        "runs": (LoadedRun("reference", small_recording()),),
-        "structure": StructureSettings("rigid_body"),
-    }
-    return BodyStudy(**{**given, **changes})
-
-
-def with_left(**more):
-    return {"interfaces": (THREE[0], gear("left", **{"x_m": 0.0, "y_m": 1.6, **more}), THREE[2])}
-
-
-def with_structure(*kind, **settings):
-    return {"structure": StructureSettings(*(kind or ("rigid_body",)), **settings)}
-
-
-def with_runs(*runs):
-    return {"runs": runs}
-
-
-FAULTS = [
-    ({"interfaces": ()}, r"there are no interfaces, give one table \[\[interfaces\]\] for each suspension"),
-    ({"interfaces": (*THREE, gear("left", 2.0, 2.0, sprung="a", unsprung="b"))}, "2 interfaces are called 'left'"),
-    (with_left(sprung="nose_upper_z"), "'nose_upper_z' is sprung of 'nose' and sprung of 'left': each sensor is one"),
-    (with_left(sprung="left_lower_z"), "'left_lower_z' is sprung of 'left' and unsprung of 'left'"),
-    (with_left(x_m=math.nan), "interface 'left': x_m is nan, give a place within 200 m"),
-    (with_left(y_m=1600.0), "interface 'left': y_m is 1600, give a place within 200 m"),
-    (with_left(sensor_y_m=math.inf), "interface 'left': sensor_y_m is inf"),
-    (with_left(x_m=0.0, y_m=-1.58), "'left' and 'right' are both at .* two suspensions cannot be at one place"),
-    (
-        with_left(sensor_x_m=9.0),
-        r"sensor at \(9, 1.6\) m, more than 5 m apart: .*, the others in \[\[body_sensors\]\]",
-    ),
-    ({"sensors": (BodySensor("left_upper_z", 0.0, 0.0),)}, "'left_upper_z' is sprung of 'left' and a further sensor"),
-    ({"sensors": (BodySensor("tail", math.nan, 0.0),)}, "the sensor 'tail' is at .* give a place in m"),
-    ({"sensors": (BodySensor("tail", 0.0, 0.0),)}, "there is no channel 'tail' in its log"),
-    (with_structure("rigid"), "the kind of structure is 'rigid': did you mean 'rigid_body'"),
-    (with_structure(position_tolerance_m=-0.01), "position_tolerance_m is -0.01, give 0 to 1"),
-    (with_structure(position_tolerance_m=10.0), "position_tolerance_m is 10.0, give 0 to 1, in m"),
-    (with_structure(noise_m_per_s2=0.0), "noise_m_per_s2 is 0.0, give a positive number, or leave it out"),
-    (
-        with_structure(shared=(("left", "rigth"),)),
-        "'shared' names 'rigth', which is no interface: did you mean 'right'",
-    ),
-    (with_structure(shared=(("left", "right"), ("left",))), "'shared' names 'left' twice"),
-    (with_left(x_m=2.5, y_m=-0.8), "the interfaces are at .* which is one line or less: a rigid body in heave"),
-    ({"interfaces": THREE[:2]}, "take kind = 'single' or 'pair', or mend the coordinates"),
-    (
-        {"interfaces": tuple(replace(each, sensor_y_m=0.0) for each in THREE)},
-        "the sensors on the body are at .* one line or less",
-    ),
-    (with_runs(), "there are no runs, give at least one"),
-    (with_runs(*[LoadedRun("a", small_recording(seed=k)) for k in (0, 1)]), "2 runs are called 'a'"),
-    (with_runs(LoadedRun("a", small_recording(), (PointMass(math.nan, 0, 0),))), r"run 'a': the loading \(nan, 0, 0\)"),
-    (
-        with_runs(LoadedRun("a", small_recording(), (PointMass(50, 1200.0, 0),))),
-        r"the loading of 50 kg is at \(1200, 0\) m, give its place in m",
-    ),
-    (with_runs(LoadedRun("a", small_recording(n=100))), "it has 100 samples .* at least 256 are needed"),
-    (
-        with_runs(LoadedRun("a", small_recording(["nose_lower_z"]))),
-        "run 'a': there is no channel 'left_upper_z' in its",
-    ),
-    (with_runs(LoadedRun("a", small_recording(unit="m"))), "channel 'nose_upper_z' is in m where an acceleration"),
-    (
-        with_runs(LoadedRun("a", small_recording()), LoadedRun("b", small_recording(fs=512.0, seed=1))),
-        "run 'a' has 256 Hz and run 'b' has 512 Hz, resample one to the rate of the other",
-    ),
-    (
-        with_runs(LoadedRun("a", small_recording()), LoadedRun("b", small_recording(), (PointMass(9, 0, 0),))),
-        "runs 'a' and 'b' hold the same samples, name two logs",
-    ),
-]
-
-
-@pytest.mark.parametrize(("changes", "match"), FAULTS, ids=[str(k) for k in range(len(FAULTS))])
-def test_what_is_wrong_with_a_study_is_said(changes, match):
-    with pytest.raises(InputError, match=match):
-        made(**changes)
-
-
-def test_a_sound_study_is_taken_and_all_faults_are_said_at_once():
-    assert made().names == ("nose", "left", "right")
-    assert made().fs == 256.0
-    assert interfaces()[0].sensor_place == (5.3, 0.2)
-    with pytest.raises(InputError) as error:
-        made(title="two", structure=StructureSettings("rigid", position_tolerance_m=9.0))
-    assert "did you mean 'rigid_body'" in str(error.value)
-    assert "position_tolerance_m is 9.0" in str(error.value)
-
-
 def two_gears(*, right_loaded):
     """The main gears of those that stand apart; the right one without its load if so wished."""
     light, heavy = gears_apart()
@@ -487,19 +373,3 @@ def test_a_load_over_one_gear_says_nothing_of_the_other():
         # the same noise twice on the right: its interval is too narrow
         truth = GEAR.suspension_stiffness_n_per_m / GEAR.sprung_mass_kg
         assert each.stiffness.value == pytest.approx(truth, rel=2e-3)
-
-
-def test_two_gears_of_each_side_are_paired_one_to_one():
-    """A tandem 7 cm apart: every gear mirrors two."""
-    four = (("front left", 0.07, 1.6), ("left", 0.0, 1.6), ("right", 0.01, -1.6), ("front right", 0.08, -1.6))
-    tandem = tuple(gear(name, x, y) for name, x, y in four)
-    recording = small_recording([f"{name}_{side}_z" for name, _, _ in four for side in ("upper", "lower")])
-    given = made(interfaces=tandem, runs=(LoadedRun("reference", recording),), structure=StructureSettings("pair"))
-    assert symmetric_pairs(given) == [(0, 3), (1, 2)]
-    lone = replace(given, interfaces=tandem[:3])
-    assert symmetric_pairs(lone) == [(1, 2)]
-    kind, why = identification._chosen(
-        given, [Fitted("pair", pair, None, (), NOISE, None) for pair in ((0, 3), (1, 2))]
-    )
-    assert kind == "pair"
-    assert "the mean of left and right cannot be fitted" in why

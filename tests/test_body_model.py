@@ -71,9 +71,7 @@ def run_of(below, above, loading):
     """The run as it is, means and all: what is exact is not to be centred."""
     run = body_run(below, above, fs=FS, loading=loading)
     n = run.n_samples
-    exact = replace(run, unsprung=below[:n], sprung=above[:n])
-    assert exact.drive.shape == half_steps(below[:n]).shape
-    return exact
+    return replace(run, drive=half_steps(below[:n]), sprung=above[:n])
 
 
 def loading_of(mass_kg, x_m, y_m):

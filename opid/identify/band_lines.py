@@ -13,6 +13,8 @@ from opid.signals.spectra import ComplexArray
 
 BAND_HZ = (0.3, 40.0)
 LEAST_LINES = 20
+# lines above this share of the rate are not compared
+HIGHEST_SHARE = 0.4
 # below, a step of the model a sample is too coarse; band-limited runs are sampled finer
 LOWEST_RATE_HZ = 250.0
 
@@ -59,7 +61,7 @@ def band_lines(n_samples: int, *, fs: float, band_hz: tuple[float, float] = BAND
     frequency_hz = fft.rfftfreq(n, 1 / fs)
     if not 0 < band_hz[0] < band_hz[1]:
         raise InputError(f"band_hz is ({band_hz[0]:g}, {band_hz[1]:g}): give 0 < low < high, Hz")
-    low, high = float(band_hz[0]), min(float(band_hz[1]), 0.4 * fs)
+    low, high = float(band_hz[0]), min(float(band_hz[1]), HIGHEST_SHARE * fs)
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
     if keep.size < LEAST_LINES:
         raise InputError(

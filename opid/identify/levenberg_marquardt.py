@@ -14,6 +14,8 @@ MOST_EVALUATIONS = 15
 LEAST_PROMISE = 1e-2
 # first damping of a step that failed, over the squared size of each column
 DAMPING = 1e-3
+# smaller is none
+LEAST_DAMPING = 1e-6
 
 
 class Residual(Protocol):
@@ -61,7 +63,7 @@ def least_squares(
     errors = (first or evaluate)(best)
     if errors is None:
         return best, 1
-    cost, damping, n_data = _cost(errors), 0.0, errors.stacked.size
+    cost, damping, n_data, failed = _cost(errors), 0.0, errors.stacked.size, False
     for spent in range(1, most_evaluations):
         step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
         trial = best.copy()
@@ -70,9 +72,11 @@ def least_squares(
             return trial, spent
         new = evaluate(trial)
         if new is not None and _cost(new) < cost:
-            best, errors, cost, damping = trial, new, _cost(new), damping / 10 if damping > DAMPING else 0.0
+            # where a longer step has just failed the next may as well
+            eased = damping if failed else damping / 10 if damping > LEAST_DAMPING else 0.0
+            best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
         else:
-            damping = max(10 * damping, DAMPING)
+            damping, failed = max(10 * damping, DAMPING), True
     return best, most_evaluations
 
 

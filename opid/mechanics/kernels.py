@@ -67,6 +67,18 @@ _PARTS = (
 )
 # sums that may be taken in any order, several numbers at once
 _SUMS = ("_slider_force", "_dot", "_dot_of_two", "_weighted_sum", "_motion_of_joint")
+# long loops over many parameters: a product and a sum in one instruction, rounded once
+_FUSED = (
+    "_step_matrices",
+    "_by_offset_and_ground",
+    "_carry",
+    "_carry_covariance",
+    "_balance",
+    "_gain",
+    "_correct",
+    "_push",
+    "_predictions",
+)
 # called once a run, or so long that a call is nothing beside them
 _ONCE = (
     "_places",
@@ -195,11 +207,15 @@ def predictions(
     if n == 1 and np.array_equal(reading, accelerance) and np.array_equal(by_reading, by_mass):
         # None, not False: numba leaves out what is behind it
         kernel = _kernel("_predictions_of_one", joints[2])
-        return kernel(joints, accelerance, by_mass, *rest, ground or None, correct, sensitivity)
-    kernel = _kernel("_predictions", joints[2])
-    # directions last: the innermost loops go over them
-    ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
-    return kernel(joints, accelerance, ways[0], reading, ways[1], *rest, ground, correct, sensitivity)
+        found = kernel(joints, accelerance, by_mass, *rest, ground or None, correct, sensitivity)
+    else:
+        kernel = _kernel("_predictions", joints[2])
+        # directions last: the innermost loops go over them
+        ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
+        found = kernel(joints, accelerance, ways[0], reading, ways[1], *rest, ground, correct, sensitivity)
+    innovation, spread, changes, motion = found
+    # made sample by sample: rows of a whole record, a power of two apart, would share few places of the cache
+    return innovation, spread, changes.transpose(1, 2, 0), motion
 
 
 def check_compiles(kind: Kind) -> None:
@@ -264,11 +280,19 @@ def _compiled(kinds: tuple[Kind, ...]) -> dict[str, Any]:
 
     # inlined: as calls, with their many arrays, they take longer than what they compute
     for name in _PARTS:
-        any_order = {"reassoc", "nsz", "contract"} if name in _SUMS else False
-        names[name] = njit(with_names(name), error_model="numpy", fastmath=any_order, forceinline=name not in _ONCE)
+        names[name] = njit(
+            with_names(name), error_model="numpy", fastmath=_freedom(name), forceinline=name not in _ONCE
+        )
     for name in _KERNELS:
-        names[name] = njit(with_names(name), error_model="numpy", cache=kinds == BUILT_IN)
+        names[name] = njit(with_names(name), error_model="numpy", fastmath=_freedom(name), cache=kinds == BUILT_IN)
     return {name: names[name] for name in (*_PARTS, *_KERNELS)}
+
+
+def _freedom(name: str) -> set[str] | bool:
+    """What the compiler may do beyond the letter of the arithmetic."""
+    if name in _SUMS:
+        return {"reassoc", "nsz", "contract"}
+    return {"contract"} if name in _FUSED else False
 
 
 def _evaluation(kinds: tuple[Kind, ...]) -> Any:

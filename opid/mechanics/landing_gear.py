@@ -85,8 +85,7 @@ class TaxiRun:
     @property
     def levels(self) -> dict[str, float]:
         """Rms of each channel of `truth`, SI."""
-        rms = np.sqrt(np.mean(self.truth.samples**2, axis=0))
-        return dict(zip(self.truth.names, rms.tolist(), strict=True))
+        return self.truth.levels
 
 
 @dataclass(frozen=True, eq=False)

@@ -121,7 +121,7 @@ def _predictions_of_one(  # type: ignore[no-untyped-def]
     covariance = _upper(covariance_start, n_states, tied)
     disturbances = (noise[0, 0] ** 2, noise[2, 0] ** 2, noise[3, 0] ** 2)
     innovation, spread = np.empty((1, n_samples)), np.empty((1, n_samples))
-    sensitivity, motion = np.empty((1, n_parameters, n_samples)), np.empty((3, 1, n_samples))
+    sensitivity, motion = np.empty((n_samples, 1, n_parameters)), np.empty((3, 1, n_samples))
     z0, v0, o, r, d0, e0 = start[0], start[1], start[2], start[3], 0.0, 0.0
     if ground is not None:
         d0, e0 = start[4], start[5]
@@ -230,7 +230,7 @@ def _predictions_of_one(  # type: ignore[no-untyped-def]
             if ground is not None:
                 change -= by_d * d
             change *= per_deviation
-            sensitivity[0, p, step] = change
+            sensitivity[step, 0, p] = change
             by[p, 2] += gain_o * change
             by[p, 3] += gain_r * change
             z, v, d, e = z + gain_z * change, v + gain_v * change, d + gain_d * change, e + gain_e * change

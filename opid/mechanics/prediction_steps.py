@@ -250,7 +250,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             for s in range(n_states):
                 covariance[s, i] += tied[i] * covariance[s, 4 * n + i]
     innovation, spread = np.empty((n, n_samples)), np.empty((n, n_samples))
-    sensitivity, motion = np.empty((n, n_parameters, n_samples)), np.empty((3, n, n_samples))
+    sensitivity, motion = np.empty((n_samples, n, n_parameters)), np.empty((3, n, n_samples))
 
     for step in range(n_samples):
         place = 0
@@ -305,7 +305,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             per_scale = 1.0 / scale[i, i]
             for p in range(n_parameters):
                 change[i, p] *= per_scale
-                sensitivity[i, p, step] = change[i, p]
+                sensitivity[step, i, p] = change[i, p]
         if correct:
             _correct(gain, white, change, state, by)
         if step == n_samples - 1:

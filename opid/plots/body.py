@@ -76,7 +76,7 @@ def structure_candidates(result: BodyIdentification, ax: Any = None) -> Axes:
         result: the identification.
         ax: one Axes, or None for a new figure.
     """
-    from opid.identify.body.candidates import EXPLAINS
+    from opid.identify.body.fit import EXPLAINS
 
     candidates = result.candidates
     with house_style():

@@ -107,6 +107,12 @@ class Recording:
         """Samples of the channel called `name`, (n_samples,), read-only."""
         return self.samples[:, self.index(name)]
 
+    @property
+    def levels(self) -> dict[str, float]:
+        """Rms of each channel, SI."""
+        rms = np.sqrt(np.mean(self.samples**2, axis=0))
+        return dict(zip(self.names, rms.tolist(), strict=True))
+
     def unit(self, name: str) -> str:
         """SI unit of the channel called `name`."""
         return self.channels[self.index(name)].unit

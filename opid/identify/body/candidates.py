@@ -13,21 +13,18 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.identify.body.equation import Start, start_values
-from opid.identify.body.fit import BodyFit, body_model, first_vector, fit_body
-from opid.identify.body.laws import ENOUGH, LawStep, search_laws
-from opid.identify.body.model import BodyModel, Group
+from opid.identify.body.fit import EXPLAINS, ON_THE_WAY, BodyFit, body_model, first_vector, fit_body
+from opid.identify.body.laws import ENOUGH, LawStep, is_hopeless
+from opid.identify.body.model import Group
 from opid.identify.body.run import BodyRun, body_run
 from opid.identify.body.structure import Body, ImpossibleBodyError, rigid_body, vertical
 from opid.identify.body.study import BodyStudy, PointMass
+from opid.identify.body.ways import way_to_fit
 from opid.identify.pursuit import library
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 
-# the noise below the suspensions is taken for so many times larger on the way to a fit from afar
-FROM_AFAR, FROM_NEARER = (100.0, 20.0, 4.0), (30.0, 5.0)
-# residual over noise up to which a structure explains the runs
-EXPLAINS = 1.2
 # what rests on a gear of less than this share of a loading is nothing
 LEAST_SHARE = 1e-3
 # loadings that differ by less than this share of the largest are one
@@ -248,15 +245,10 @@ def fitted(
             kinds = library() if law is None else ()
             start = start_values(runs, body, groups, mass_free=mass_free, kinds=kinds)
         model = body_model(runs, body, start, mass_free=mass_free, noise_m_per_s2=(float(noises[0]), float(noises[1])))
-        theta = first_vector(model, start)
-        fit, steps = _fitted_and_searched(model, theta, FROM_AFAR, law is None, progress)
-        # several gears have minima beside the right one, others on each way
-        if len(interfaces) > 1 and body.n_interfaces > 1 and fit.variance > EXPLAINS**2:
-            try:
-                again = _fitted_and_searched(model, theta, FROM_NEARER, law is None, progress, hold_places=False)
-                fit, steps = min((fit, steps), again, key=lambda way: way[0].bic)
-            except (UnboundedResponseError, ImpossibleBodyError):
-                pass
+        several = len(interfaces) > 1 and body.n_interfaces > 1
+        fit, steps = way_to_fit(
+            model, first_vector(model, start), several=several, searched=law is None, progress=progress
+        )
     except (UnboundedResponseError, ImpossibleBodyError, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, (), noise, None, str(error))
     try:
@@ -264,24 +256,6 @@ def fitted(
     except (UnboundedResponseError, ImpossibleBodyError):
         left_out = None
     return Fitted(kind, interfaces, fit, steps, noise, left_out)
-
-
-def _fitted_and_searched(
-    model: BodyModel,
-    theta: FloatArray,
-    noisier: Sequence[float],
-    searched: bool,
-    progress: Callable[[str], None] | None,
-    *,
-    hold_places: bool = True,
-) -> tuple[BodyFit, tuple[LawStep, ...]]:
-    """One way from the start values to a fit, and the laws that were tried on it."""
-    fit = fit_body(model, theta, noisier=noisier, hold_places=hold_places)
-    if not searched:
-        return fit, ()
-    fit, steps = search_laws(fit, progress=progress)
-    # fits of a search stop early
-    return fit_body(fit.model, fit.theta), steps
 
 
 def mass_is_told(runs: Sequence[BodyRun], body: Body) -> bool:
@@ -322,6 +296,7 @@ def left_out_level(fit: BodyFit) -> float | None:
     if len(model.runs) < 2:
         return None
     cost, n_data, n_own = 0.0, 0, 2 * model.body.n_interfaces
+    promise = ON_THE_WAY if is_hopeless(fit) else ENOUGH
     for place, run in enumerate(model.runs):
         others = tuple(each for k, each in enumerate(model.runs) if k != place)
         changed = model.mass_free and loading_changes(others)
@@ -331,10 +306,10 @@ def left_out_level(fit: BodyFit) -> float | None:
             shared = np.delete(shared, model.names.index("inverse_mass"))
         own = fit.theta[model.n_shared :].reshape(len(model.runs), n_own)
         rest = replace(model, runs=others, mass_free=changed, held_inverse_mass=held)
-        without = fit_body(rest, np.concatenate([shared, np.delete(own, place, axis=0).ravel()]), least_promise=ENOUGH)
+        without = fit_body(rest, np.concatenate([shared, np.delete(own, place, axis=0).ravel()]), least_promise=promise)
         alone = replace(rest, runs=(run,))
         begun = np.concatenate([without.theta[: rest.n_shared], own[place]])
-        predicted = fit_body(alone, begun, free=slice(rest.n_shared, None), least_promise=ENOUGH)
+        predicted = fit_body(alone, begun, free=slice(rest.n_shared, None), least_promise=promise)
         cost += float(np.sum(predicted.errors.stacked[: predicted.n_data] ** 2))
         n_data += predicted.n_data
     return float(np.sqrt(np.mean(np.square(model.noise)) * cost / n_data))

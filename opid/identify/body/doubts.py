@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from opid.estimate import Estimate
-from opid.identify.body.candidates import EXPLAINS, Fitted
-from opid.identify.body.fit import BodyFit
+from opid.identify.body.candidates import Fitted
+from opid.identify.body.fit import EXPLAINS, BodyFit
 from opid.identify.body.intervals import mass_of, negative_mass
 from opid.identify.body.levels import LOOSELY_KNOWN, REFUSED, WITHHELD, is_white, level_of, motion_over_noise
 from opid.identify.body.study import BodyStudy, rigid_faults

@@ -44,7 +44,6 @@ class Start:
         factors: (n_parts,) of the mass matrix.
         inverse_mass: one over the reference mass, 1/kg; None where the runs do not tell it.
         motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s).
-        first: (n_runs, n_interfaces, 2) travel and velocity at the first sample.
         explained: share of the inertia forces that the equation explains.
     """
 
@@ -54,7 +53,6 @@ class Start:
     factors: FloatArray
     inverse_mass: float | None
     motion_rms: FloatArray
-    first: FloatArray
     explained: float
 
 
@@ -274,5 +272,4 @@ def _start(equation: _Equation, groups: tuple[Group, ...], value: FloatArray, ex
         for group in groups
     )
     n = body.n_interfaces
-    first = np.array([np.stack([m.travel[:n, 0], m.velocity[:n, 0]], axis=1) for m in equation.motions])
-    return Start(with_laws, springs[:, 0], springs[:, 1], factors, mu, equation.rms[:n], first, explained)
+    return Start(with_laws, springs[:, 0], springs[:, 1], factors, mu, equation.rms[:n], explained)

@@ -18,12 +18,16 @@ from opid.identify.levenberg_marquardt import LEAST_PROMISE, least_squares
 from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
 
+# residual over noise up to which a body explains the runs
+EXPLAINS = 1.2
 # a fit from afar need not be a good one
 ON_THE_WAY = 10.0
 # places and laws of several suspensions take their time
 MOST_EVALUATIONS = 50
 # of the tolerance of a place, on the way
 HELD = 1e-3
+# the step puts a motion of this rate times its length off by two parts in a thousand
+FASTEST = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +107,8 @@ def first_vector(model: BodyModel, start: Start) -> FloatArray:
     if model.mass_free:
         shared.append(start.inverse_mass or 0.0)
     shared += [0.0] * len(model.body.coordinates)
-    return np.array([*shared, *start.first.ravel()])
+    # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
+    return np.array([*shared, *[0.0] * (2 * model.body.n_interfaces * len(model.runs))])
 
 
 def fit_body(
@@ -160,7 +165,7 @@ def with_laws(model: BodyModel, theta: FloatArray, groups: Sequence[Group]) -> t
         before = model.groups[number].law
         if before.terms:
             before = from_free(before, theta[model.law_places(number)])[0]
-        travel, velocity = _typical(model, group)
+        travel, velocity = typical_motion(model, group)
         was = [float(np.mean(slope)) for slope in before.gradient(travel, velocity)]
         now = [float(np.mean(slope)) for slope in group.law.gradient(travel, velocity)]
         parts.append(np.concatenate([theta[first : first + 2] + np.subtract(was, now), to_free(group.law)]))
@@ -168,11 +173,34 @@ def with_laws(model: BodyModel, theta: FloatArray, groups: Sequence[Group]) -> t
     return changed, np.concatenate([*parts, theta[max(first + 2, places.stop) :]])
 
 
-def _typical(model: BodyModel, group: Group) -> tuple[FloatArray, FloatArray]:
-    """Motions spread as those of the interfaces of a group are, roughly."""
+def typical_motion(model: BodyModel, group: Group) -> tuple[FloatArray, FloatArray]:
+    """Return travel and velocity, (64,) each, spread as those of the interfaces of a group are, roughly.
+
+    Args:
+        model: that knows how far they move.
+        group: of interfaces.
+    """
     travel_rms, velocity_rms = np.sqrt(np.mean(model.motion_rms[list(group.slots)] ** 2, axis=0))
     phase = 2 * np.pi * np.arange(64) / 64
     return np.sqrt(2) * travel_rms * np.sin(phase), np.sqrt(2) * velocity_rms * np.cos(phase)
+
+
+def fastest_rate(model: BodyModel, theta: FloatArray) -> float:
+    """Return the largest rate of the linear structure, frequency or decay, rad/s or 1/s.
+
+    Args:
+        model: the body.
+        theta: the vector.
+
+    Raises:
+        ImpossibleBodyError: a mass matrix that is not positive definite.
+    """
+    slots, _ = model.interfaces(theta)
+    accelerance = model.mobility(theta, 0).accelerance
+    stiffness, damping = (np.array([getattr(slot, name) for slot in slots]) for name in ("stiffness", "damping"))
+    zero = np.zeros_like(accelerance)
+    system = np.block([[zero, np.eye(len(slots))], [-accelerance * stiffness, -accelerance * damping]])
+    return float(np.abs(np.linalg.eigvals(system)).max())
 
 
 def _with_places_held(body: Body) -> Body:

@@ -10,8 +10,9 @@ import numpy as np
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
-from opid.identify.body.candidates import EXPLAINS, Fitted, fitted_alone, fitted_rigid
+from opid.identify.body.candidates import Fitted, fitted_alone, fitted_rigid
 from opid.identify.body.doubts import doubts, loose_motions, mass_doubt, refusal
+from opid.identify.body.fit import EXPLAINS
 from opid.identify.body.intervals import mass_of, negative_mass
 from opid.identify.body.levels import WITHHELD, is_white, noise_levels, widened
 from opid.identify.body.numbers import found_numbers

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.identify.body.fit import BodyFit, fit_body, with_laws
+from opid.identify.body.fit import BodyFit, fit_body, typical_motion, with_laws
 from opid.identify.body.model import Group
 from opid.identify.body.structure import ImpossibleBodyError
 from opid.identify.joint_fit import BIC_MARGIN
+from opid.identify.levenberg_marquardt import MOST_EVALUATIONS
 from opid.identify.pursuit import library
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.kinds import LAWS
@@ -26,10 +27,12 @@ LEAST_PROMISE = 25.0
 # a term whose amplitude is known to less than the root of this is tried without
 LEAST_WALD = 25.0
 MOST_ROUNDS = 4
-# noise that would explain the errors over the one assumed: beyond, no further round is tried
-HOPELESS = 15.0
+# noise that would explain the errors over the one assumed: beyond, laws mend nothing unless they promise a good share
+HOPELESS, GOOD_SHARE = 15.0, 0.05
 # refits of one round at the most that may fail to help
 MOST_FAILURES = 2
+# terms whose forces, less what spring and damper make of them, correlate by more than this bend alike
+ALIKE = 0.8
 # a fit on the way ends when the next step promises less than this of the squared error over its variance
 ENOUGH = 1.0
 
@@ -88,9 +91,18 @@ def search_laws(
         if not search.with_more(tried) and not smaller:
             break
         # no law mends what a wrong structure leaves
-        if search.best.variance > HOPELESS**2:
+        if is_hopeless(search.best):
             break
     return search.best, tuple(search.steps)
+
+
+def is_hopeless(fit: BodyFit) -> bool:
+    """Return whether a fit leaves what is beyond the mending of laws.
+
+    Args:
+        fit: of any laws.
+    """
+    return fit.variance > HOPELESS**2
 
 
 class _Search:
@@ -100,6 +112,7 @@ class _Search:
         self.best, self.say = fit, say
         self.steps = [_step(fit, kept=True)]
         self.failed: set[tuple[str, str]] = set()
+        self.asked: BodyFit | None = None
 
     def without_the_weak(self) -> bool:
         """Drop terms whose amplitudes are hardly known; say whether any went."""
@@ -113,11 +126,21 @@ class _Search:
 
     def with_more(self, kinds: Sequence[str]) -> bool:
         """Add terms that promise to explain more; say whether any helped."""
+        if self.best is self.asked:
+            return False
+        self.asked = self.best
         promises = [each for each in _promises(self.best, kinds) if (each.group, each.term.name) not in self.failed]
         promises = [each for each in promises if each.gain > LEAST_PROMISE]
         first: dict[str, Promise] = {}
         for each in promises:
             first.setdefault(each.group, each)
+        if is_hopeless(self.best) and sum(each.gain for each in first.values()) < GOOD_SHARE * self.best.n_data:
+            return False
+        instead = {name: each for name, each in first.items() if _alike(self.best, each)}
+        if instead and self._take(
+            _in_place(self.best, instead.values()), f"other terms at {', '.join(instead)}", -BIC_MARGIN
+        ):
+            return True
         if len(first) > 1 and self._take(
             _with(self.best, first.values()), f"more terms at {', '.join(first)}", -BIC_MARGIN
         ):
@@ -132,13 +155,7 @@ class _Search:
 
     def without_the_old(self, new: Iterable[Promise]) -> None:
         """Drop terms that a new one stands for: two of a kind are each well known along the ridge between them."""
-        added = {each.group: each.term.name for each in new}
-        old = [
-            (group.name, term)
-            for group in self.best.groups()
-            for term in group.law.terms
-            if group.name in added and term.name != added[group.name]
-        ]
+        old = [(each.group, term) for each in new for term in _alike(self.best, each)]
         if len(old) > 1 and self._take(_without(self.best, old), "without what the new terms stand for", BIC_MARGIN):
             return
         for name, term in old:
@@ -148,7 +165,11 @@ class _Search:
         """Fit other laws, and keep them if the criterion rises by less than a margin."""
         self.say(what)
         try:
-            trial = fit_body(*with_laws(self.best.model, self.best.theta, groups), least_promise=ENOUGH)
+            trial = fit_body(
+                *with_laws(self.best.model, self.best.theta, groups),
+                most_evaluations=MOST_EVALUATIONS,
+                least_promise=ENOUGH,
+            )
         except (UnboundedResponseError, ImpossibleBodyError):
             return False
         kept = trial.bic < self.best.bic + margin
@@ -189,6 +210,41 @@ def _with(fit: BodyFit, promises: Iterable[Promise]) -> tuple[Group, ...]:
     return tuple(
         replace(group, law=group.law + grown[group.name]) if group.name in grown else group for group in fit.groups()
     )
+
+
+def _bent(term: Term, travel: FloatArray, velocity: FloatArray) -> FloatArray:
+    """What of the force of a term no spring and no damper make."""
+    force = Law((term,)).force(travel, velocity)
+    straight = np.stack([np.ones_like(travel), travel, velocity], axis=1)
+    return np.asarray(force - straight @ np.linalg.lstsq(straight, force, rcond=None)[0])
+
+
+def _alike(fit: BodyFit, promise: Promise) -> list[Term]:
+    """Terms of the group of a promised one, of other kinds, that bend as it does."""
+    group = next(each for each in fit.groups() if each.name == promise.group)
+    motion = typical_motion(fit.model, group)
+    new = _bent(promise.term, *motion)
+    found = []
+    for term in group.law.terms:
+        old = _bent(term, *motion)
+        size = float(np.linalg.norm(new) * np.linalg.norm(old))
+        if term.name != promise.term.name and float(old @ new) > ALIKE * size:
+            found.append(term)
+    return found
+
+
+def _in_place(fit: BodyFit, promises: Iterable[Promise]) -> tuple[Group, ...]:
+    """Promised terms in place of those that bend alike, as large as these were."""
+    gone = [(each.group, term) for each in promises for term in _alike(fit, each)]
+    groups = {group.name: group for group in _without(fit, gone)}
+    for each in promises:
+        motion = typical_motion(fit.model, groups[each.group])
+        new = _bent(each.term, *motion)
+        old = sum(_bent(term, *motion) for name, term in gone if name == each.group)
+        amplitude = each.term.values[0] * float(new @ old) / float(new @ new)
+        group = groups[each.group]
+        groups[each.group] = replace(group, law=group.law + Law((Term(each.term.name, (amplitude, *each.term.inner)),)))
+    return tuple(groups.values())
 
 
 def _promises(fit: BodyFit, kinds: Sequence[str]) -> list[Promise]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from opid.identify.body.candidates import EXPLAINS, Fitted
-from opid.identify.body.fit import BodyFit
+from opid.identify.body.candidates import Fitted
+from opid.identify.body.fit import EXPLAINS, BodyFit
 from opid.identify.body.intervals import honest_covariance
 from opid.identify.classical import LEAST_NOISE
 from opid.identify.whiteness import WHITE_BELOW

@@ -72,6 +72,12 @@ class BodyModel:
     held_inverse_mass: float = 0.0
 
     @cached_property
+    def coarse(self) -> BodyModel:
+        """The model of the same runs at a coarse rate; itself where theirs is."""
+        runs = tuple(run.coarse for run in self.runs)
+        return self if runs == self.runs else replace(self, runs=runs)
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the shared parameters."""
         names: list[str] = []
@@ -267,8 +273,12 @@ class BodyModel:
             by[row + 2 * interface + 1] = starts[n_slots + interface]
 
     def _noise(self, run: BodyRun) -> Noise:
-        """White noise sampled finer has the same density only at a higher level."""
+        """White noise sampled finer has the same density only at a higher level.
+
+        Of runs sampled coarser the drive alone is averaged.
+        """
         below, above = (level * float(np.sqrt(run.finer)) for level in self.noise)
+        below /= float(np.sqrt(run.coarser))
         n_slots, n_sensors = self.body.n_slots, run.sprung.shape[1]
         drive = [below] * self.body.n_interfaces + [0.0] * (n_slots - self.body.n_interfaces)
         return Noise(drive, [above] * n_sensors + [NO_SENSOR_M_PER_S2] * (n_slots - n_sensors))

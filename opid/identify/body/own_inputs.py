@@ -145,7 +145,6 @@ def stated_start(
         mass[places[1:]] / reference,
         1 / reference if mass_free else None,
         rms,
-        np.zeros((len(runs), len(groups), 2)),
         0.0,
     )
     # how far the suspensions move, from a first prediction

@@ -13,8 +13,8 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
-from opid.identify.body.candidates import EXPLAINS, Fitted, fitted
-from opid.identify.body.fit import BodyFit
+from opid.identify.body.candidates import Fitted, fitted
+from opid.identify.body.fit import EXPLAINS, FASTEST, BodyFit, fastest_rate
 from opid.identify.body.intervals import mass_of, negative_mass, per_force, suspension_estimates
 from opid.identify.body.levels import (
     LOOSELY_KNOWN,
@@ -33,9 +33,6 @@ from opid.identify.body.structure import own_body
 from opid.mechanics.laws import LINEAR, Law, default_law
 from opid.mechanics.structure import Structure
 from opid.signals.recording import FloatArray, Recording
-
-# the step puts a motion of this rate times its length off by two parts in a thousand
-FASTEST = 0.7
 
 NEGATIVE = (
     "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
@@ -328,25 +325,10 @@ def _warnings(part: Fitted) -> Iterator[str]:
 
 
 def _too_fast(fit: BodyFit) -> str:
-    rate, fs = fastest_rate(fit), fit.model.runs[0].fs
+    rate, fs = fastest_rate(fit.model, fit.theta), fit.model.runs[0].fs
     if rate <= FASTEST * fs:
         return ""
     return (
         f"the structure has a motion of {rate / (2 * np.pi):.3g} Hz, too fast for steps of {fs:.4g} Hz: record faster, "
         "or tie its degrees of freedom together"
     )
-
-
-def fastest_rate(fit: BodyFit) -> float:
-    """Return the largest rate of the linear structure, frequency or decay, rad/s or 1/s.
-
-    Args:
-        fit: a fitted body.
-    """
-    model = fit.model
-    slots, _ = model.interfaces(fit.theta)
-    accelerance = model.mobility(fit.theta, 0).accelerance
-    stiffness, damping = (np.array([getattr(slot, name) for slot in slots]) for name in ("stiffness", "damping"))
-    zero = np.zeros_like(accelerance)
-    system = np.block([[zero, np.eye(len(slots))], [-accelerance * stiffness, -accelerance * damping]])
-    return float(np.abs(np.linalg.eigvals(system)).max())

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import signal
 
 from opid.errors import InputError
-from opid.identify.band_lines import BAND_HZ, at_lines, band_lines
+from opid.identify.band_lines import BAND_HZ, HIGHEST_SHARE, LOWEST_RATE_HZ, at_lines, band_lines
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
@@ -20,30 +21,50 @@ class BodyRun:
     """One run, ready for the model.
 
     Args:
-        unsprung: (n, n_interfaces) accelerations below the suspensions, mean removed, m/s^2.
+        drive: (2 n - 1, n_interfaces) accelerations below the suspensions at half steps, mean removed, m/s^2.
         sprung: (n, n_sensors) accelerations of the body, mean removed, m/s^2.
         omega: (n_lines,) lines of the residual that count, rad/s.
         fs: sampling rate, Hz.
         loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg.
         finer: how many times finer than recorded the run is sampled, so that a step of the model is short enough.
+        coarser: how many times coarser than recorded, on the way to a fit.
     """
 
-    unsprung: FloatArray
+    drive: FloatArray
     sprung: FloatArray
     omega: FloatArray
     fs: float
     loading: FloatArray
     finer: int = 1
+    coarser: int = 1
 
     @property
     def n_samples(self) -> int:
         """Number of samples."""
         return self.sprung.shape[0]
 
+    @property
+    def unsprung(self) -> FloatArray:
+        """(n, n_interfaces) accelerations below the suspensions, m/s^2."""
+        return self.drive[::2]
+
     @cached_property
-    def drive(self) -> FloatArray:
-        """(2 n - 1, n_interfaces) accelerations below the suspensions at half steps, m/s^2."""
-        return half_steps(self.unsprung)
+    def coarse(self) -> BodyRun:
+        """The run at about `LOWEST_RATE_HZ`, if its lines allow that: it leads near a fit in a fraction of the time.
+
+        Fewer readings are compared, unfiltered, so that model and sensors still tell of the same instants; below the
+        suspensions the samples between them serve the half steps.
+        """
+        highest_hz = float(self.omega[-1]) / (2 * np.pi)
+        by = int(self.fs / (2 * max(LOWEST_RATE_HZ, highest_hz / HIGHEST_SHARE)))
+        if by < 1:
+            return self
+        fs, sprung = self.fs / (2 * by), self.sprung[:: 2 * by]
+        drive = self.unsprung if by == 1 else signal.resample_poly(self.unsprung, 1, by, axis=0, padtype="line")
+        lines = band_lines(len(sprung), fs=fs, band_hz=(float(self.omega[0]) / (2 * np.pi), highest_hz))
+        n = lines.n_samples
+        drive, sprung = (np.ascontiguousarray(each) for each in (drive[: 2 * n - 1], sprung[:n]))
+        return BodyRun(drive, sprung, lines.omega, fs, self.loading, self.finer, 2 * by)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
         """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts.
@@ -79,7 +100,7 @@ def body_run(
         raise InputError(f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length")
     lines = band_lines(len(lower), fs=fs, band_hz=band_hz)
     return BodyRun(
-        lines.prepared(lower),
+        half_steps(lines.prepared(lower)),
         lines.prepared(upper),
         lines.omega,
         float(fs) * lines.finer,
