@@ -174,15 +174,16 @@ def with_laws(model: BodyModel, theta: FloatArray, groups: Sequence[Group]) -> t
 
 
 def typical_motion(model: BodyModel, group: Group) -> tuple[FloatArray, FloatArray]:
-    """Return travel and velocity, (64,) each, spread as those of the interfaces of a group are, roughly.
+    """Return travel and velocity, (n,) each, as large as those of the interfaces of a group, in all phases.
 
     Args:
         model: that knows how far they move.
         group: of interfaces.
     """
     travel_rms, velocity_rms = np.sqrt(np.mean(model.motion_rms[list(group.slots)] ** 2, axis=0))
-    phase = 2 * np.pi * np.arange(64) / 64
-    return np.sqrt(2) * travel_rms * np.sin(phase), np.sqrt(2) * velocity_rms * np.cos(phase)
+    swing = np.sqrt(2) * np.sin(2 * np.pi * (np.arange(24) + 0.5) / 24)
+    travel, velocity = np.meshgrid(travel_rms * swing, velocity_rms * swing)
+    return travel.ravel(), velocity.ravel()
 
 
 def fastest_rate(model: BodyModel, theta: FloatArray) -> float:

@@ -289,6 +289,10 @@ def _diagnostics(study: BodyStudy, parts: Sequence[Fitted], why: str, settings: 
         "runs": [{"name": run.name, "mass_change_kg": run.mass_change_kg} for run in study.runs],
         "n_data": sum(part.found.n_data for part in parts),
         "white": [is_white(part.found) for part in parts],
-        "laws_tried": [{"law": step.law, "bic": step.bic, "kept": step.kept} for part in parts for step in part.steps],
+        "laws_tried": [
+            {"law": step.law, "bic": step.bic, "kept": step.kept, "fs_hz": step.fs}
+            for part in parts
+            for step in part.steps
+        ],
         **settings,
     }

@@ -28,7 +28,7 @@ LEAST_PROMISE = 25.0
 LEAST_WALD = 25.0
 MOST_ROUNDS = 4
 # noise that would explain the errors over the one assumed: beyond, laws mend nothing unless they promise a good share
-HOPELESS, GOOD_SHARE = 15.0, 0.05
+HOPELESS, GOOD_SHARE = 20.0, 0.05
 # refits of one round at the most that may fail to help
 MOST_FAILURES = 2
 # terms whose forces, less what spring and damper make of them, correlate by more than this bend alike
@@ -63,12 +63,14 @@ class LawStep:
         bic: of the fit.
         level: noise that would explain its errors, m/s^2.
         kept: whether the search went on from here.
+        fs: rate of the runs that it was fitted to, Hz: criteria at one rate compare.
     """
 
     law: dict[str, str]
     bic: float
     level: float
     kept: bool
+    fs: float
 
 
 def search_laws(
@@ -116,7 +118,7 @@ class _Search:
 
     def without_the_weak(self) -> bool:
         """Drop terms whose amplitudes are hardly known; say whether any went."""
-        weak = _weak(self.best)
+        weak = [] if is_hopeless(self.best) else _weak(self.best)
         if len(weak) > 1 and self._take(_without(self.best, weak), f"without {len(weak)} weak terms", BIC_MARGIN):
             return True
         return any(
@@ -126,6 +128,7 @@ class _Search:
 
     def with_more(self, kinds: Sequence[str]) -> bool:
         """Add terms that promise to explain more; say whether any helped."""
+        # asked before, in vain
         if self.best is self.asked:
             return False
         self.asked = self.best
@@ -136,9 +139,8 @@ class _Search:
             first.setdefault(each.group, each)
         if is_hopeless(self.best) and sum(each.gain for each in first.values()) < GOOD_SHARE * self.best.n_data:
             return False
-        instead = {name: each for name, each in first.items() if _alike(self.best, each)}
-        if instead and self._take(
-            _in_place(self.best, instead.values()), f"other terms at {', '.join(instead)}", -BIC_MARGIN
+        if any(_alike(self.best, each) for each in first.values()) and self._take(
+            _in_place(self.best, first.values()), f"other terms at {', '.join(first)}", -BIC_MARGIN
         ):
             return True
         if len(first) > 1 and self._take(
@@ -180,7 +182,9 @@ class _Search:
 
 
 def _step(fit: BodyFit, *, kept: bool) -> LawStep:
-    return LawStep({group.name: group.law.name for group in fit.model.groups}, fit.bic, fit.level, kept)
+    return LawStep(
+        {group.name: group.law.name for group in fit.model.groups}, fit.bic, fit.level, kept, fit.model.runs[0].fs
+    )
 
 
 def _weak(fit: BodyFit) -> list[tuple[str, Term]]:
@@ -212,37 +216,36 @@ def _with(fit: BodyFit, promises: Iterable[Promise]) -> tuple[Group, ...]:
     )
 
 
-def _bent(term: Term, travel: FloatArray, velocity: FloatArray) -> FloatArray:
-    """What of the force of a term no spring and no damper make."""
+def _bent(term: Term, fit: BodyFit, group: Group) -> FloatArray:
+    """What of the force of a term no spring and no damper make, over the motions of a group."""
+    travel, velocity = typical_motion(fit.model, group)
     force = Law((term,)).force(travel, velocity)
     straight = np.stack([np.ones_like(travel), travel, velocity], axis=1)
     return np.asarray(force - straight @ np.linalg.lstsq(straight, force, rcond=None)[0])
 
 
 def _alike(fit: BodyFit, promise: Promise) -> list[Term]:
-    """Terms of the group of a promised one, of other kinds, that bend as it does."""
+    """Terms of the group of a promised one, of other kinds, that bend as it does, or against it."""
     group = next(each for each in fit.groups() if each.name == promise.group)
-    motion = typical_motion(fit.model, group)
-    new = _bent(promise.term, *motion)
-    found = []
+    new, found = _bent(promise.term, fit, group), []
     for term in group.law.terms:
-        old = _bent(term, *motion)
+        old = _bent(term, fit, group)
         size = float(np.linalg.norm(new) * np.linalg.norm(old))
-        if term.name != promise.term.name and float(old @ new) > ALIKE * size:
+        if term.name != promise.term.name and abs(float(old @ new)) > ALIKE * size:
             found.append(term)
     return found
 
 
 def _in_place(fit: BodyFit, promises: Iterable[Promise]) -> tuple[Group, ...]:
-    """Promised terms in place of those that bend alike, as large as these were."""
-    gone = [(each.group, term) for each in promises for term in _alike(fit, each)]
-    groups = {group.name: group for group in _without(fit, gone)}
+    """Promised terms in place of those that bend alike, as large as these were; others beside what is there."""
+    gone = {each.group: _alike(fit, each) for each in promises}
+    groups = {group.name: group for group in _without(fit, [(name, term) for name in gone for term in gone[name]])}
     for each in promises:
-        motion = typical_motion(fit.model, groups[each.group])
-        new = _bent(each.term, *motion)
-        old = sum(_bent(term, *motion) for name, term in gone if name == each.group)
-        amplitude = each.term.values[0] * float(new @ old) / float(new @ new)
-        group = groups[each.group]
+        amplitude, group = each.amplitude, groups[each.group]
+        if gone[each.group]:
+            new = _bent(each.term, fit, group)
+            old = np.sum([_bent(term, fit, group) for term in gone[each.group]], axis=0)
+            amplitude = each.term.values[0] * float(new @ old) / float(new @ new)
         groups[each.group] = replace(group, law=group.law + Law((Term(each.term.name, (amplitude, *each.term.inner)),)))
     return tuple(groups.values())
 
