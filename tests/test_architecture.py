@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -31,11 +32,22 @@ MAY_IMPORT["__main__"] = {"cli"}
 
 HEAVY = ("matplotlib", "pysindy", "numba", "scipy.signal")
 
-modules = pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
 
-
+@cache
 def tree_of(path):
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+@cache
+def nodes_of(tree):
+    return list(ast.walk(tree))
+
+
+def faults(rule):
+    """Return what a rule, `(path, tree) -> lines or names with words`, finds in all files: one sentence a fault."""
+    return [
+        f"{path.relative_to(PACKAGE).as_posix()}: {fault}" for path in MODULES for fault in rule(path, tree_of(path))
+    ]
 
 
 def room_of(path):
@@ -45,7 +57,7 @@ def room_of(path):
 def imports(path, tree):
     """Yield each import of a module as its full name, `from . import x` included, with its line."""
     package = ("opid", *path.relative_to(PACKAGE).parent.parts)
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -66,54 +78,94 @@ def test_every_way_of_importing_is_seen():
     assert sorted(name for name, _ in found) == sorted(expected)
 
 
-@modules
-def test_imports_follow_the_arrows(path):
+def against_the_arrows(path, tree):
     room = room_of(path)
-    for name, line in imports(path, tree_of(path)):
+    for name, line in imports(path, tree):
         parts = name.split(".")
         if parts[0] != "opid":
             continue
         target = parts[1] if len(parts) > 1 and parts[1] in MAY_IMPORT else "__init__"
-        assert target == room or target in MAY_IMPORT[room], f"line {line}: {room} may not import {name}"
+        if target != room and target not in MAY_IMPORT[room]:
+            yield f"line {line}: {room} may not import {name}"
 
 
-@modules
-def test_no_import_reaches_upward(path):
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.ImportFrom):
-            assert node.level <= 1, f"line {node.lineno}: write the import from opid"
+def reaching_upward(_path, tree):
+    for node in nodes_of(tree):
+        if isinstance(node, ast.ImportFrom) and node.level > 1:
+            yield f"line {node.lineno}: write the import from opid"
 
 
-@modules
-def test_matplotlib_stays_in_plots(path):
+def matplotlib_outside_plots(path, tree):
     if room_of(path) != "plots":
-        for name, line in imports(path, tree_of(path)):
-            assert name.split(".")[0] != "matplotlib", f"line {line}"
+        for name, line in imports(path, tree):
+            if name.split(".")[0] == "matplotlib":
+                yield f"line {line}: matplotlib"
 
 
-@modules
-def test_pysindy_is_imported_only_where_it_is_used(path):
-    tree = tree_of(path)
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-    inside = {line for function in functions for _, line in imports(path, function)}
-    for name, line in imports(path, tree):
-        assert name.split(".")[0] != "pysindy" or line in inside, f"line {line}: import it in the function"
+def pysindy_outside_functions(path, tree):
+    found = [line for name, line in imports(path, tree) if name.split(".")[0] == "pysindy"]
+    functions = [node for node in nodes_of(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    for line in found:
+        if not any(function.lineno <= line <= function.end_lineno for function in functions):
+            yield f"line {line}: import it in the function"
 
 
-@modules
-def test_the_library_prints_nothing_and_silences_no_warnings(path):
-    for node in ast.walk(tree_of(path)):
+def printing_or_silencing(path, tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Call):
             called = ast.unparse(node.func)
-            assert called != "print" or room_of(path) == "cli", f"line {node.lineno}: return it instead"
-            assert not re.search(r"\b(filterwarnings|simplefilter|catch_warnings)$", called), f"line {node.lineno}"
+            if called == "print" and room_of(path) != "cli":
+                yield f"line {node.lineno}: return it instead"
+            if re.search(r"\b(filterwarnings|simplefilter|catch_warnings)$", called):
+                yield f"line {node.lineno}: {called}"
 
 
-@modules
-def test_nothing_is_done_at_import(path):
-    for node in tree_of(path).body:
-        assert not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)), f"line {node.lineno}"
-        assert not isinstance(node, ast.For | ast.While | ast.With), f"line {node.lineno}"
+def done_at_import(_path, tree):
+    for node in tree.body:
+        call = isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+        if call or isinstance(node, ast.For | ast.While | ast.With):
+            yield f"line {node.lineno}"
+
+
+def test_imports_follow_the_arrows():
+    assert faults(against_the_arrows) == []
+
+
+def test_no_import_reaches_upward():
+    assert faults(reaching_upward) == []
+
+
+def test_matplotlib_stays_in_plots():
+    assert faults(matplotlib_outside_plots) == []
+
+
+def test_pysindy_is_imported_only_where_it_is_used():
+    assert faults(pysindy_outside_functions) == []
+
+
+def test_the_library_prints_nothing_and_silences_no_warnings():
+    assert faults(printing_or_silencing) == []
+
+
+def test_nothing_is_done_at_import():
+    assert faults(done_at_import) == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "code"),
+    [
+        (against_the_arrows, "from opid.identify import study"),
+        (reaching_upward, "from ..errors import InputError"),
+        (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
+        (pysindy_outside_functions, "import pysindy"),
+        (printing_or_silencing, "print(1)"),
+        (printing_or_silencing, "warnings.catch_warnings()"),
+        (done_at_import, "register(1)"),
+        (done_at_import, "for x in y:\n    pass"),
+    ],
+)
+def test_each_rule_finds_its_fault(rule, code):
+    assert len(list(rule(PACKAGE / "signals" / "x.py", ast.parse(code)))) == 1
 
 
 def test_import_opid_loads_nothing_heavy():
@@ -140,24 +192,28 @@ def public_definitions(tree):
             yield node
 
 
-@modules
-def test_every_argument_is_documented(path):
+def undocumented_arguments(path, tree):
     if room_of(path) == "cli":
         return  # click's options carry their own help
-    missing = [
-        f"{node.name}: {name}"
-        for node in public_definitions(tree_of(path))
-        for name in arguments(node)
-        if not name.startswith("_") and not re.search(rf"\b{name}\b", ast.get_docstring(node) or "")
-    ]
-    assert missing == []
+    for node in public_definitions(tree):
+        docstring = ast.get_docstring(node) or ""
+        for name in arguments(node):
+            if not name.startswith("_") and not re.search(rf"\b{name}\b", docstring):
+                yield f"{node.name}: {name}"
 
 
-@modules
-def test_every_public_name_has_a_docstring(path):
-    assert ast.get_docstring(tree_of(path)) or not path.read_text(encoding="utf-8").strip()
-    missing = [node.name for node in public_definitions(tree_of(path)) if not ast.get_docstring(node)]
-    assert missing == []
+def without_docstring(path, tree):
+    if not ast.get_docstring(tree) and path.read_text(encoding="utf-8").strip():
+        yield "the file itself"
+    yield from (node.name for node in public_definitions(tree) if not ast.get_docstring(node))
+
+
+def test_every_argument_is_documented():
+    assert faults(undocumented_arguments) == []
+
+
+def test_every_public_name_has_a_docstring():
+    assert faults(without_docstring) == []
 
 
 def test_every_module_stands_in_the_picture():

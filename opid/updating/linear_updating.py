@@ -92,9 +92,15 @@ def update_linear(
     support = [(max(low, 0.0), high) for low, high in (prior.support for prior in ordered)]
     draws = np.column_stack([prior.sample(200, rng) for prior in ordered])
     peak = _peak(density, draws, support)
-    start = spread_starts(density, peak.theta, peak.covariance, n_chains=n_chains, rng=rng)
+    start = spread_starts(density, peak.theta, peak.covariance_inside, n_chains=n_chains, rng=rng)
     chain = adaptive_metropolis(
-        density, start, covariance=peak.covariance, n_samples=n_samples, n_warm_up=n_warm_up, rng=rng, progress=progress
+        density,
+        start,
+        covariance=peak.covariance_inside,
+        n_samples=n_samples,
+        n_warm_up=n_warm_up,
+        rng=rng,
+        progress=progress,
     )
     samples = chain.pooled
     diagnostics = diagnose(chain)

@@ -47,22 +47,37 @@ class Maximum:
     def covariance(self) -> FloatArray:
         """(n_parameters, n_parameters) of the normal distribution of this curvature.
 
-        Where the maximum lies at a bound it is at most as wide as the slope there says, so that it exists.
+        Where there is none, the maximum lying at a bound, the slope there limits it.
         """
-        precision = self.precision
-        scale = np.sqrt(np.diag(precision))  # parameters may be of very different sizes
-        return linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale)
+        return _inverse(self.precision)
+
+    @property
+    def covariance_inside(self) -> FloatArray:
+        """(n_parameters, n_parameters) of roughly what lies within the bounds, for starts and proposals of chains.
+
+        At a bound a steep density falls off as an exponential, within one over its slope, however little it bends.
+        """
+        return _inverse(self.precision + np.diag(self._steep))
+
+    @property
+    def _steep(self) -> FloatArray:
+        return np.where(self.at_bound != 0, self.gradient**2, 0.0)
 
     @property
     def precision(self) -> FloatArray:
         """Inverse of `covariance`: the curvature, made positive with the slopes at bounds where it is not."""
-        steep = np.where(self.at_bound != 0, self.gradient**2, 0.0)
         for share in (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0):
-            matrix = -self.hessian + share * np.diag(steep)
+            matrix = -self.hessian + share * np.diag(self._steep)
             scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
             if linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > 1e-12:
                 return matrix
         raise NotDeterminedError("the log density has no curvature at its maximum: the data do not tell a parameter")
+
+
+def _inverse(precision: FloatArray) -> FloatArray:
+    """Of parameters that may be of very different sizes."""
+    scale = np.sqrt(np.diag(precision))
+    return np.asarray(linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale))
 
 
 def bounds_of(support: Support, n_parameters: int) -> tuple[FloatArray, FloatArray]:

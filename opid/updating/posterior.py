@@ -333,14 +333,14 @@ def _sampled(
     n_walkers = max(N_WALKERS, 2 * peak.theta.size + 2)
     n_chains = n_walkers if sampler == "ensemble" else int(np.clip(n_samples // SHORTEST, 4, N_CHAINS))
     # starts drawn from the Laplace approximation, which they double: the warm-up may be short
-    start = spread_starts(density.posterior, peak.theta, peak.covariance / 4, n_chains=n_chains, rng=rng)
+    start = spread_starts(density.posterior, peak.theta, peak.covariance_inside / 4, n_chains=n_chains, rng=rng)
     dropped = n_samples // (WARM_UP * n_chains)
     kept = (n_samples - n_samples // WARM_UP) // n_chains
     if sampler == "ensemble":
         return ensemble(density.posterior, start, n_samples=kept, n_warm_up=dropped, rng=rng, progress=progress)
     walk = adaptive_metropolis if sampler == "adaptive" else metropolis
     return walk(
-        density.posterior, start, covariance=peak.covariance, n_samples=kept, n_warm_up=dropped, rng=rng,
+        density.posterior, start, covariance=peak.covariance_inside, n_samples=kept, n_warm_up=dropped, rng=rng,
         progress=progress,
     )  # fmt: skip
 
