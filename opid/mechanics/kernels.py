@@ -68,16 +68,10 @@ _PARTS = (
 # sums that may be taken in any order, several numbers at once
 _SUMS = ("_slider_force", "_dot", "_dot_of_two", "_weighted_sum", "_motion_of_joint")
 # long loops over many parameters: a product and a sum in one instruction, rounded once
-_FUSED = (
-    "_step_matrices",
-    "_by_offset_and_ground",
-    "_carry",
-    "_carry_covariance",
-    "_balance",
-    "_gain",
-    "_correct",
-    "_push",
-    "_predictions",
+_FUSED = tuple(
+    name
+    for name, part in vars(prediction_steps).items()
+    if getattr(part, "__module__", "") == prediction_steps.__name__
 )
 # called once a run, or so long that a call is nothing beside them
 _ONCE = (
