@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from body_runs import NOISE, aircraft, gears_apart, one_track, short_runs, study
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.body import candidates as candidates_module
-from opid.identify.body import identification
+from opid.identify.body import doubts, identification
 from opid.identify.body.candidates import Fitted, groups_of
+from opid.identify.body.doubts import mass_doubt
 from opid.identify.body.identification import identify_body
 from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS
 from opid.identify.body.structure import ImpossibleBodyError
@@ -109,7 +111,9 @@ def test_gears_that_stand_alone_are_told_from_an_aircraft():
 def test_one_loading_gives_ratios_and_a_sentence(compared):
     found = identify_body(study(runs=short_runs()[:1]), law=LAW)
     true = aircraft()
-    assert found.not_determined.startswith("all runs have the same loading: only ratios to the mass can be told")
+    assert found.not_determined.startswith(
+        "one run gives ratios to the mass alone: record a second one with a known mass"
+    )
     assert set(found.parameters) == set(BODY_PARAMETERS)
     assert all(each == Estimate() for each in found.parameters.values())
     assert found.per_mass
@@ -122,6 +126,32 @@ def test_one_loading_gives_ratios_and_a_sentence(compared):
     ratio = found.interfaces[1].stiffness
     absolute = compared.interfaces[1].stiffness
     assert ratio.std / ratio.value < absolute.std / absolute.value
+
+
+def test_runs_of_one_loading_are_told_from_a_single_run(compared):
+    part = SimpleNamespace(found=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
+    twice = SimpleNamespace(runs=(compared.runs[0], compared.runs[0]))
+    assert mass_doubt(twice, [part], [None], 1.0).startswith("all runs have the same loading: only ratios to the mass")
+
+
+def test_a_run_of_a_few_seconds_is_refused():
+    given = study()
+    short = replace(given.runs[0], recording=given.runs[0].recording.section(0.0, 4.0))
+    with pytest.raises(InputError, match="run 'light' lasts 4 s: give at least 10 s"):
+        identify_body(replace(given, runs=(short, *given.runs[1:])))
+
+
+def test_noise_that_is_not_stated_and_a_low_rate_are_told():
+    given = study(noise_m_per_s2=None)
+    slow = tuple(
+        replace(run, recording=replace(run.recording, samples=run.recording.samples[::4], fs=64.0))
+        for run in given.runs
+    )
+    part = SimpleNamespace(noise=0.0053)
+    told = list(doubts._of_the_record(replace(given, runs=slow), [part]))
+    assert told[0].startswith("the noise of the sensors, 5.3 mm/s^2, is taken from their quietest spectra")
+    assert told[1].startswith("the runs are sampled at 64 Hz, and compared up to 25.6 Hz")
+    assert not list(doubts._of_the_record(study(), [part]))
 
 
 def test_a_loading_that_moves_nothing_does_not_give_the_mass():
@@ -184,9 +214,7 @@ def test_a_sensor_that_is_upside_down_is_refused_and_the_worst_one_named():
         recording = Recording(samples, fs=run.recording.fs, channels=run.recording.channels)
         runs.append(replace(run, recording=recording))
     found = identify_body(study(runs=tuple(runs)), law="linear")
-    assert re.search(
-        r"times the sensors' noise \(most at '\w+_upper_z': \d+, the others [\d.e+]+", found.not_determined
-    )
+    assert re.search(r"times the sensors' noise; most at '\w+_upper_z': \d+, the others \d+", found.not_determined)
     assert "upside down, in another unit" in found.not_determined
     assert all(each.stiffness == Estimate() for each in found.interfaces)
     # places that the search ran to are nobody's
@@ -227,8 +255,12 @@ def test_runs_that_do_not_go_together_are_not_recommended(monkeypatch):
     assert rigid.residual_over_noise < 1.1
     assert (rigid.left_out_over_noise, rigid.explains, rigid.recommended) == (pytest.approx(1.5), False, False)
     assert "1.5 times as much in runs that the others predict" in rigid.why
-    assert "leaves 0.997 times the noise, but 1.5 in runs that the others predict" in found.warnings[0]
-    assert found.warnings[1] == "all intervals are widened 1.2 times for what the structure leaves"
+    assert "leaves 0.997 times the noise, but 1.50 in runs that the others predict" in found.warnings[0]
+    assert found.warnings[1].startswith("runs that the others predict leave 1.50 times the noise: a loading may have")
+    assert found.warnings[2].startswith("the intervals are withheld: what the structure leaves is no noise")
+    mass = found.parameters["sprung_mass_kg"]
+    assert mass.value == pytest.approx(aircraft().mass_kg, rel=0.02)
+    assert mass.interval95 is None
 
 
 def test_a_refit_that_fails_does_not_throw_the_fit_away(monkeypatch):
@@ -302,7 +334,7 @@ def test_pairs_are_found_by_their_places():
     found = identify_body(study("pair"), law="linear")
     assert [each.kind for each in found.candidates] == ["pair", "single"]
     assert found.interfaces[1].shared_with == ("right",)
-    assert found.not_determined.endswith("or describe the structure by its own matrices")
+    assert found.not_determined.endswith('these gears do not move alone: try kind = "auto" or "rigid_body"')
     assert found.interfaces[0].stiffness == Estimate()
 
 

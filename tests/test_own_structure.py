@@ -128,7 +128,9 @@ def test_runs_that_do_not_go_together_are_told(runs, monkeypatch):
     found = identify_structure(machine(), runs, loadings=[{}, {"high": 60.0}], law="arctan_velocity", **WHERE)
     assert found.left_out_over_noise == pytest.approx(2.4)
     assert "runs that the others predict leave 2.4 times" in found.warnings[0]
-    assert found.warnings[0].endswith("all intervals are widened 2 times")
+    assert "the intervals are withheld" in found.warnings[0]
+    assert found.interfaces["low"].stiffness.value is not None
+    assert found.interfaces["low"].stiffness.interval95 is None
 
 
 def test_one_known_mass_or_spring_keeps_the_scale(runs):

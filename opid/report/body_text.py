@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from opid.estimate import Estimate
+from opid.identify.body.levels import over_noise
 from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, Candidate, InterfaceEstimate
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
 
@@ -202,20 +203,6 @@ def body_limits(result: BodyIdentification) -> str:
         f"predicted from the motion below {n_gears} suspension{'s' * (n_gears > 1)}, "
         f"{over_noise(result.residual_over_noise)} times the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is left."
     )
-
-
-def over_noise(ratio: float | None) -> str:
-    """Return a residual over the noise with three digits, a dash where there is none.
-
-    Args:
-        ratio: the residual over the noise.
-
-    >>> over_noise(1.0), over_noise(39.4), over_noise(493.2), over_noise(1234.5), over_noise(None)
-    ('1.00', '39.4', '493', '1234', '-')
-    """
-    if ratio is None or not math.isfinite(ratio):
-        return "-"
-    return f"{ratio:#.3g}".rstrip(".") if ratio < 999.5 else f"{ratio:.0f}"
 
 
 def kind_in_words(kind: str) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from opid.estimate import Estimate
+from opid.identify.band_lines import BAND_HZ, HIGHEST_SHARE
 from opid.identify.body.candidates import Fitted
 from opid.identify.body.fit import EXPLAINS, BodyFit
 from opid.identify.body.intervals import mass_of, negative_mass
-from opid.identify.body.levels import LOOSELY_KNOWN, REFUSED, WITHHELD, is_white, level_of, motion_over_noise
+from opid.identify.body.levels import FAR_OFF, LOOSELY_KNOWN, REFUSED, is_white, level_of, motion_over_noise, over_noise
+from opid.identify.body.model import FARTHEST_STD
 from opid.identify.body.study import BodyStudy, rigid_faults
 from opid.signals.recording import FloatArray
 
@@ -16,6 +18,7 @@ from opid.signals.recording import FloatArray
 LEAST_LOADING_KG, LEAST_MASS_KG = 5.0, 50.0
 # a motion of less, over what the noise alone would make of it, does not tell its inertia
 LEAST_MOTION = 2.0
+WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
 # a coordinate that moves by more standard deviations of its tolerance is named
 FAR_STD = 3.5
 
@@ -34,6 +37,11 @@ def mass_doubt(
     untold = [part for part in parts if not part.found.model.mass_free]
     changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
     if len(untold) == len(parts):
+        if len(study.runs) == 1:
+            return (
+                "one run gives ratios to the mass alone: record a second one with a known mass more or less, and give "
+                "its `loading`"
+            )
         return (
             "all runs have the same loading: only ratios to the mass can be told; give `loading` to the runs that "
             "carried more or less"
@@ -47,10 +55,10 @@ def mass_doubt(
     loose = [part for part, covariance in pairs if _loose(mass_of(part.found, covariance))]
     if not loose:
         return None
-    if ratio > WITHHELD:
+    if ratio > FAR_OFF:
         return (
-            f"the structure leaves {ratio:.1f} times the sensors' noise{worst_sensor(study, parts)}, and the mass that "
-            "would explain most of it is no mass: check places, signs and masses of the loadings first"
+            f"the structure leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs"
+            f"{worst_sensor(study, parts)}: check places, signs and masses of the loadings first"
         )
     negative = [part for part, covariance in pairs if negative_mass(part.found, covariance)]
     if negative:
@@ -76,14 +84,28 @@ def refusal(study: BodyStudy, parts: Sequence[Fitted], ratio: float) -> str | No
     if ratio <= REFUSED:
         return None
     return (
-        f"the structure leaves {ratio:.0f} times the sensors' noise{worst_sensor(study, parts)}, so every number of it "
-        "would be a guess: check channels (exchanged, upside down, in another unit), coordinates and loadings, or "
-        "describe the structure by its own matrices"
+        f"every number would be a guess, for the structure leaves {over_noise(ratio)} times the sensors' noise"
+        f"{worst_sensor(study, parts)}: {_instead(study, parts)}"
     )
 
 
+def _instead(study: BodyStudy, parts: Sequence[Fitted]) -> str:
+    """What to do where a structure is refused."""
+    faults = list(rigid_faults(study))
+    if any(part.kind == "rigid_body" for part in parts):
+        return (
+            "check channels (exchanged, upside down, in another unit), coordinates and loadings, or describe the "
+            "structure by its own matrices"
+        )
+    if faults:
+        return f"these gears do not move alone, and one rigid body cannot be tried: {'; '.join(faults)}"
+    if study.structure.kind == "auto":
+        return "check channels (exchanged, upside down, in another unit), coordinates and loadings"
+    return 'these gears do not move alone: try kind = "auto" or "rigid_body"'
+
+
 def worst_sensor(study: BodyStudy, parts: Sequence[Fitted]) -> str:
-    """Return which sensor on the body the answer leaves most of, in brackets; "" where there is one alone.
+    """Return which sensor on the body the answer leaves most of, as the end of a sentence; "" where there is one alone.
 
     Args:
         study: the study.
@@ -99,9 +121,9 @@ def worst_sensor(study: BodyStudy, parts: Sequence[Fitted]) -> str:
     if len(levels) < 2:
         return ""
     *others, (most, name) = sorted(levels)
-    least, next_to_it = others[0][0], others[-1][0]
-    others_leave = f"{least:.2g}" if len(others) == 1 else f"{least:.2g} to {next_to_it:.2g}"
-    return f" (most at {name!r}: {most:.3g}, the others {others_leave})"
+    least, next_to_it = over_noise(others[0][0]), over_noise(others[-1][0])
+    others_leave = least if least == next_to_it else f"{least} to {next_to_it}"
+    return f"; most at {name!r}: {over_noise(most)}, the others {others_leave}"
 
 
 def loose_motions(fit: BodyFit, parameters: Mapping[str, Estimate], ratios: Mapping[str, Estimate]) -> list[str]:
@@ -150,28 +172,53 @@ def doubts(
             if finding.severity != "note":
                 channel = f", {finding.channel!r}" if finding.channel else ""
                 yield f"run {run.name!r}{channel}: {finding.message}"
+    yield from _of_the_record(study, parts)
     yield from _of_the_structure(study, parts, why, ratio)
     if study.structure.kind == "auto" and len(study.interfaces) > 1 and not any(p.kind == "rigid_body" for p in tried):
         yield f"one rigid body was not tried: {'; '.join(rigid_faults(study))}"
+    for part in tried:
+        if part.kind == "rigid_body" and part.fit is not None and not part.explains and part not in parts:
+            yield (
+                f"one rigid body leaves {over_noise(part.residual_over_noise)} times the noise"
+                f"{worst_sensor(study, [part])}: look at that sensor first"
+            )
     yield from _of_the_scale(study, mass)
     for motion in loose:
         yield _untold_motion(motion)
     # of a structure that is refused, places are no more than what the search came to
     for part in parts if ratio <= REFUSED else ():
-        for coordinate, value in _far(part):
+        for coordinate, value, more in _far(part):
             yield (
-                f"{coordinate} would have to be {100 * value:+.1f} cm from where it is stated to be: check the drawing"
+                f"{coordinate} would have to be {100 * value:+.1f} cm{' or more' if more else ''} from where it is "
+                "stated to be: check the drawing, and the places of the loadings"
             )
+
+
+def _of_the_record(study: BodyStudy, parts: Sequence[Fitted]) -> Iterator[str]:
+    """What neither a structure nor a law can mend."""
+    if study.structure.noise_m_per_s2 is None:
+        yield (
+            f"the noise of the sensors, {1e3 * max(part.noise for part in parts):.2g} mm/s^2, is taken from their "
+            "quietest spectra, a bound from above: state `noise_m_per_s2` if you know it"
+        )
+    if HIGHEST_SHARE * study.fs < BAND_HZ[1]:
+        yield (
+            f"the runs are sampled at {study.fs:g} Hz, and compared up to {HIGHEST_SHARE * study.fs:g} Hz: what moves "
+            f"faster is not in them, or folded; record at {BAND_HZ[1] / HIGHEST_SHARE:g} Hz or more"
+        )
 
 
 def _of_the_structure(study: BodyStudy, parts: Sequence[Fitted], why: str, ratio: float) -> Iterator[str]:
     lack = max(part.lack for part in parts)
     if lack > EXPLAINS:
         yield why + (worst_sensor(study, parts) if EXPLAINS < ratio <= REFUSED else "")
-        if ratio <= WITHHELD:
-            yield f"all intervals are widened {lack / EXPLAINS:.2g} times for what the structure leaves"
-        elif ratio <= REFUSED:
-            yield "the intervals are withheld: what the structure leaves is no noise"
+        if ratio <= EXPLAINS or (lack > 1.1 * ratio and ratio <= REFUSED):
+            yield (
+                f"runs that the others predict leave {over_noise(lack)} times the noise: a loading may have another "
+                "mass or stand elsewhere than stated, or something has changed between the runs"
+            )
+        if ratio <= REFUSED:
+            yield WITHOUT_INTERVALS
     elif not all(is_white(part.found) for part in parts):
         yield (
             "what the structure leaves is not white, though little: a law or a coordinate may be missing; intervals "
@@ -213,9 +260,10 @@ def _names(study: BodyStudy, parts: Sequence[Fitted]) -> str:
     return ", ".join(study.names[k] for part in parts for k in part.interfaces)
 
 
-def _far(part: Fitted) -> Iterator[tuple[str, float]]:
+def _far(part: Fitted) -> Iterator[tuple[str, float, bool]]:
+    """Coordinates that moved far, how far, and whether as far as they are looked for."""
     model = part.found.model
     for coordinate in model.body.coordinates:
         value = float(part.found.theta[model.names.index(coordinate.name)])
         if abs(value) > FAR_STD * coordinate.std:
-            yield coordinate.name, value
+            yield coordinate.name, value, abs(value) > 0.999 * FARTHEST_STD * coordinate.std

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import NotDeterminedError
+from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
 from opid.identify.body.candidates import Fitted, fitted_alone, fitted_rigid
 from opid.identify.body.doubts import doubts, loose_motions, mass_doubt, refusal
 from opid.identify.body.fit import EXPLAINS
-from opid.identify.body.intervals import mass_of, negative_mass
-from opid.identify.body.levels import WITHHELD, is_white, noise_levels, widened
+from opid.identify.body.intervals import honest_covariance, mass_of, negative_mass
+from opid.identify.body.levels import FAR_OFF, is_white, noise_levels, over_noise
 from opid.identify.body.numbers import found_numbers
 from opid.identify.body.result import BodyIdentification, Candidate, RunResidual
 from opid.identify.body.study import BodyStudy, rigid_faults, symmetric_pairs
@@ -22,6 +22,8 @@ from opid.mechanics.laws import Law, default_law
 from opid.signals.health import without_spikes
 from opid.signals.recording import FloatArray
 
+# three periods of the slowest motion that is compared
+LEAST_S = 10.0
 # of a run in a figure
 SHOWN_S = 6.0
 
@@ -53,10 +55,14 @@ def identify_body(
         The identification; `not_determined` says why where the data do not give absolute values.
 
     Raises:
-        InputError: an unknown law, or interfaces that make no rigid body where one is asked for.
+        InputError: an unknown law, a run of less than 10 s, or interfaces that make no rigid body where one is asked
+            for.
         NotDeterminedError: no structure can be fitted at all.
     """
     say = progress or (lambda step: None)
+    for run in study.runs:
+        if run.recording.duration_s < LEAST_S:
+            raise InputError(f"run {run.name!r} lasts {run.recording.duration_s:.3g} s: give at least {LEAST_S:g} s")
     arrays = _arrays(study)
     noises = noise_levels(study.structure.noise_m_per_s2, arrays, fs=study.fs)
     tried = _tried(study, arrays, noises, None if law is None else default_law(law), band_hz, say)
@@ -150,8 +156,12 @@ def _leaves(parts: Sequence[Fitted]) -> str:
     if not np.isfinite(ratio):
         return "cannot be fitted"
     left_out = max(part.left_out_over_noise or 0.0 for part in parts)
-    said = f"leaves {ratio:.3g} times the noise"
-    return f"{said}, but {left_out:.3g} in runs that the others predict" if ratio <= EXPLAINS < left_out else said
+    least = over_noise(min(part.residual_over_noise for part in parts))
+    most = over_noise(ratio)
+    said = f"leaves {most if least == most else f'{least} to {most}'} times the noise"
+    if ratio <= EXPLAINS < left_out:
+        said += f", but {over_noise(left_out)} in runs that the others predict"
+    return said
 
 
 def _answer(
@@ -165,15 +175,15 @@ def _answer(
 ) -> BodyIdentification:
     parts = [part for part in _parts(study, tried, kind) if part.fit is not None]
     ratio = max(part.residual_over_noise for part in parts)
-    covariances = [widened(part) for part in parts]
+    covariances = [honest_covariance(part.found) for part in parts]
     unscaled = mass_doubt(study, parts, covariances, ratio)
     reason = refusal(study, parts, ratio) or _failure(study, _parts(study, tried, kind)) or unscaled
     numbers = found_numbers(study, kind, parts, covariances, per_mass=unscaled is not None)
     mass = numbers.parameters["sprung_mass_kg"]
     loose = []
-    if kind == "rigid_body" and ratio <= WITHHELD:
+    if kind == "rigid_body" and ratio <= FAR_OFF:
         loose = loose_motions(parts[0].found, numbers.parameters, numbers.ratios)
-    numbers = numbers.told(ratio, reason, loose)
+    numbers = numbers.told(ratio, max(part.lack for part in parts), reason, loose)
     believed = all(part.explains for part in parts) and not _any_negative(parts, covariances)
     return BodyIdentification(
         title=study.title,
@@ -214,10 +224,10 @@ def _candidate(study: BodyStudy, part: Fitted, *, recommended: bool) -> Candidat
     names = tuple(study.names[k] for k in part.interfaces)
     mass, negative = Estimate(), False
     if part.fit is not None and part.found.model.mass_free:
-        covariance = widened(part)
+        covariance = honest_covariance(part.found)
         mass, negative = mass_of(part.found, covariance), negative_mass(part.found, covariance)
         # what a wrong structure says is shown, as what it is; a mass between nothing and infinity is none
-        if mass.std is None or part.residual_over_noise > WITHHELD:
+        if mass.std is None or not part.explains:
             mass = Estimate() if part.explains else Estimate(mass.value)
     if part.fit is None:
         why = part.reason

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from opid.identify.body.candidates import Fitted
-from opid.identify.body.fit import EXPLAINS, BodyFit
-from opid.identify.body.intervals import honest_covariance
+from opid.identify.body.fit import BodyFit
 from opid.identify.classical import LEAST_NOISE
 from opid.identify.whiteness import WHITE_BELOW
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import noise_floor
 
-# above this residual over the noise the intervals are withheld, above the second one every number
-WITHHELD, REFUSED = 3.0, 20.0
+# above this residual over the noise it is the structure that hides a mass, not the runs; above the second one there are
+# no numbers
+FAR_OFF, REFUSED = 3.0, 20.0
 # a mass that is known worse than this share is not determined
 LOOSELY_KNOWN = 0.3
 # points of a figure
@@ -44,14 +43,18 @@ def noise_levels(stated: float | None, arrays: Sequence[tuple[FloatArray, FloatA
     return np.full(2, min(levels))
 
 
-def widened(part: Fitted) -> FloatArray:
-    """Return the covariance of the shared parameters: what a structure lacks is no noise, and does not average out.
+def over_noise(ratio: float | None) -> str:
+    """Return a residual over the noise with three digits, a dash where there is none.
 
     Args:
-        part: a structure with a fit.
+        ratio: the residual over the noise.
+
+    >>> over_noise(1.0), over_noise(39.4), over_noise(493.2), over_noise(1234.5), over_noise(None)
+    ('1.00', '39.4', '493', '1234', '-')
     """
-    wider = max(1.0, part.lack / EXPLAINS)
-    return honest_covariance(part.found) * wider**2
+    if ratio is None or not np.isfinite(ratio):
+        return "-"
+    return f"{ratio:#.3g}".rstrip(".") if ratio < 999.5 else f"{ratio:.0f}"
 
 
 def level_of(fit: BodyFit, slot: int) -> float:

@@ -9,8 +9,9 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.identify.body.candidates import Fitted
+from opid.identify.body.fit import EXPLAINS
 from opid.identify.body.intervals import body_estimates, mass_of, suspension_estimates
-from opid.identify.body.levels import REFUSED, WITHHELD, level_of, thinned
+from opid.identify.body.levels import REFUSED, level_of, thinned
 from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, InterfaceEstimate
 from opid.identify.body.study import BodyStudy
 from opid.signals.recording import FloatArray
@@ -32,11 +33,13 @@ class Numbers:
     interfaces: tuple[InterfaceEstimate, ...]
     corrections: Mapping[str, Estimate]
 
-    def told(self, ratio: float, reason: str | None, loose: Sequence[str]) -> Numbers:
+    def told(self, ratio: float, lack: float, reason: str | None, loose: Sequence[str]) -> Numbers:
         """Return what is to be told of them.
 
         Args:
-            ratio: residual over noise of the worst part: intervals or all values are withheld.
+            ratio: residual over noise of the worst part: beyond `REFUSED` no value is told.
+            lack: the larger of that and of what it leaves of runs that the others predict. Beyond `EXPLAINS` intervals
+                are withheld: what a structure lacks is no noise, and does not average out.
             reason: why the mass is not determined; None if it is.
             loose: motions whose inertia is hardly told.
         """
@@ -44,7 +47,7 @@ class Numbers:
         corrections = dict(self.corrections)
         for motion in loose:
             parameters[f"{motion}_inertia_kg_m2"] = ratios[f"{motion}_radius_m"] = Estimate()
-        if ratio > WITHHELD:
+        if lack > EXPLAINS:
             parameters, ratios, corrections = (
                 {name: Estimate(each.value) for name, each in table.items()}
                 for table in (parameters, ratios, corrections)

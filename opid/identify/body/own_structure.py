@@ -14,17 +14,16 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.identify.band_lines import BAND_HZ
 from opid.identify.body.candidates import Fitted, fitted
+from opid.identify.body.doubts import WITHOUT_INTERVALS
 from opid.identify.body.fit import EXPLAINS, FASTEST, BodyFit, fastest_rate
-from opid.identify.body.intervals import mass_of, negative_mass, per_force, suspension_estimates
+from opid.identify.body.intervals import honest_covariance, mass_of, negative_mass, per_force, suspension_estimates
 from opid.identify.body.levels import (
     LOOSELY_KNOWN,
     REFUSED,
-    WITHHELD,
     is_white,
     level_of,
     noise_levels,
     thinned,
-    widened,
 )
 from opid.identify.body.model import Group
 from opid.identify.body.own_inputs import channel_arrays, loading_matrices, stated_start
@@ -168,7 +167,7 @@ def identify_structure(
 def _answer(
     part: Fitted, sensors: tuple[str, ...], unknown: tuple[str, ...], unknown_mass: tuple[str, ...]
 ) -> StructureIdentification:
-    fit, covariance, ratio = part.found, widened(part), part.residual_over_noise
+    fit, covariance, ratio = part.found, honest_covariance(part.found), part.residual_over_noise
     scaled = fit.model.mass_free or fit.model.body.absolute
     masses = _masses(fit, covariance, unknown_mass, per_mass=not scaled)
     # on a reference mass that is none, nothing in N can rest
@@ -182,7 +181,7 @@ def _answer(
         else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit))
     )
     told = _masses(fit, covariance, unknown_mass, per_mass=per_mass)
-    if ratio > WITHHELD:
+    if not part.explains:
         keep = ratio <= REFUSED
         told = {name: _bare(each, keep) for name, each in told.items()}
         interfaces, joints = ({n: _bare_spring(s, keep) for n, s in t.items()} for t in (interfaces, joints))
@@ -309,14 +308,12 @@ def _warnings(part: Fitted) -> Iterator[str]:
             f"the structure leaves {ratio:.2f} times the sensors' noise: a joint, a mass, a law or a degree of "
             "freedom is not as it is described"
         )
-        if ratio <= WITHHELD:
-            yield f"all intervals are widened {part.lack / EXPLAINS:.2g} times for what the structure leaves"
-        elif ratio <= REFUSED:
-            yield "the intervals are withheld: what the structure leaves is no noise"
+        if ratio <= REFUSED:
+            yield WITHOUT_INTERVALS
     elif left_out is not None and left_out > EXPLAINS:
         yield (
             f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they do not go together, "
-            f"check the loading of each; all intervals are widened {part.lack / EXPLAINS:.2g} times"
+            f"check mass and place of the loading of each; {WITHOUT_INTERVALS}"
         )
     elif not is_white(fit):
         yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
