@@ -19,22 +19,30 @@ class NotDeterminedError(RuntimeError):
         self.partial = partial
 
 
+LEAST_BEGUN, MOST_BEGUN = 3, 4
+"""Letters of a word that is taken for the beginning of others, and how many of them are named."""
+
 MOST_LISTED = 24
 """Words that are listed: of more, as the degrees of freedom of a structure, only the first and the last."""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return a clause that names the known word nearest to `name`, or lists the known words.
+    """Return a clause that names the known word nearest to `name` and those that begin so, or lists the known words.
 
     >>> nearest("tittle", ["title", "runs"])
     "did you mean 'title'?"
+    >>> nearest("cubic", ["cubic_damping", "title", "cubic_stiffness"])
+    "did you mean 'cubic_damping', 'cubic_stiffness'?"
     >>> nearest("mass", ["title", "runs"])
     "known are 'title', 'runs'"
     """
     words = list(known)
     close = difflib.get_close_matches(name, words, n=1)
+    begun = [word for word in words if len(name) >= LEAST_BEGUN and word.startswith(name)]
+    if 0 < len(begun) <= MOST_BEGUN:
+        close = list(dict.fromkeys((*close, *begun)))
     if close:
-        return f"did you mean {close[0]!r}?"
+        return f"did you mean {', '.join(map(repr, close))}?"
     if len(words) > MOST_LISTED:
         return f"there are {len(words)}, {words[0]!r} to {words[-1]!r}"
     return "known are " + ", ".join(repr(word) for word in words)

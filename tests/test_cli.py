@@ -42,6 +42,13 @@ def test_help_comes_without_heavy_imports():
     assert "version 0" in opid("--version").output
 
 
+def test_help_tells_studies_of_one_gear_and_of_a_body_apart():
+    assert "a body on several suspensions" in opid("--help").output
+    options = opid("identify", "--help").output.split("Options:")[1].split("\n  --")
+    marked = [text.split()[0].removeprefix("--") for text in options if "One gear: " in text]
+    assert marked == ["method", "high-pass", "both-roads", "no-ground"]
+
+
 def test_bad_input_in_a_process_of_its_own(tmp_path):
     done = shell("identify", tmp_path / "missing.toml")
     assert done.returncode == 2

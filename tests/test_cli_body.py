@@ -120,6 +120,15 @@ def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
     assert (tmp_path / "result" / "report.html").exists()
 
 
+def test_the_directory_of_a_study_is_enough(simulated, tmp_path, found, monkeypatch):
+    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    monkeypatch.chdir(tmp_path)
+    done = opid("identify", simulated)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert found["study"].names == ("nose", "left", "right")
+    assert [path.name for path in tmp_path.iterdir()] == [f"{simulated.name}_result"]
+
+
 def test_what_is_not_determined_ends_with_status_1_after_the_report(simulated, tmp_path, found, monkeypatch):
     monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
     found["changes"] = {"not_determined": "all runs have the same loading"}

@@ -92,6 +92,22 @@ def test_nothing_to_judge_ends_with_status_1(tmp_path):
     refused(opid("compare", tmp_path), "no quantity has a value with an interval", status=1)
 
 
+def test_a_flight_without_an_answer_is_named_and_the_rest_compared(flights, tmp_path):
+    document = body_result(np.random.default_rng(1), day=day(9))
+    document["structure"] |= {"recommended": None, "residual_over_noise": 7.7}
+    odd = write_result(flights / "odd", document)
+    (flights / "unfinished").mkdir()
+    (flights / "unfinished" / "study.toml").touch()
+    done = opid("compare", flights)
+    assert (done.exit_code, done.stderr) == (3, "")
+    flat = " ".join(done.stdout.split())
+    assert "8 flights, 2026-01-05 to 2026-02-23" in flat
+    assert "Warning: 'odd' is left out: no structure was recommended for it (7.7 times the noise)." in flat
+    assert "unfinished' holds no result.json and is left out: run `opid identify` there." in flat
+    done = opid("compare", flights / "flight0", odd)
+    refused(done, "of 2 flights 'flight0' alone can be compared", "'odd' is left out: no structure", status=1)
+
+
 def test_bad_input_ends_with_status_2(flights, tmp_path):
     one = flights / "flight0"
     refused(opid("compare", one), "1 result is given", "give two or more")

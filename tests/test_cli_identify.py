@@ -84,6 +84,14 @@ def test_the_result_is_called_after_the_study(field_test, tmp_path, monkeypatch)
     assert [path.name for path in tmp_path.iterdir()] == [f"{field_test.name}_result"]
 
 
+def test_a_directory_stands_for_the_study_in_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("runs").mkdir()
+    Path("runs/study.toml").write_text('tittle = "x"\n')
+    refused(opid("identify", "runs"), str(Path("runs/study.toml")), "did you mean 'title'")
+    refused(opid("identify", "runs", *CHANNELS), f"{Path('runs/study.toml')} names the channels")
+
+
 @pytest.mark.usefixtures("few_figures")
 def test_equal_masses_give_ratios_and_status_1(logs, tmp_path):
     # the law is given: masses that contradict the runs make a search long
@@ -109,7 +117,7 @@ def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
         (("a.toml", "b.csv"), "give one study file"),
         (("a.toml", *CHANNELS), "leave out --sprung"),
         (("a.csv", "b.csv", *CHANNELS), "one mass change for each log after it"),
-        ((".",), "is a directory"),
+        ((".",), ". is a directory without a study.toml: name a study file, or logs"),
         ((), "Missing argument"),
         (("a.toml", "--lwa", "linear"), "Did you mean"),
         (("a.csv", *CHANNELS, "--mass-change", "light"), "'light' is not a valid float"),
@@ -126,7 +134,9 @@ def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
     ("options", "word"),
     [
         ("--method classic", "did you mean 'classical'"),
-        ("--law arctan_velocty", "did you mean 'arctan_velocity'"),
+        ("--law arctan_velocty", "did you mean 'arctan_velocity'?"),
+        ("--law arctan", "'arctan_velocity'"),
+        ("--law cubic", "did you mean 'cubic_"),
         ("--band 12 1", "band_hz"),
         ("--band 1 1.1", "lines"),
         ("--high-pass 0.01", "high-pass"),

@@ -129,6 +129,22 @@ def test_suspensions_that_share_a_law_share_a_row(result):
     np.testing.assert_allclose(curves["C z′ + f"].get_ydata(), expected)
 
 
+def test_the_linear_force_is_seen_where_the_law_adds_nothing(result):
+    travel = plots.suspension_forces(result)[0, 1]
+    curves = {line.get_label(): line for line in travel.lines}
+    linear, whole = curves["K z"], curves["K z + f"]
+    np.testing.assert_allclose(linear.get_ydata(), whole.get_ydata())
+    assert (linear.get_linestyle(), whole.get_linestyle()) == ("--", "-")
+    assert linear.get_zorder() > whole.get_zorder()
+    assert whole.get_linewidth() > 2 * linear.get_linewidth()
+    assert linear.get_color() != whole.get_color()
+
+
+def test_heights_say_of_what(result):
+    assert {ax.get_ylabel() for ax in axes_of(plots.predicted_accelerations(result))} == {"acceleration [m/s²]"}
+    assert [row[0].get_ylabel() for row in plots.body_residuals(result)] == 2 * ["residual over noise"]
+
+
 def test_an_offset_of_a_sensor_is_no_difference(result):
     run = result.runs[0]
     shifted = replace(run, measured=run.measured + 0.3)

@@ -28,8 +28,10 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     RESULT is a result.json of `opid identify`, a folder with one, or a folder of such folders. They are taken by the
     dates in the study files (`date = 2026-03-01`), else as they are given.
 
-    Exit status 0: nothing is flagged. 1: nothing can be compared, for want of values with intervals. 2: bad input. 3: a
-    change is flagged.
+    A flight that is not determined, or for which no structure was recommended, is left out and named.
+
+    Exit status 0: nothing is flagged. 1: fewer than two flights can be compared, for want of values with intervals. 2:
+    bad input. 3: a change is flagged.
     """
     from opid.identify.comparison import FALSE_ALARM
     from opid.identify.comparison import compare as compare_flights

@@ -63,6 +63,9 @@ class Commands(click.Group):
 def main() -> None:
     """Identify a nonlinear suspension from what two accelerometers recorded in operation.
 
+    Or a body on several suspensions, like a whole aircraft on its gears, from two on each: `opid simulate aircraft`
+    makes an example.
+
     Begin with `opid demo`, or with `opid inspect` and `opid identify` on logs of your own. For modes of any structure
     whose stiffness and damping depend on their amplitude: `opid simulate sine-beats` and `opid modal` (sine beats), or
     `opid decay` (one free decay).

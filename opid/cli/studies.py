@@ -16,21 +16,22 @@ if TYPE_CHECKING:
 
 
 @main.command()
-@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | LOG...")
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | DIR | LOG...")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
 @click.option(
     "--method",
     default="model",
     show_default=True,
-    help="model (fits the driven suspension), classical (the paper's chain mended), or paper (its printed formula).",
+    help="One gear: model (fits the driven suspension), classical (the paper's chain mended), or paper (its printed "
+    "formula).",
 )
 @click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
 @click.option(
     "--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.3 40, classical 0.5 12]"
 )
-@click.option("--high-pass", type=float, metavar="HZ", help="Corner of the integration.  [default: 0.3]")
-@click.option("--both-roads", is_flag=True, help="Search the law by pursuit and by sparse regression.")
-@click.option("--no-ground", is_flag=True, help="Fit no ground spring: K3 = 0.")
+@click.option("--high-pass", type=float, metavar="HZ", help="One gear: corner of the integration.  [default: 0.3]")
+@click.option("--both-roads", is_flag=True, help="One gear: search the law by pursuit and by sparse regression.")
+@click.option("--no-ground", is_flag=True, help="One gear: fit no ground spring, K3 = 0.")
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
 )
@@ -61,9 +62,11 @@ def identify(
     """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
 
     A study with [[interfaces]] is one of a body on several suspensions: its masses, inertias, and each suspension.
+    Options marked "One gear" are for the others. DIR stands for the study.toml in it.
 
     The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
     """
+    paths = tuple(_study_in(path) if len(paths) == 1 else path for path in paths)
     if _is_of_a_body(paths):
         useless = {
             "--method": method != "model",
@@ -99,6 +102,11 @@ def identify(
     click.echo(result_text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     end(result)
+
+
+def _study_in(path: Path) -> Path:
+    """The study.toml of a directory that has one; any other path as it is."""
+    return path / "study.toml" if (path / "study.toml").is_file() else path
 
 
 def _is_of_a_body(paths: tuple[Path, ...]) -> bool:
@@ -153,7 +161,7 @@ def _study(
             )
         return read_study(studies[0], progress=say)
     if paths[0].is_dir():
-        raise click.UsageError(f"{paths[0]} is a directory: name a study file in it, or logs")
+        raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")
     if not (sprung and unsprung):
         raise click.UsageError("name the channels of the logs: --sprung NAME --unsprung NAME, or give a study file")
     title = " and ".join(path.name for path in paths)

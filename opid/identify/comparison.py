@@ -110,7 +110,7 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
     if not n_tests:
         raise NotDeterminedError(
             "no quantity has a value with an interval in two flights, so no change can be told from its uncertainty: "
-            "identify with the default method, and with runs of two known masses"
+            f"{'; '.join(_for_want_of_intervals(flights))}"
         )
     chance = -math.expm1(math.log1p(-false_alarm) / n_tests)
     scatter = _scatter(found, len(flights.flights))
@@ -128,6 +128,16 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
         n_tests,
         (*flights.notes, *_doubts(flights.flights, series, changes, _chance(found, len(flights.flights)))),
     )
+
+
+def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
+    """What is to be done where intervals are missing, and what was left out before."""
+    others = sorted({flight.method for flight in flights.flights} - {"model"})
+    if others:
+        yield f"the results come from the method {' and '.join(others)}, and the default method gives intervals"
+    else:
+        yield "the warnings of the results say why"
+    yield from (note for note in flights.notes if "is left out" in note)
 
 
 def _scatter(found: Sequence[Measured], n_flights: int) -> dict[str, tuple[float, float]]:

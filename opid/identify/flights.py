@@ -5,19 +5,20 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.identify.result import SCHEMA
 from opid.mechanics.laws import LAWS
 
-RESULT_FILE = "result.json"
+RESULT_FILE, STUDY_FILE = "result.json", "study.toml"
 
 FRICTION = ("arctan_velocity", "coulomb_friction")
 """Kinds of law whose amplitude is a friction force."""
@@ -63,6 +64,9 @@ class Flight:
         structure: kind of the structure.
         laws: {gear: kinds of the terms of its law}.
         values: {quantity: Estimate}.
+        per_mass: whether its values are per unit of mass.
+        recommended: whether its structure is; of a single gear nothing else is to be had.
+        doubt: why its values are missing, per unit of mass, or not to be believed; empty where its result does not say.
     """
 
     name: str
@@ -72,6 +76,9 @@ class Flight:
     structure: str
     laws: Mapping[str, tuple[str, ...]]
     values: Mapping[Quantity, Estimate]
+    per_mass: bool = False
+    recommended: bool = True
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ class Flights:
     Args:
         flights: two or more.
         dated: whether they are in the order of their dates.
-        notes: what is to be said of the order, one sentence each.
+        notes: what is to be said of what was left out and of the order, one sentence each.
     """
 
     flights: tuple[Flight, ...]
@@ -97,22 +104,35 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
             in them or one level below, like `out/result.json`).
 
     Returns:
-        The flights by their dates, or as they were given where a date is missing.
+        The flights by their dates, or as they were given where a date is missing. Left out, with a note, are those
+        that are not determined, those for which no structure was recommended, and those that are per unit of mass
+        where two others are not.
 
     Raises:
         InputError: no result, one result only, a file that is no result, the same result twice, or results of
-            different structures or units.
+            different structures.
+        NotDeterminedError: fewer than two flights remain that can be compared.
     """
-    files = [file for path in paths for file in _files_at(Path(path))]
+    files, unfinished = _files_at(paths)
     twice = [str(file) for file, n in Counter(file.resolve() for file in files).items() if n > 1]
     if twice:
         raise InputError(f"{listed(twice)}: given more than once, give each result once")
+    names = _names(files)
+    # the result of a study may stand beside its folder, and has its name
+    notes = [
+        f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there"
+        for folder in unfinished
+        if folder.resolve().name not in names
+    ]
     if len(files) < 2:
-        raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare")
-    flights = [_flight(file, name) for file, name in zip(files, _names(files), strict=True)]
+        told = "".join(f"; {note}" for note in notes)
+        raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{told}")
+    flights = [_flight(file, name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
-    _refuse_unlike(flights)
-    return in_order(flights)
+    kept, left_out = _comparable(flights)
+    _refuse_unlike(kept)
+    ordered = in_order(kept)
+    return replace(ordered, notes=(*notes, *left_out, *ordered.notes))
 
 
 def in_order(flights: Sequence[Flight]) -> Flights:
@@ -156,23 +176,32 @@ def listed(names: Sequence[Any] | Mapping[str, Any], most: int = 6) -> str:
 # ---- files -----------------------------------------------------------------------------------------
 
 
-def _files_at(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path]
-    if not path.is_dir():
-        raise InputError(f"there is no file or folder {path}: check the name")
-    if (path / RESULT_FILE).is_file():
-        return [path / RESULT_FILE]
-    found: list[Path] = []
-    for child in sorted(each for each in path.iterdir() if each.is_dir()):
-        own = child / RESULT_FILE
-        found += [own] if own.is_file() else sorted(child.glob(f"*/{RESULT_FILE}"))
-    if not found:
-        raise InputError(
-            f"there is no {RESULT_FILE} in {path}, nor one or two folders below: name the folders that "
-            "`opid identify --out` wrote"
-        )
-    return found
+def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list[Path]]:
+    """The results, and folders beside them that hold a study without one."""
+    files, unfinished = [], []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise InputError(f"there is no file or folder {path}: check the name")
+        if not path.is_dir():
+            files.append(path)
+            continue
+        if (path / RESULT_FILE).is_file():
+            files.append(path / RESULT_FILE)
+            continue
+        found: list[Path] = []
+        for child in sorted(each for each in path.iterdir() if each.is_dir()):
+            own = child / RESULT_FILE
+            several = [own] if own.is_file() else sorted(child.glob(f"*/{RESULT_FILE}"))
+            found += several
+            if not several and (child / STUDY_FILE).is_file():
+                unfinished.append(child)
+        if not found:
+            raise InputError(
+                f"there is no {RESULT_FILE} in {path}, nor one or two folders below: name the folders that "
+                "`opid identify --out` wrote"
+            )
+        files += found
+    return files, unfinished
 
 
 def _names(files: Sequence[Path]) -> list[str]:
@@ -208,6 +237,10 @@ def _flight(file: Path, name: str) -> Flight:
             SINGLE_GEAR if body is None else str(body["kind"]),
             laws,
             values,
+            # "N/m", or "1/s^2" per unit of mass
+            any(quantity.name == "stiffness" and quantity.unit == "1/s^2" for quantity in values),
+            body is None or body.get("recommended", "") is not None,
+            _doubt(document),
         )
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         raise InputError(
@@ -267,6 +300,21 @@ def _amplitudes(
         yield Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind), _estimate(parameters[name])
 
 
+def _doubt(document: Mapping[str, Any]) -> str:
+    """Why a result has no values, none but ratios, or no intervals: its own sentence, without brackets and advice."""
+    reason, structure = document.get("not_determined"), document.get("structure") or {}
+    if reason:
+        short = re.split(r"[:;] ", re.sub(r" \([^()]*\)", "", str(reason)))[0]
+        return f"it is not determined ({short})"
+    if structure.get("recommended", "") is None:
+        alike = [each for each in document.get("candidates", ()) if each["kind"] == structure["kind"]]
+        # a structure may explain the runs that it was fitted to, and not one that was left out
+        told = [structure.get("residual_over_noise"), *(each["left_out_over_noise"] for each in alike)]
+        left = [float(each) for each in told if each is not None]
+        return f"no structure was recommended for it{f' ({max(left):.3g} times the noise)' if left else ''}"
+    return ""
+
+
 def _kinds(name: str) -> tuple[str, ...]:
     return tuple(sorted(part for part in name.split("+") if part and part != "linear"))
 
@@ -287,6 +335,33 @@ def _estimate(table: Mapping[str, Any]) -> Estimate:
 # ---- what cannot be compared -----------------------------------------------------------------------
 
 
+def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+    """The flights that can be compared with each other, and why each of the others is left out."""
+    notes: dict[str, str] = {}
+    for flight in flights:
+        if all(each.value is None for each in flight.values.values()):
+            notes[flight.name] = flight.doubt or "it holds no values"
+        elif flight.doubt and not (flight.recommended and any(each.std for each in flight.values.values())):
+            notes[flight.name] = flight.doubt
+    kept = [flight for flight in flights if flight.name not in notes]
+    # two absolute ones are compared; fewer, and those that are per unit of mass may be more
+    absolute = sum(not flight.per_mass for flight in kept)
+    per_mass = absolute < 2 and len(kept) - absolute > 1
+    for flight in kept:
+        if flight.per_mass and not per_mass:
+            notes[flight.name] = flight.doubt or "its values are per unit of mass, and those of the others are not"
+        elif per_mass and not flight.per_mass:
+            notes[flight.name] = "its values are not per unit of mass, and those of the others are"
+    kept = [flight for flight in flights if flight.name not in notes]
+    told = [f"{flight.name!r} is left out: {notes[flight.name]}" for flight in flights if flight.name in notes]
+    if len(kept) < 2:
+        remains = "none" if not kept else f"{kept[0].name!r} alone"
+        raise NotDeterminedError(
+            f"of {len(flights)} flights {remains} can be compared, and two are needed: {'; '.join(told)}"
+        )
+    return kept, told
+
+
 def _refuse_copies(flights: Sequence[Flight]) -> None:
     for i, one in enumerate(flights):
         for other in flights[:i]:
@@ -303,17 +378,6 @@ def _refuse_unlike(flights: Sequence[Flight]) -> None:
             f"the results are of different structures, {told}: their numbers mean different things; identify all "
             "flights with one kind in [structure]"
         )
-    units: dict[tuple[str, str], dict[str, str]] = {}
-    for flight in reversed(flights):
-        for quantity in flight.values:
-            units.setdefault((quantity.gear, quantity.name), {})[quantity.unit] = flight.name
-    for (gear, name), found in units.items():
-        if len(found) > 1 and name in ("stiffness", "damping"):
-            told = " and ".join(f"{unit} (as {flight!r})" for unit, flight in found.items())
-            raise InputError(
-                f"the {name} of {gear!r} is in {told}: some results are per unit of mass, for want of a known mass "
-                "change; compare those with each other, or give the mass change"
-            )
     gears = Counter(gear for flight in flights for gear in flight.laws)
     if not any(n > 1 for n in gears.values()):
         raise InputError(f"the results have no gear in common ({listed(gears)}): give results of one structure")

@@ -14,9 +14,9 @@ from opid.plots.body import further_sensors
 from opid.plots.style import (
     BLUE,
     GREEN,
-    GREY,
     INK,
     PALE,
+    SKY,
     VERMILION,
     figure_of,
     house_style,
@@ -94,7 +94,7 @@ def predicted_accelerations(
             told = f"difference, {1e3 * float(left.std()):.2g} mm/s² rms"
             ax.plot(time, left[part], color=VERMILION, linewidth=0.8, label=told)
             ax.set_title(name)
-            ax.set_ylabel("[m/s²]")
+            ax.set_ylabel("acceleration [m/s²]")
             ax.margins(x=0)
             thick(ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1))
         grid[-1, 0].set_xlabel(f"time [s], run {shown.name!r}")
@@ -127,7 +127,7 @@ def body_residuals(result: BodyIdentification, axes: Any = None) -> np.ndarray:
         grid[0, 0].set_yscale("log")
         _frame(grid[0, 0])
         for row in grid:
-            row[0].set_ylabel("over noise")
+            row[0].set_ylabel("residual over noise")
         for ax in grid[-1]:
             ax.set_xlabel("frequency [Hz]")
         handles, labels = grid[0, 0].get_legend_handles_labels()
@@ -179,8 +179,9 @@ def _forces(row: np.ndarray, result: BodyIdentification, interface: InterfaceEst
         nonlinear, symbol = interface.law.force(*place), "C z′" if along == "velocity" else "K z"
         if slope is not None:
             linear = slope * line
-            ax.plot(factor * line, scale * linear, color=GREY, linewidth=1.1, linestyle="--", label=symbol)
-            ax.plot(factor * line, scale * (linear + nonlinear), color=BLUE, label=f"{symbol} + f")
+            # where f is nothing both are one line: the dashed one lies on top of the wide one
+            ax.plot(factor * line, scale * linear, color=INK, linewidth=1.1, linestyle="--", label=symbol, zorder=2.5)
+            ax.plot(factor * line, scale * (linear + nonlinear), color=SKY, linewidth=3.2, label=f"{symbol} + f")
         ax.plot(factor * line, scale * nonlinear, color=VERMILION, linewidth=2.0, label="nonlinear part f")
         if true is not None:
             force = scale * true.force(*place)

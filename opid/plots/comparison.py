@@ -19,6 +19,8 @@ __all__ = ["compared_quantity"]
 
 # the gears of one flight are drawn beside each other by so many points on paper: a date stays what it is
 BESIDE = 3.0
+# names in a row of the legend, and what a row takes of the height above the axes, points
+IN_A_ROW, ROW_POINTS = 4, 16
 # a quantity is drawn in percent of its first flights where these are so many standard deviations from zero
 CLEAR = 5.0
 
@@ -27,7 +29,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     """Draw one quantity of all gears over date: values with 95 % bars, what was to be expected, and what was flagged.
 
     Gears of different size share one axis, so each is drawn in percent of what was expected of it at its last flight;
-    the legend tells that in its unit. The band is where a flight is not flagged by itself.
+    the legend tells that in its unit. Between the thin lines a flight is not flagged by itself.
 
     Args:
         result: from `compare`.
@@ -51,25 +53,45 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
             name = each.quantity.gear or "all of the body"
             if relative and reference:
                 name += f": {_digits(reference)} {pretty(each.quantity.unit)}"
-            _draw(ax, each, places, scale, color, name, beside)
+            _draw(ax, each, places, scale, color, name, beside, alone=len(series) == 1)
         _dates(ax, result, places)
         unit = "% of what was expected" if relative else pretty(series[0].quantity.unit)
         ax.set_ylabel(f"{label.split(' (')[0]} [{unit}]")
-        ax.set_title(_title(label, series))
+        # names stand between title and axes, where they hide nothing
+        rows = -(-len(series) // IN_A_ROW)
+        ax.set_title(_title(label, series), pad=6 + ROW_POINTS * rows)
         ax.margins(y=0.15)
-        ax.legend(loc="best")
+        ax.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=min(len(series), IN_A_ROW),
+            borderaxespad=0.2,
+            borderpad=0.2,
+        )
     return ax
 
 
 def _draw(
-    ax: Axes, series: Series, places: np.ndarray, scale: float, color: str, name: str, beside_points: float
+    ax: Axes,
+    series: Series,
+    places: np.ndarray,
+    scale: float,
+    color: str,
+    name: str,
+    beside_points: float,
+    *,
+    alone: bool,
 ) -> None:
     beside = offset_copy(ax.transData, figure_of(ax), x=beside_points, units="points")
     judged = [point for point in series.points if point.limits is not None]
     if judged:
         x = [places[point.flight] for point in judged]
         low, high = (scale * np.array([point.limits[side] for point in judged if point.limits]) for side in (0, 1))
-        ax.fill_between(x, low, high, color=color, alpha=0.10, linewidth=0)
+        # bands overlap, and fillings would mix: only one alone is filled, edges tell several apart
+        if alone:
+            ax.fill_between(x, low, high, color=color, alpha=0.10, linewidth=0)
+        for edge in (low, high):
+            ax.plot(x, edge, color=color, linewidth=0.8, alpha=0.8, marker="_" if len(x) == 1 else None)
         ax.plot(x, [scale * (point.expected or 0.0) for point in judged], color=color, linewidth=1, linestyle="--")
     known = [point for point in series.points if point.estimate.value is not None]
     bars = [point for point in known if point.estimate.interval95 is not None]
@@ -127,7 +149,7 @@ def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None, 
         ax.annotate(
             f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {told}".replace("-", "−"),
             (place, height),
-            (0, 9 if up else -9),
+            (-5, 9 if up else -9),
             xycoords=beside,
             textcoords="offset points",
             ha="right",

@@ -148,8 +148,9 @@ def comparison_pictures(result: Comparison) -> tuple[Picture, ...]:
             label[:1].upper() + label[1:],
             ""
             if number > 1
-            else "Values with 95 % intervals; dashed, what the flights before let expect; the band holds what is not "
-            "flagged by one flight alone; rings, what is flagged. Hollow values have no interval and are not judged.",
+            else "Values with 95 % intervals; dashed, what the flights before let expect; between the thin lines is "
+            "what is not flagged by one flight alone; rings, what is flagged. Hollow values have no interval and are "
+            "not judged.",
             lambda found, truth: compared_quantity(found, label),
         )
 
