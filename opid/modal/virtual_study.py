@@ -37,9 +37,6 @@ NEAR_ENOUGH, MOST_TRIES = 0.05, 10
 SMALL = 1e-3
 """Amplitude of the run from which the others are guessed, V or N."""
 
-SWEEP_OCTAVES_PER_S = 0.1
-"""Of the shaped sweep: slow enough for modes of 0.3 % to ring up."""
-
 
 @dataclass(frozen=True, eq=False)
 class VirtualSeries:
@@ -55,6 +52,7 @@ class VirtualSeries:
             for a main lobe as wide as the peak of the mode in the drive-point response.
         truth: "sweep" for a shaped sweep through all elastic modes, "beat" for the highest sine
             beat, which is then not fitted.
+        sweep_octaves_per_s: rate of the shaped sweep; at 0.1 modes of 0.3 % have the time to ring up.
         title: of the study.
 
     Raises:
@@ -69,8 +67,11 @@ class VirtualSeries:
     levels: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0)
     rule: Rule = "neighbours"
     truth: Truth = "sweep"
+    sweep_octaves_per_s: float = 0.1
 
     def __post_init__(self) -> None:
+        if not self.sweep_octaves_per_s > 0:
+            raise InputError(f"sweep_octaves_per_s is {self.sweep_octaves_per_s}: give a positive rate")
         if max(self.levels) != 1.0 or min(self.levels) <= 0:
             raise InputError(f"levels are {self.levels}: give shares of the highest one, which is 1")
 
@@ -185,7 +186,7 @@ def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
     heights = [needed.get(int(place) + 1, least) for place in elastic]
     low, high = 0.8 * modes.frequency_hz[elastic].min(), 1.15 * modes.frequency_hz.max()
     tail = np.zeros(round(max(quiet_s(modes, int(place) + 1) for place in elastic) * series.fs))
-    length_s = float(np.log2(high / low)) / SWEEP_OCTAVES_PER_S
+    length_s = float(np.log2(high / low)) / series.sweep_octaves_per_s
     frequency = modes.frequency_hz[elastic]
     shape = shaped_sweep(
         frequency, np.array(heights), start_hz=low, stop_hz=high, duration_s=length_s, fs=series.fs,

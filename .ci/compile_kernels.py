@@ -1,0 +1,27 @@
+"""Compile every kernel once for all processes of a run, which would else each compile it for itself; numba keeps them."""
+
+import numpy as np
+
+from opid.mechanics.backbones import backbone
+from opid.mechanics.driven import Interface
+from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.landing_gear import LandingGear, taxi_run
+from opid.mechanics.laws import law
+from opid.mechanics.prediction import Noise, predict
+
+taxi_run(LandingGear(), rng=np.random.default_rng(0), duration_s=2.0)
+one_mass = JointedModes([400.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
+backbone(one_mass, law("cubic_stiffness", stiffness_n_per_m3=4e9), mode=1, sensor="mass", amplitude=np.array([1e-4]))
+for n, ground in ((1, False), (1, True), (2, False)):
+    rows = 6 if ground else 4
+    predict(
+        [Interface(400.0, 4.0)] * n,
+        np.eye(n),
+        np.zeros((99, n)),
+        np.ones((50, n)),
+        fs=512.0,
+        noise=Noise(0.0, 0.01),
+        start=np.zeros((rows, n)),
+        start_std=np.full((rows, n), 1e-3),
+        ground=ground,
+    )
