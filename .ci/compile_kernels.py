@@ -1,4 +1,4 @@
-"""Compile every kernel once for all processes of a run, which would else each compile it for itself; numba keeps them."""
+"""Compile every kernel once for all processes of a run; numba keeps what is compiled on disk."""
 
 import numpy as np
 
