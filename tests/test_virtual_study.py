@@ -96,3 +96,13 @@ def test_what_cannot_be_is_refused(series):
         virtual_series("3")
     with pytest.raises(InputError, match="levels are"):
         replace(series, levels=(0.1, 0.5))
+
+
+def test_a_sweep_of_twice_the_rate_is_about_half_as_long(series, quiet):
+    fast = virtual_study(replace(series, sweep_octaves_per_s=0.2), rng=np.random.default_rng(0))
+    long, short = (
+        len(next(each for each in study.tests if each.use == "truth").test.acceleration) for study in (quiet, fast)
+    )
+    assert 0.4 * long < short < 0.7 * long
+    with pytest.raises(InputError, match=r"sweep_octaves_per_s is 0\.0: give a positive rate"):
+        replace(series, sweep_octaves_per_s=0.0)
