@@ -23,15 +23,15 @@ import numpy as np
 from tqdm import tqdm
 
 from opid.estimate import Estimate
-from opid.identify.body.identification import identify_body
-from opid.identify.body.result import BodyIdentification
-from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
-from opid.identify.identification import identify_study
-from opid.identify.study import Run, Study
 from opid.mechanics.airframe import Airframe, Loading
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import random_aircraft, with_bending
+from opid.suspensions.identification import identify_body
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.result import BodyIdentification
+from opid.suspensions.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
 
 NOISE = 5e-3
 TOLERANCE_M = 0.01

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import fft
 from trials import Case, simulated
 
-from opid.identify.band_lines import BAND_HZ
 from opid.signals.recording import FloatArray
+from opid.suspensions.band_lines import BAND_HZ
 
 # the state at the begin of a run (equally, the difference of the states at both ends) is two real unknowns
 N_END_TERMS = 2

@@ -23,16 +23,16 @@ import numpy as np
 from aircraft_figures import NOISE, TOLERANCE_M
 from tqdm import tqdm
 
-from opid.identify.body.identification import identify_body
-from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
-from opid.identify.comparison import compare
-from opid.identify.flights import read_flights
 from opid.mechanics.airframe import Loading
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import random_aircraft
 from opid.report.as_json import json_text
 from opid.report.body_report import body_json
+from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.results import read_flights
+from opid.suspensions.identification import identify_body
+from opid.suspensions.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
 
 LOSS, HARMED = 0.05, 2
 SOONER = (3, 5, 10, 20)

@@ -18,8 +18,8 @@ import numpy as np
 from tqdm import tqdm
 from trials import Case, compared, simulated, study_of
 
-from opid.identify.identification import identify_study
 from opid.mechanics.landing_gear import LandingGear
+from opid.suspensions.one_gear.identification import identify_study
 
 N_STUDIES, N_REPEATS = 3, 3
 GEAR = LandingGear()

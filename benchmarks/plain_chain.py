@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import integrate, optimize, signal
 
-from opid.identify.study import Run, Study
 from opid.mechanics.laws import LAWS, Law, Term, default_law
 from opid.signals.recording import FloatArray
+from opid.suspensions.one_gear.study import Run, Study
 
 HIGH_PASS_HZ, MARGIN_S = 0.5, 4.0
 # a gear of 1.85 t at 2 Hz: where `curve_fit` begins

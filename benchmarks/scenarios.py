@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 from trials import Case
 
-from opid.identify.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.mechanics.landing_gear import LandingGear
 from opid.mechanics.laws import LINEAR, Law, default_law, law
 from opid.mechanics.sensors import Sensor
+from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 
 LawMode = Literal["given", "searched"]
 PAPER_GROUND_N_PER_M = 1.67e5

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from plain_chain import PlainAnswer, least_squares, sparse_regression
 
-from opid.identify.identification import identify_study, strongest_pair
-from opid.identify.result import PARAMETERS, Identification
-from opid.identify.sensor_facts import IDEAL_PAIR, SensorPair
-from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
+from opid.suspensions.one_gear.identification import identify_study, strongest_pair
+from opid.suspensions.one_gear.result import PARAMETERS, Identification
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 
 SHORT = dict(zip(PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
 PLAIN = ("least squares", "pysindy")

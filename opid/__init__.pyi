@@ -1,41 +1,6 @@
 # The public names, one line a room.
 from .errors import InputError, NotDeterminedError
 from .estimate import Estimate
-from .identify.added_mass import absolute_parameters, match_peaks, two_peak_mass
-from .identify.bench import Bench, bench_from_recording
-from .identify.bench_law import BenchLaw, law_of_bench
-from .identify.body.identification import identify_body
-from .identify.body.own_structure import StructureIdentification, identify_structure
-from .identify.body.result import BodyIdentification
-from .identify.body.study import BodySensor, BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
-from .identify.body.study_file import read_body_study, write_body_study
-from .identify.classical import classical_chain
-from .identify.comparison import Comparison, compare
-from .identify.demands import let_in
-from .identify.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
-from .identify.driven_run import driven_run
-from .identify.flights import read_flights
-from .identify.force_surface import force_surface
-from .identify.identification import identify_study
-from .identify.joint_fit import JointFit, chosen
-from .identify.law_search import fit_law, search_law
-from .identify.model_chain import driven_runs
-from .identify.model_fit import ModelFit, fit_model
-from .identify.nonlinearity import fit_slice, fit_surface
-from .identify.pursuit import pursue_law
-from .identify.restoring_force import binned_surface, restoring_force, slice_curve
-from .identify.result import Identification
-from .identify.sensor_facts import Leak, SensorFacts, SensorPair
-from .identify.sparse_road import sparse_road, which_law
-from .identify.spectral_equation import equation_lines, fit_equation
-from .identify.study import Run, Study
-from .identify.study_file import read_study, study_from_logs, write_study
-from .identify.transmissibility import (
-    suspension_transmissibility,
-    transmissibility_peaks,
-    transmissibility_without_force,
-)
-from .identify.whiteness import whiteness
 from .mechanics.airframe import Airframe, BendingMode, Gear, Loading, airframe_structure, loaded
 from .mechanics.backbones import backbone, backbone_family
 from .mechanics.bolted_structures import component_assembly, fixture_and_plate
@@ -105,6 +70,41 @@ from .signals.recording import Channel, Recording, recording_from_arrays
 from .signals.resampling import on_common_clock, resampled
 from .signals.segments import sound_segments, taxi_segment
 from .signals.spectra import cross_spectra, transmissibility
+from .suspensions.bench.law import BenchLaw, law_of_bench
+from .suspensions.bench.record import Bench, bench_from_recording
+from .suspensions.flights.comparison import Comparison, compare
+from .suspensions.flights.results import read_flights
+from .suspensions.identification import identify_body
+from .suspensions.one_gear.demands import let_in
+from .suspensions.one_gear.driven_run import driven_run
+from .suspensions.one_gear.force_surface import force_surface
+from .suspensions.one_gear.identification import identify_study
+from .suspensions.one_gear.model_chain import driven_runs
+from .suspensions.one_gear.model_fit import ModelFit, fit_model
+from .suspensions.one_gear.pursuit import pursue_law
+from .suspensions.one_gear.result import Identification
+from .suspensions.one_gear.sparse_road import sparse_road, which_law
+from .suspensions.one_gear.study import Run, Study
+from .suspensions.one_gear.study_file import read_study, study_from_logs, write_study
+from .suspensions.one_gear.whiteness import whiteness
+from .suspensions.own_structure import StructureIdentification, identify_structure
+from .suspensions.paper.added_mass import absolute_parameters, match_peaks, two_peak_mass
+from .suspensions.paper.classical import classical_chain
+from .suspensions.paper.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
+from .suspensions.paper.joint_fit import JointFit, chosen
+from .suspensions.paper.law_search import fit_law, search_law
+from .suspensions.paper.nonlinearity import fit_slice, fit_surface
+from .suspensions.paper.restoring_force import binned_surface, restoring_force, slice_curve
+from .suspensions.paper.spectral_equation import equation_lines, fit_equation
+from .suspensions.paper.transmissibility import (
+    suspension_transmissibility,
+    transmissibility_peaks,
+    transmissibility_without_force,
+)
+from .suspensions.result import BodyIdentification
+from .suspensions.sensor_facts import Leak, SensorFacts, SensorPair
+from .suspensions.study import BodySensor, BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from .suspensions.study_file import read_body_study, write_body_study
 from .updating.arviz_export import to_inference_data
 from .updating.identification import update_study
 from .updating.linear_updating import update_linear

@@ -5,7 +5,6 @@ from unittest import mock
 
 import numpy as np
 
-from opid.identify.body.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
 from opid.mechanics import taxiing_aircraft
 from opid.mechanics.airframe import Loading
 from opid.mechanics.landing_gear import LandingGear, taxi_run
@@ -14,6 +13,7 @@ from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
 from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
 
 NOISE = 5e-3
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from opid.identify.identification import identify_study
-from opid.identify.study_file import read_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.report import page, read_truth, write_field_test
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.study_file import read_study
 
 
 @pytest.fixture(scope="session")

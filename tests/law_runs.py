@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from opid.identify.driven_run import driven_run
-from opid.identify.model_fit import fit_model
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import LINEAR
+from opid.suspensions.one_gear.driven_run import driven_run
+from opid.suspensions.one_gear.model_fit import fit_model
 
 
 def runs_of(law, seed=0, **settings):

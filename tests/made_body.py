@@ -6,10 +6,10 @@ from datetime import date
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.identify.body.result import BodyIdentification, Candidate, InterfaceEstimate, RunResidual
 from opid.mechanics.airframe import Loading
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft
+from opid.suspensions.result import BodyIdentification, Candidate, InterfaceEstimate, RunResidual
 
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
 """Of the sensors on the airframe, beside the struts."""

@@ -19,12 +19,12 @@ MAY_IMPORT = {
     "estimate": set(),
     "signals": GROUND,
     "mechanics": GROUND | {"signals"},
-    "identify": GROUND | {"signals", "mechanics"},
+    "suspensions": GROUND | {"signals", "mechanics"},
     "modal": GROUND | {"signals", "mechanics"},
     "updating": GROUND | {"signals", "mechanics"},
-    "plots": GROUND | {"signals", "mechanics", "identify", "modal", "updating"},
-    "report": GROUND | {"signals", "mechanics", "identify", "modal", "updating", "plots"},
-    "cli": GROUND | {"signals", "mechanics", "identify", "modal", "updating", "plots", "report", "__init__"},
+    "plots": GROUND | {"signals", "mechanics", "suspensions", "modal", "updating"},
+    "report": GROUND | {"signals", "mechanics", "suspensions", "modal", "updating", "plots"},
+    "cli": GROUND | {"signals", "mechanics", "suspensions", "modal", "updating", "plots", "report", "__init__"},
 }
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
@@ -154,7 +154,7 @@ def test_nothing_is_done_at_import():
 @pytest.mark.parametrize(
     ("rule", "code"),
     [
-        (against_the_arrows, "from opid.identify import study"),
+        (against_the_arrows, "from opid.suspensions import study"),
         (reaching_upward, "from ..errors import InputError"),
         (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
         (pysindy_outside_functions, "import pysindy"),

@@ -7,12 +7,12 @@ import pytest
 from scipy import signal
 
 from opid.errors import InputError, NotDeterminedError
-from opid.identify.bench import Bench, bench_from_recording, rate_of
-from opid.identify.bench_law import law_of_bench
-from opid.identify.memory import play
 from opid.mechanics.laws import LINEAR, law
 from opid.report import bench_json, bench_text
 from opid.signals.recording import Channel, Recording
+from opid.suspensions.bench.law import law_of_bench
+from opid.suspensions.bench.memory import play
+from opid.suspensions.bench.record import Bench, bench_from_recording, rate_of
 
 FS = 500.0
 STIFFNESS, DAMPING, OFFSET = 2e4, 500.0, 12.0

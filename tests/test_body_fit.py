@@ -8,7 +8,9 @@ import pytest
 from body_runs import NOISE, aircraft, short_runs, study
 
 from opid.errors import InputError
-from opid.identify.body.candidates import (
+from opid.mechanics.laws import LINEAR, law
+from opid.mechanics.structure import Structure
+from opid.suspensions.candidates import (
     fitted_alone,
     fitted_rigid,
     left_out_level,
@@ -16,18 +18,16 @@ from opid.identify.body.candidates import (
     mass_is_told,
     shares,
 )
-from opid.identify.body.equation import start_values
-from opid.identify.body.fit import body_model, first_vector, fit_body, with_laws
-from opid.identify.body.intervals import body_estimates, honest_covariance, suspension_estimates
-from opid.identify.body.laws import search_laws
-from opid.identify.body.levels import is_white
-from opid.identify.body.model import Group
-from opid.identify.body.run import body_run
-from opid.identify.body.structure import own_body, rigid_body
-from opid.identify.body.study import MeasuredInterface, PointMass
-from opid.identify.pursuit import library
-from opid.mechanics.laws import LINEAR, law
-from opid.mechanics.structure import Structure
+from opid.suspensions.equation import start_values
+from opid.suspensions.fit import body_model, first_vector, fit_body, with_laws
+from opid.suspensions.intervals import body_estimates, honest_covariance, suspension_estimates
+from opid.suspensions.laws import search_laws
+from opid.suspensions.levels import is_white
+from opid.suspensions.model import Group
+from opid.suspensions.one_gear.pursuit import library
+from opid.suspensions.run import body_run
+from opid.suspensions.structure import own_body, rigid_body
+from opid.suspensions.study import MeasuredInterface, PointMass
 
 FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 BAND = (0.3, 40.0)

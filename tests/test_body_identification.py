@@ -11,21 +11,21 @@ from body_runs import NOISE, aircraft, gears_apart, one_track, short_runs, study
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.identify.body import candidates as candidates_module
-from opid.identify.body import doubts, identification
-from opid.identify.body.candidates import Fitted, groups_of
-from opid.identify.body.doubts import mass_doubt
-from opid.identify.body.identification import identify_body
-from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS
-from opid.identify.body.structure import ImpossibleBodyError
-from opid.identify.body.study import (
+from opid.mechanics.airframe import Loading
+from opid.mechanics.landing_gear import LandingGear
+from opid.signals.recording import Channel, Recording
+from opid.suspensions import candidates as candidates_module
+from opid.suspensions import doubts, identification
+from opid.suspensions.candidates import Fitted, groups_of
+from opid.suspensions.doubts import mass_doubt
+from opid.suspensions.identification import identify_body
+from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS
+from opid.suspensions.structure import ImpossibleBodyError
+from opid.suspensions.study import (
     BodySensor,
     PointMass,
     symmetric_pairs,
 )
-from opid.mechanics.airframe import Loading
-from opid.mechanics.landing_gear import LandingGear
-from opid.signals.recording import Channel, Recording
 
 LAW = "arctan_velocity"
 GEAR = LandingGear()

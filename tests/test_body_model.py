@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from opid.identify.body.model import BodyModel, Group
-from opid.identify.body.run import body_run
-from opid.identify.body.structure import own_body, rigid_body, vertical
-from opid.identify.law_parameters import to_free
 from opid.mechanics.driven import half_steps
 from opid.mechanics.laws import LINEAR, law
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
+from opid.suspensions.law_parameters import to_free
+from opid.suspensions.model import BodyModel, Group
+from opid.suspensions.run import body_run
+from opid.suspensions.structure import own_body, rigid_body, vertical
 
 FS, SECONDS, FINER = 512.0, 3.0, 8
 PLACES = [(5.0, 0.0), (0.0, 1.6), (0.0, -1.5)]

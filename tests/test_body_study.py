@@ -8,9 +8,10 @@ import pytest
 from body_runs import NOISE, interfaces
 
 from opid.errors import InputError
-from opid.identify.body import identification
-from opid.identify.body.candidates import Fitted
-from opid.identify.body.study import (
+from opid.signals.recording import Channel, Recording
+from opid.suspensions import identification
+from opid.suspensions.candidates import Fitted
+from opid.suspensions.study import (
     BodySensor,
     BodyStudy,
     LoadedRun,
@@ -19,7 +20,6 @@ from opid.identify.body.study import (
     StructureSettings,
     symmetric_pairs,
 )
-from opid.signals.recording import Channel, Recording
 
 
 def small_recording(names=None, n=300, fs=256.0, unit="m/s^2", seed=0):

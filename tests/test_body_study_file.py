@@ -8,13 +8,13 @@ import pytest
 from made_body import LOADING, PLACES, short_test
 
 from opid.errors import InputError
-from opid.identify.body.study import PointMass
-from opid.identify.body.study_file import body_log_readings, read_body_study, write_body_study
-from opid.identify.body.study_tables import read_loading
-from opid.identify.study_file import read_study
 from opid.report.body_field_test import study_of_aircraft
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.one_gear.study_file import read_study
+from opid.suspensions.study import PointMass
+from opid.suspensions.study_file import body_log_readings, read_body_study, write_body_study
+from opid.suspensions.study_tables import read_loading
 
 NAMES = ("n_low", "n_up", "l_low", "l_up", "r_low", "r_up", "tail")
 STUDY = """\

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from body_runs import LOADS, NOISE, PLACES, aircraft, study
 
-from opid.identify.body import laws, ways
-from opid.identify.body.candidates import fitted_rigid, loading_matrix
-from opid.identify.body.fit import BodyFit
-from opid.identify.body.laws import is_hopeless, search_laws
-from opid.identify.body.model import Group
-from opid.identify.body.run import body_run
-from opid.identify.body.structure import ImpossibleBodyError
-from opid.identify.body.study import LoadedRun, PointMass
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import Law, default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.signals.recording import Recording
+from opid.suspensions import laws, ways
+from opid.suspensions.candidates import fitted_rigid, loading_matrix
+from opid.suspensions.fit import BodyFit
+from opid.suspensions.laws import is_hopeless, search_laws
+from opid.suspensions.model import Group
+from opid.suspensions.run import body_run
+from opid.suspensions.structure import ImpossibleBodyError
+from opid.suspensions.study import LoadedRun, PointMass
 
 FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 

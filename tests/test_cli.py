@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from cli_runs import PICTURES, opid, refused, shell
 
-from opid.identify import identification
 from opid.report import page
+from opid.suspensions.one_gear import identification
 
 # ---- the main paths, in a process of their own -----------------------------------------------------
 

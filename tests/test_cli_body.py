@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from made_body import small_body
 
 from opid import cli
-from opid.identify.body import identification
-from opid.identify.body.study_file import read_body_study
+from opid.suspensions import identification
+from opid.suspensions.study_file import read_body_study
 
 SMALL = ("--duration", 6, "--fs", 128)
 

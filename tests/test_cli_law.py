@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from opid import cli
-from opid.identify import bench_law
+from opid.suspensions.bench import law as bench_law
 
 N, FS = 1500, 200.0
 

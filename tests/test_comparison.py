@@ -8,9 +8,9 @@ from made_flights import GEARS, TRUTH, error
 from scipy.stats import binom, norm
 
 from opid.estimate import Estimate
-from opid.identify.comparison import compare
-from opid.identify.departures import chance_of_steps, judged, measured, scatter_between
-from opid.identify.flights import Flight, Flights, Quantity, in_order
+from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.departures import chance_of_steps, judged, measured, scatter_between
+from opid.suspensions.flights.results import Flight, Flights, Quantity, in_order
 
 MASS = Quantity("", "mass", "kg")
 

@@ -7,8 +7,8 @@ import pytest
 from made_flights import body_result, day, gear_result, write_result
 
 from opid.errors import InputError, NotDeterminedError
-from opid.identify.comparison import compare
-from opid.identify.flights import read_flights
+from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.results import read_flights
 
 
 @pytest.fixture

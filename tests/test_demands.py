@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from opid.identify.classical import classical_chain
-from opid.identify.demands import PLAUSIBLE_STD, at_last, let_in
-from opid.identify.driven_run import driven_run
-from opid.identify.model_fit import fit_model
-from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.sensors import Sensor
+from opid.suspensions.one_gear.demands import PLAUSIBLE_STD, at_last, let_in
+from opid.suspensions.one_gear.driven_run import driven_run
+from opid.suspensions.one_gear.model_fit import fit_model
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.paper.classical import classical_chain
 
 FS, MASS_KG = 256.0, 1850.0
 

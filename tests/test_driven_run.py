@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.driven_run import driven_run
-from opid.identify.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.mechanics.driven import half_steps
 from opid.mechanics.sensors import Sensor, measure
+from opid.suspensions.one_gear.driven_run import driven_run
+from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 
 FS, N = 256.0, 4000
 LOOSE = SensorFacts(gain_tolerance=0.03, corner_hz=0.4, corner_tolerance=0.3)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from law_runs import fitted, runs_of
 
-from opid.identify.force_surface import force_surface
-from opid.identify.joint_fit import LadderStep
-from opid.identify.refit import refit
 from opid.mechanics.landing_gear import DEFAULT_LAW
 from opid.mechanics.laws import LINEAR
 from opid.plots.laws import force_departures, force_sections, model_ladder
+from opid.suspensions.one_gear.force_surface import force_surface
+from opid.suspensions.one_gear.refit import refit
+from opid.suspensions.paper.joint_fit import LadderStep
 
 
 @pytest.fixture(scope="module")

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.doubts import unexplained_noise
-from opid.identify.identification import METHODS, identify_study, strongest_pair
-from opid.identify.result import PARAMETERS
-from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from opid.mechanics.laws import default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.one_gear.doubts import unexplained_noise
+from opid.suspensions.one_gear.identification import METHODS, identify_study, strongest_pair
+from opid.suspensions.one_gear.result import PARAMETERS
+from opid.suspensions.one_gear.study import Run, Study
 
 TRUTH = dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
 

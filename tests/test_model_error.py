@@ -7,17 +7,17 @@ import pytest
 from click.testing import CliRunner
 
 from opid import cli
-from opid.identify.doubts import unexplained_noise
-from opid.identify.identification import identify_study
-from opid.identify.result import PARAMETERS
-from opid.identify.study import Run, Study
-from opid.identify.study_file import write_study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.response import time_response
 from opid.mechanics.road import SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.one_gear.doubts import unexplained_noise
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.result import PARAMETERS
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.one_gear.study_file import write_study
 
 FS, DURATION_S, LEAD_S = 256.0, 20.0, 6.0
 SHORT = {"duration_s": DURATION_S, "fs": FS}

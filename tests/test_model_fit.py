@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.driven_run import driven_run
-from opid.identify.identification import identify_study
-from opid.identify.model_fit import fit_model
-from opid.identify.pursuit import pursue_law, refit
-from opid.identify.sensor_facts import Leak, SensorFacts, SensorPair
-from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
 from opid.mechanics.laws import Law, Term, default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.one_gear.driven_run import driven_run
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.model_fit import fit_model
+from opid.suspensions.one_gear.pursuit import pursue_law, refit
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 
 FS = 256
 SHORT = {"duration_s": 20, "fs": FS}

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from opid.identify.driven_run import driven_run
-from opid.identify.model_fit import fit_model
-from opid.identify.noise_levels import with_own_noise
-from opid.identify.sensor_facts import IDEAL_PAIR, SensorFacts, SensorPair
 from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
 from opid.mechanics.sensors import Sensor
+from opid.suspensions.one_gear.driven_run import driven_run
+from opid.suspensions.one_gear.model_fit import fit_model
+from opid.suspensions.one_gear.noise_levels import with_own_noise
+from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorFacts, SensorPair
 
 MASS_KG = 1850.0
 TRUTH = np.array([3.9e5, 6e3, 400.0, 0.02 * MASS_KG, 1.0]) / MASS_KG

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from opid.identify.nonlinearity import fit_slice, fit_surface
-from opid.identify.restoring_force import RestoringForce, SliceCurve
 from opid.mechanics.laws import LAWS, Law, default_law, law
+from opid.suspensions.paper.nonlinearity import fit_slice, fit_surface
+from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve
 
 N = 8000
 

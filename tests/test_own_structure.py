@@ -7,13 +7,13 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.identify.body import candidates
-from opid.identify.body.own_structure import identify_structure
 from opid.mechanics.laws import law
 from opid.mechanics.response import time_response
 from opid.mechanics.sensors import decimate
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.suspensions import candidates
+from opid.suspensions.own_structure import identify_structure
 
 FS, SECONDS, STEPS, NOISE = 256.0, 12.0, 4, 5e-3
 LOW_KG, HIGH_KG = 300.0, 180.0

@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from opid import plots
 from opid.estimate import Estimate
-from opid.identify.identification import identify_study
-from opid.identify.study import Study
-from opid.identify.study_file import read_study
 from opid.mechanics.laws import Law
 from opid.plots.spectra import _noise_lines
 from opid.plots.style import every, panels, pretty
 from opid.signals.recording import Channel, Recording
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.study import Study
+from opid.suspensions.one_gear.study_file import read_study
 
 OF_RESULT = {
     "accelerations": plots.accelerations,

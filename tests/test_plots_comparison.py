@@ -6,8 +6,8 @@ from made_flights import body_result, day, gear_result, write_result
 from matplotlib.dates import date2num
 
 from opid import plots
-from opid.identify.comparison import compare
-from opid.identify.flights import read_flights
+from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.results import read_flights
 
 
 @pytest.fixture(scope="module")

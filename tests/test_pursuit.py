@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from law_runs import fitted, runs_of
 
-from opid.identify import pursuit
-from opid.identify.joint_fit import LadderStep, alternatives, chosen
-from opid.identify.law_dictionary import dictionary_of
-from opid.identify.pursuit import better, judged_by_left_out, library, proposals, pursue_law
-from opid.identify.refit import left_out_error, refit
 from opid.mechanics.kinds import Kind, Parameter
 from opid.mechanics.landing_gear import DEFAULT_LAW
 from opid.mechanics.laws import LAWS, LINEAR, Law, default_law
 from opid.mechanics.own_kinds import register_kind, unregister_kind
+from opid.suspensions.one_gear import pursuit
+from opid.suspensions.one_gear.law_dictionary import dictionary_of
+from opid.suspensions.one_gear.pursuit import better, judged_by_left_out, library, proposals, pursue_law
+from opid.suspensions.one_gear.refit import left_out_error, refit
+from opid.suspensions.paper.joint_fit import LadderStep, alternatives, chosen
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,6 @@ from hypothesis import strategies as st
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.identify.identification import identify_study
-from opid.identify.result import PARAMETERS
-from opid.identify.study import Study
-from opid.identify.study_file import read_study
 from opid.mechanics.laws import law_from_parameters
 from opid.report import (
     health_json,
@@ -34,6 +30,10 @@ from opid.report.directory import made_directory, require_directory, write_toget
 from opid.signals import files
 from opid.signals.health import inspect
 from opid.signals.logs import read_log
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.result import PARAMETERS
+from opid.suspensions.one_gear.study import Study
+from opid.suspensions.one_gear.study_file import read_study
 
 KEYS = {
     "schema",

@@ -8,13 +8,13 @@ from made_body import LOADING, WHY, body_without_mass, short_test, small_body
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, Candidate
-from opid.identify.result import PARAMETERS, RATIOS, SCHEMA
 from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.report import body_json, body_text, body_truth_json, read_body_truth, write_body_report
 from opid.report.as_json import json_text
 from opid.report.body_pictures import body_pictures
 from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
+from opid.suspensions.one_gear.result import PARAMETERS, RATIOS, SCHEMA
+from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, Candidate
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.sensor_facts import SensorFacts
-from opid.identify.study import Run, Study
-from opid.identify.study_file import log_readings, read_study, study_from_logs, write_study
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.one_gear.study_file import log_readings, read_study, study_from_logs, write_study
+from opid.suspensions.sensor_facts import SensorFacts
 
 NAMES = ["lower_z", "upper_z"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.sensor_facts import IDEAL_PAIR, Leak, Nuisance, SensorFacts, SensorPair, nuisance_values
+from opid.suspensions.sensor_facts import IDEAL_PAIR, Leak, Nuisance, SensorFacts, SensorPair, nuisance_values
 
 LOOSE = SensorFacts(gain_tolerance=0.03, corner_hz=0.4, corner_tolerance=0.3, lag_tolerance_s=3e-3)
 

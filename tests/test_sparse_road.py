@@ -5,10 +5,10 @@ import pytest
 from law_runs import fitted, runs_of
 
 from opid.errors import InputError
-from opid.identify.joint_fit import chosen
-from opid.identify.sparse_road import force_points, sparse_road, which_law
 from opid.mechanics.landing_gear import DEFAULT_LAW
 from opid.mechanics.laws import default_law
+from opid.suspensions.one_gear.sparse_road import force_points, sparse_road, which_law
+from opid.suspensions.paper.joint_fit import chosen
 
 
 def test_the_force_is_that_of_the_true_suspension_and_sensor_noise():

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.joint_fit import chosen
-from opid.identify.law_search import fit_law, search_law
-from opid.identify.restoring_force import restoring_force
-from opid.identify.spectral_equation import equation_lines, fit_equation
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import Law, law
 from opid.mechanics.sensors import Sensor
+from opid.suspensions.paper.joint_fit import chosen
+from opid.suspensions.paper.law_search import fit_law, search_law
+from opid.suspensions.paper.restoring_force import restoring_force
+from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
 
 QUIET = Sensor(noise_m_per_s2=0.0)
 START = {"stiffness_per_mass": 150.0, "damping_per_mass": 1.0}

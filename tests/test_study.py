@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.identify.sensor_facts import IDEAL_PAIR, Leak, SensorFacts, SensorPair
-from opid.identify.study import Run, Study
-from opid.identify.study_file import read_study, study_from_logs, write_study
 from opid.signals.logs import write_log
 from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.one_gear.study_file import read_study, study_from_logs, write_study
+from opid.suspensions.sensor_facts import IDEAL_PAIR, Leak, SensorFacts, SensorPair
 
 
 def log(seed, fs=512.0, n_samples=1024, names=("lower_z", "upper_z"), unit="m/s^2"):

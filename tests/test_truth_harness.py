@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from opid.identify.identification import identify_study
-from opid.identify.study import Run, Study
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import default_law
+from opid.suspensions.one_gear.identification import identify_study
+from opid.suspensions.one_gear.study import Run, Study
 
 LAW_NAMES = (
     "linear",

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from opid.identify.driven_run import driven_run
-from opid.identify.model_fit import fit_model
-from opid.identify.whiteness import WHITE_BELOW, bootstrap_std, coloured_std, whiteness
 from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
 from opid.mechanics.laws import Law
 from opid.mechanics.sensors import Sensor
+from opid.suspensions.one_gear.driven_run import driven_run
+from opid.suspensions.one_gear.model_fit import fit_model
+from opid.suspensions.one_gear.whiteness import WHITE_BELOW, bootstrap_std, coloured_std, whiteness
 
 FS, MASS_KG = 256.0, 1850.0
 FREQUENCY_HZ = np.arange(0.3, 40.0, 0.05)

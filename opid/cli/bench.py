@@ -21,11 +21,11 @@ def law(bench: Path, force: str, travel: str, velocity: str | None, out: Path | 
     F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals; and what of the force no law of
     travel and velocity can explain (hysteresis, backlash).
     """
-    from opid.identify.bench import bench_from_recording
-    from opid.identify.bench_law import law_of_bench
     from opid.report import bench_text, write_bench_report
     from opid.report.directory import require_directory
     from opid.signals.logs import read_log
+    from opid.suspensions.bench.law import law_of_bench
+    from opid.suspensions.bench.record import bench_from_recording
 
     target = None if out is None else require_directory(out)
     with progress() as say:

@@ -33,12 +33,12 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     Exit status 0: nothing is flagged. 1: fewer than two flights can be compared, for want of values with intervals. 2:
     bad input. 3: a change is flagged.
     """
-    from opid.identify.comparison import FALSE_ALARM
-    from opid.identify.comparison import compare as compare_flights
-    from opid.identify.flights import read_flights
     from opid.report.as_json import json_text
     from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
     from opid.report.directory import require_directory
+    from opid.suspensions.flights.comparison import FALSE_ALARM
+    from opid.suspensions.flights.comparison import compare as compare_flights
+    from opid.suspensions.flights.results import read_flights
 
     target = None if out is None else require_directory(out)
     with progress() as say:

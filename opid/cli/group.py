@@ -13,10 +13,10 @@ import click
 from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
-    from opid.identify.bench_law import BenchLaw
-    from opid.identify.body.result import BodyIdentification
-    from opid.identify.result import Identification
     from opid.modal.result import ModalIdentification
+    from opid.suspensions.bench.law import BenchLaw
+    from opid.suspensions.one_gear.result import Identification
+    from opid.suspensions.result import BodyIdentification
     from opid.updating.result import Updating
 
 

@@ -13,8 +13,8 @@ from opid.cli.group import BadInput, main, progress
 from opid.errors import InputError
 
 if TYPE_CHECKING:
-    from opid.identify.study_file import LogReading
     from opid.signals.health_result import Health
+    from opid.suspensions.one_gear.study_file import LogReading
 
 CHANNELS_A_PICTURE, MOST_PICTURES = 12, 2
 """A picture takes seconds: of a log with more channels than these hold the most telling are drawn."""
@@ -88,11 +88,11 @@ class _Inspected:
 
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
     """How the log is to be read, and which of its channels."""
-    from opid.identify.body.study_file import body_log_readings
-    from opid.identify.body.study_tables import is_body_study
-    from opid.identify.study_file import LogReading, log_readings
     from opid.signals.log_settings import AS_WRITTEN
     from opid.signals.tables import load
+    from opid.suspensions.one_gear.study_file import LogReading, log_readings
+    from opid.suspensions.study_file import body_log_readings
+    from opid.suspensions.study_tables import is_body_study
 
     if study is None:
         return (LogReading(AS_WRITTEN),)

@@ -12,7 +12,7 @@ from opid.cli.group import end, main, progress, result_name
 from opid.errors import InputError
 
 if TYPE_CHECKING:
-    from opid.identify.study import Study
+    from opid.suspensions.one_gear.study import Study
 
 
 @main.command()
@@ -85,9 +85,9 @@ def identify(
             )
         _identify_body(paths[0], out, law, band, truth)
         return
-    from opid.identify.identification import identify_study
     from opid.report import read_truth, result_text, write_report
     from opid.report.directory import require_directory
+    from opid.suspensions.one_gear.identification import identify_study
 
     target = require_directory(out or Path(f"{result_name(paths[0])}_result"))
     known = None if truth is None else read_truth(truth)
@@ -111,8 +111,8 @@ def _study_in(path: Path) -> Path:
 
 def _is_of_a_body(paths: tuple[Path, ...]) -> bool:
     """Whether it is one study file with interfaces; what is wrong with a file is said when it is read."""
-    from opid.identify.body.study_tables import is_body_study
     from opid.signals.tables import load
+    from opid.suspensions.study_tables import is_body_study
 
     if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
         return False
@@ -125,10 +125,10 @@ def _is_of_a_body(paths: tuple[Path, ...]) -> bool:
 def _identify_body(
     path: Path, out: Path | None, law: str | None, band: tuple[float, float] | None, truth: Path | None
 ) -> None:
-    from opid.identify.body.identification import identify_body
-    from opid.identify.body.study_file import read_body_study
     from opid.report import body_text, read_body_truth, write_body_report
     from opid.report.directory import require_directory
+    from opid.suspensions.identification import identify_body
+    from opid.suspensions.study_file import read_body_study
 
     target = require_directory(out or Path(f"{result_name(path)}_result"))
     known = None if truth is None else read_body_truth(truth)
@@ -149,7 +149,7 @@ def _study(
     mass_changes: tuple[float, ...],
     say: Callable[[str], None],
 ) -> Study:
-    from opid.identify.study_file import read_study, study_from_logs
+    from opid.suspensions.one_gear.study_file import read_study, study_from_logs
 
     studies = [path for path in paths if path.suffix.lower() == ".toml"]
     if studies:

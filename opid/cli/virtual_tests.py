@@ -28,11 +28,11 @@ def demo(out: Path, seed: int) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.identify.identification import identify_study
-    from opid.identify.study_file import read_study
     from opid.mechanics.landing_gear import LandingGear, taxi_test
     from opid.report import read_truth, result_text, write_field_test, write_report
     from opid.report.directory import require_directory
+    from opid.suspensions.one_gear.identification import identify_study
+    from opid.suspensions.one_gear.study_file import read_study
 
     require_directory(out)
     with progress() as say:

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from opid.estimate import Estimate
-from opid.identify.classical import Evidence, PeakPair
-from opid.identify.direct_parameters import NAMES
-from opid.identify.result import Identification
 from opid.plots.laws import model_ladder
 from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
+from opid.suspensions.one_gear.result import Identification
+from opid.suspensions.paper.classical import Evidence, PeakPair
+from opid.suspensions.paper.direct_parameters import NAMES
 
 __all__ = ["estimates", "law_ladder"]
 

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from opid.identify.bench_ladder import Rung
-from opid.identify.bench_law import BenchLaw
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
+from opid.suspensions.bench.ladder import Rung
+from opid.suspensions.bench.law import BenchLaw
 
 __all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
 

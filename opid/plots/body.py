@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from opid.estimate import Estimate
-from opid.identify.body.result import BodyIdentification, Candidate
 from opid.plots.style import (
     BLUE,
     GREEN,
@@ -26,6 +25,7 @@ from opid.plots.style import (
     pretty,
     run_colors,
 )
+from opid.suspensions.result import BodyIdentification, Candidate
 
 __all__ = ["plan_view", "structure_candidates", "suspension_parameters"]
 
@@ -76,7 +76,7 @@ def structure_candidates(result: BodyIdentification, ax: Any = None) -> Axes:
         result: the identification.
         ax: one Axes, or None for a new figure.
     """
-    from opid.identify.body.fit import EXPLAINS
+    from opid.suspensions.fit import EXPLAINS
 
     candidates = result.candidates
     with house_style():

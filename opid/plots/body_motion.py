@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.identify.body.result import BodyIdentification, InterfaceEstimate, RunResidual
 from opid.mechanics.laws import Law, law_from_parameters
 from opid.plots.body import further_sensors
 from opid.plots.style import (
@@ -25,6 +24,7 @@ from opid.plots.style import (
     run_colors,
     thick,
 )
+from opid.suspensions.result import BodyIdentification, InterfaceEstimate, RunResidual
 
 __all__ = ["body_residuals", "predicted_accelerations", "suspension_forces"]
 

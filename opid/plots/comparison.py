@@ -11,9 +11,9 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, offset_copy
 
-from opid.identify.comparison import Comparison
-from opid.identify.departures import Point, Series
 from opid.plots.style import INK, figure_of, house_style, panels, pretty, run_colors
+from opid.suspensions.flights.comparison import Comparison
+from opid.suspensions.flights.departures import Point, Series
 
 __all__ = ["compared_quantity"]
 

@@ -10,10 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from opid.identify.classical import RunEvidence
-from opid.identify.nonlinearity import LawFit
-from opid.identify.restoring_force import SliceCurve
-from opid.identify.result import Identification
 from opid.mechanics.laws import Law, law_from_parameters
 from opid.plots.style import (
     COUNT_MAP,
@@ -29,6 +25,10 @@ from opid.plots.style import (
     run_title,
     thick,
 )
+from opid.suspensions.one_gear.result import Identification
+from opid.suspensions.paper.classical import RunEvidence
+from opid.suspensions.paper.nonlinearity import LawFit
+from opid.suspensions.paper.restoring_force import SliceCurve
 
 __all__ = ["law_curves", "restoring_force_map", "restoring_force_surface", "slices"]
 

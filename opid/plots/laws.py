@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.identify.force_surface import ForceSurface
-from opid.identify.joint_fit import LadderStep, chosen
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, SURFACE_MAP, house_style, panels, plain_numbers
+from opid.suspensions.one_gear.force_surface import ForceSurface
+from opid.suspensions.paper.joint_fit import LadderStep, chosen
 
 __all__ = ["force_departures", "force_sections", "model_ladder"]
 

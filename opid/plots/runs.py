@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.identify.classical import RunEvidence
-from opid.identify.result import Identification
 from opid.plots.style import (
     GREY,
     INK,
@@ -23,6 +21,8 @@ from opid.plots.style import (
 )
 from opid.signals.recording import Recording
 from opid.signals.spectra import cross_spectra
+from opid.suspensions.one_gear.result import Identification
+from opid.suspensions.paper.classical import RunEvidence
 
 __all__ = ["accelerations", "integration", "recording"]
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.identify.classical import Evidence, RunEvidence
-from opid.identify.joint_fit import JointFit
-from opid.identify.result import Identification
-from opid.identify.transmissibility import suspension_transmissibility
 from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, plain_numbers, run_colors, run_title, thick
+from opid.suspensions.one_gear.result import Identification
+from opid.suspensions.paper.classical import Evidence, RunEvidence
+from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.transmissibility import suspension_transmissibility
 
 __all__ = ["equation_residual", "transmissibilities"]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.identify.result import SCHEMA, Identification, VisitedForce
+from opid.suspensions.one_gear.result import SCHEMA, Identification, VisitedForce
 
 
 def result_json(result: Identification) -> dict[str, Any]:

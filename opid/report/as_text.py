@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.identify.result import Identification
+from opid.suspensions.one_gear.result import Identification
 
 WIDTH = 80
 PARAMETER_LABELS = {

@@ -9,11 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from opid.identify.bench_law import SCHEMA, BenchLaw
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
 from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
+from opid.suspensions.bench.law import SCHEMA, BenchLaw
 
 LABELS = {
     "stiffness_n_per_m": ("stiffness K", "N/m"),

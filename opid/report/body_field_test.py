@@ -8,8 +8,14 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from opid.identify.body.result import BODY_PARAMETERS
-from opid.identify.body.study import (
+from opid.mechanics.laws import law_from_parameters
+from opid.mechanics.taxiing_aircraft import AircraftTest
+from opid.report.as_json import json_text, plain
+from opid.report.directory import made_directory
+from opid.report.truth_file import read_truth_file
+from opid.signals.files import written_whole
+from opid.suspensions.result import BODY_PARAMETERS
+from opid.suspensions.study import (
     BodySensor,
     BodyStudy,
     LoadedRun,
@@ -17,13 +23,7 @@ from opid.identify.body.study import (
     PointMass,
     StructureSettings,
 )
-from opid.identify.body.study_file import write_body_study
-from opid.mechanics.laws import law_from_parameters
-from opid.mechanics.taxiing_aircraft import AircraftTest
-from opid.report.as_json import json_text, plain
-from opid.report.directory import made_directory
-from opid.report.truth_file import read_truth_file
-from opid.signals.files import written_whole
+from opid.suspensions.study_file import write_body_study
 
 TRUTH_SCHEMA = "opid.body-truth/1"
 _FIELDS = dict(zip(BODY_PARAMETERS, ("mass_kg", "ixx_kg_m2", "iyy_kg_m2", "x_cg_m", "y_cg_m"), strict=True))

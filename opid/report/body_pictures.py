@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from opid.identify.body.result import BodyIdentification
 from opid.report.page import Picture
+from opid.suspensions.result import BodyIdentification
 
 
 def body_pictures(result: BodyIdentification) -> tuple[Picture, ...]:

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, InterfaceEstimate
-from opid.identify.result import PARAMETERS, RATIOS, SCHEMA
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import columns
 from opid.report.body_pictures import body_pictures
@@ -29,6 +27,8 @@ from opid.report.body_text import (
 )
 from opid.report.directory import write_together
 from opid.report.page import drawn, rendered
+from opid.suspensions.one_gear.result import PARAMETERS, RATIOS, SCHEMA
+from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, InterfaceEstimate
 
 
 def body_json(result: BodyIdentification) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.identify.body.levels import over_noise
-from opid.identify.body.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, Candidate, InterfaceEstimate
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
+from opid.suspensions.levels import over_noise
+from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, Candidate, InterfaceEstimate
 
 PARAMETER_LABELS = {
     "sprung_mass_kg": ("sprung mass M", "kg"),
@@ -209,7 +209,7 @@ def kind_in_words(kind: str) -> str:
     """Return a kind of structure in words.
 
     Args:
-        kind: of `opid.identify.body.study.KINDS`, or another.
+        kind: of `opid.suspensions.study.KINDS`, or another.
 
     >>> kind_in_words("rigid_body"), kind_in_words("single")
     ('rigid body', 'each suspension alone')

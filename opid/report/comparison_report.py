@@ -9,12 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from opid.identify.comparison import Change, Comparison
-from opid.identify.departures import Point, Series
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import aligned, rounded, wrapped
 from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
+from opid.suspensions.flights.comparison import Change, Comparison
+from opid.suspensions.flights.departures import Point, Series
 
 SCHEMA = "opid.comparison/1"
 TITLE = "Health over time"

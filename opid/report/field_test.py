@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from opid.identify.result import PARAMETERS
-from opid.identify.study import Run, Study
-from opid.identify.study_file import write_study
 from opid.mechanics.landing_gear import TaxiTest
 from opid.mechanics.laws import law_from_parameters
 from opid.report.as_json import json_text, plain
 from opid.report.directory import made_directory
 from opid.report.truth_file import read_truth_file
 from opid.signals.files import written_whole
+from opid.suspensions.one_gear.result import PARAMETERS
+from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.one_gear.study_file import write_study
 
 TRUTH_SCHEMA = "opid.truth/1"
 

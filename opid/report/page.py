@@ -11,11 +11,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from opid.identify.classical import RunEvidence
-from opid.identify.result import Identification
 from opid.report.as_json import json_text, result_json
 from opid.report.as_text import columns, limits, rows
 from opid.report.directory import write_together
+from opid.suspensions.one_gear.result import Identification
+from opid.suspensions.paper.classical import RunEvidence
 
 Truth = Mapping[str, Any]
 # takes a result, returns Axes

@@ -1,0 +1,1 @@
+"""A law from a test bench: force and motion are measured."""

@@ -1,0 +1,239 @@
+"""Does a force remember the past? What no function of travel and velocity can explain, and what explains it instead.
+
+The force that a law leaves over is predicted on stretches of time that were left out, first by the mean of its nearest
+neighbours in the plane of travel and velocity (any smooth static function), then by signals of the past, in two ways:
+what the present cannot foretell of the force is regressed on what it cannot foretell of them (Robinson, Econometrica
+56, 1988, partially linear regression), and one of them is made a third axis of the plane. The signals of the past are
+  hysteresis   stop operators z - P_r[z], P_r the play (backlash) of half-width r: the elements of Prandtl, Ishlinskii,
+               Jenkins and Iwan, whose sums come near every rate-independent hysteresis, Bouc-Wen's too;
+  relaxation   the velocity behind first-order lags, the elements of Maxwell, and of a lag between two channels;
+  inertia      the acceleration: moving parts between the specimen and the force cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from opid.signals.recording import FloatArray
+from opid.suspensions.bench.record import Bench, rate_of
+from opid.suspensions.separable import independent_samples
+
+Cause = Literal["hysteresis", "relaxation", "inertia"]
+# half-widths of the plays over the amplitude of the travel, and lags over the time in which the motion turns
+PLAYS = (0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
+LAGS = (0.1, 0.3, 1.0, 3.0)
+# neighbours that the static prediction is tried with, and that the signals of the past are foretold by
+NEIGHBOURS, FEW_NEIGHBOURS, NEIGHBOURS_WITH_PAST = (8, 32, 128), 8, 16
+# the past is said to be seen when it explains this share of the rest and of the whole force, with this gain in
+# log-likelihood (counted twice, in independent samples); it cannot be tested where the present foretells it this well
+SHARE_OF_REST, SHARE_OF_FORCE, EVIDENCE, FORETOLD = 0.1, 0.001, 10.0, 0.98
+RIDGE = 1e-3
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What of a force a law of travel and velocity can explain, and what the past explains.
+
+    All shares are of the variance of the force, on stretches of time that were left out.
+
+    Args:
+        r2_at_most: share that the law with any smooth static correction explains.
+        r2_with_past: share that is explained when the past is known too.
+        cause: the kind of past that explains most by itself; None where the past is not seen.
+        moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
+        testable: whether the motion lets memory and law be told apart at all.
+        foretold: median share of the stop operators that travel and velocity foretell.
+        statement: the same in words.
+    """
+
+    r2_at_most: float
+    r2_with_past: float
+    cause: Cause | None
+    moving_mass_kg: float | None
+    testable: bool
+    foretold: float
+    statement: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether the past is seen in the force."""
+        return self.cause is not None
+
+
+def memory_of(bench: Bench, sample: np.ndarray, fold: np.ndarray, rest: FloatArray, *, noise_like: bool) -> Memory:
+    """Measure how much of what a law leaves over is static, and how much of it remembers the past.
+
+    Args:
+        bench: the record.
+        sample: (m,) the samples that are looked at, in order of time.
+        fold: (m,) to which left-out stretch each belongs.
+        rest: (m,) force minus the best law, fitted without that stretch, N.
+        noise_like: whether the law itself explains next to nothing.
+    """
+    plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
+    groups = {cause: signals[sample] for cause, signals in past_signals(bench).items()}
+    neighbours = {count: _neighbours(plane, fold, count) for count in NEIGHBOURS}
+    statics = [rest, *(rest - rest[each].mean(axis=1) for each in neighbours.values())]
+    few = neighbours[FEW_NEIGHBOURS]
+    news = {cause: signals - signals[few].mean(axis=1) for cause, signals in groups.items()}
+    told = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
+    foretold = float(np.median(told))
+    knowing: list[tuple[FloatArray, Cause]] = [
+        (_regressed(signals, static, fold), cause) for cause, signals in news.items() for static in statics
+    ]
+    for cause, signals in groups.items():
+        for column in signals.T / np.maximum(signals.std(axis=0), 1e-300)[:, np.newaxis]:
+            beside = _neighbours(np.column_stack([plane, column]), fold, NEIGHBOURS_WITH_PAST)
+            knowing.append((rest - rest[beside].mean(axis=1), cause))
+    left, best = min(knowing, key=lambda pair: float(pair[0] @ pair[0]))
+    total = float(np.sum((bench.force[sample] - bench.force[sample].mean()) ** 2))
+    static = min(statics, key=lambda each: float(each @ each))
+    testable = foretold < FORETOLD
+    seen = best if testable and _worthwhile(static, left, total) else None
+    r2_static = 1 - float(static @ static) / total
+    r2_past = 1 - float(left @ left) / total if seen else r2_static
+    mass = _moving_mass(groups["inertia"], plane, rest) if seen == "inertia" else None
+    words = _statement(r2_static, r2_past, seen, mass, testable, noise_like)
+    return Memory(r2_static, r2_past, seen, mass, testable, foretold, words)
+
+
+def past_signals(bench: Bench) -> dict[Cause, FloatArray]:
+    """Return the signals of the past by their kind, each (n, n_signals).
+
+    Args:
+        bench: the record.
+    """
+    from scipy import signal
+
+    z, v = bench.travel, bench.velocity
+    low, high = np.quantile(z, (0.005, 0.995))
+    stops = z[:, np.newaxis] - play(z, np.array(PLAYS) * (high - low) / 2)
+    turn_s = float(z.std() / v.std())
+    lagged = []
+    for lag in LAGS:
+        pole = np.exp(-1 / (lag * turn_s * bench.fs))
+        lagged.append(signal.lfilter([1 - pole], [1, -pole], v, zi=[pole * v[0]])[0])
+    acceleration, _ = rate_of(v, fs=bench.fs)
+    return {"hysteresis": stops, "relaxation": np.stack(lagged, axis=1), "inertia": acceleration[:, np.newaxis]}
+
+
+def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
+    """Return the play operators P_n = min(z_n + r, max(z_n - r, P_(n-1))) of a signal, begun at its first value.
+
+    Each step confines the state to an interval, and intervals after one another are an interval: blocks of the signal
+    are passed side by side, then strung together.
+
+    Args:
+        z: (n,) the signal.
+        half_widths: (n_plays,) r, in the unit of the signal.
+
+    Returns:
+        (n, n_plays).
+
+    >>> play(np.array([0.0, 1.0, 3.0, 2.0, -1.0]), np.array([1.0])).ravel().tolist()
+    [0.0, 0.0, 2.0, 2.0, 0.0]
+    """
+    n_blocks = max(1, int(np.sqrt(z.size)))
+    length = -(-z.size // n_blocks)
+    blocks = np.resize(z, n_blocks * length)
+    blocks[z.size :] = z[-1]
+    upper = blocks.reshape(n_blocks, length, 1) + half_widths
+    lower = blocks.reshape(n_blocks, length, 1) - half_widths
+    least = np.empty_like(lower)
+    most = np.empty_like(upper)
+    bottom = np.full((n_blocks, half_widths.size), -np.inf)
+    top = np.full((n_blocks, half_widths.size), np.inf)
+    for step in range(length):
+        bottom = np.minimum(upper[:, step], np.maximum(lower[:, step], bottom))
+        top = np.minimum(upper[:, step], np.maximum(lower[:, step], top))
+        least[:, step], most[:, step] = bottom, top
+    state = np.full(half_widths.size, z[0])
+    entering = np.empty_like(bottom)
+    for block in range(n_blocks):
+        entering[block] = state
+        state = np.clip(state, bottom[block], top[block])
+    return np.clip(entering[:, np.newaxis], least, most).reshape(-1, half_widths.size)[: z.size]
+
+
+def _neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndarray:
+    """Return the places (m, count) of the nearest points in the plane that lie in other stretches of time."""
+    from scipy.spatial import cKDTree
+
+    found = np.empty((fold.size, count), dtype=np.int64)
+    for each in np.unique(fold):
+        inside, outside = np.flatnonzero(fold == each), np.flatnonzero(fold != each)
+        _, place = cKDTree(plane[outside]).query(plane[inside], k=count)
+        found[inside] = outside[place]
+    return found
+
+
+def _regressed(signals: FloatArray, y: FloatArray, fold: np.ndarray) -> FloatArray:
+    """Return what a ridge regression leaves of `y`, each stretch predicted from the others."""
+    scaled = signals / np.maximum(signals.std(axis=0), 1e-300)
+    left = np.empty_like(y)
+    for each in np.unique(fold):
+        here = fold == each
+        x = scaled[~here]
+        gram = x.T @ x + RIDGE * x.shape[0] * np.eye(x.shape[1])
+        left[here] = y[here] - scaled[here] @ np.linalg.solve(gram, x.T @ y[~here])
+    return left
+
+
+def _worthwhile(static: FloatArray, left: FloatArray, total: float) -> bool:
+    """Whether the past explains so much that chance and the shape of the static function do not."""
+    before, after = float(static @ static), float(left @ left)
+    if before - after <= max(SHARE_OF_REST * before, SHARE_OF_FORCE * total):
+        return False
+    return independent_samples(left) * np.log(before / max(after, 1e-300)) > EVIDENCE
+
+
+def _moving_mass(acceleration: FloatArray, plane: FloatArray, rest: FloatArray) -> float:
+    """Return the coefficient of the acceleration beside stiffness, damping and offset, kg."""
+    basis = np.column_stack([acceleration, plane, np.ones(rest.size)])
+    scale = np.sqrt(np.mean(basis**2, axis=0))
+    return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
+
+
+def _statement(
+    static: float, past: float, cause: Cause | None, mass: float | None, testable: bool, noise_like: bool
+) -> str:
+    rest = f"{_percent(1 - past)} is neither (noise, or what was not recorded)"
+    at_most = f"a law of travel and velocity explains at most {_percent(static)} of this force"
+    if cause == "hysteresis":
+        return (
+            f"{at_most}; {_percent(past - static)} remembers the past (hysteresis or backlash), which is outside the "
+            f"library; {rest}"
+        )
+    if cause == "relaxation":
+        return (
+            f"{at_most}; {_percent(past - static)} lags behind the motion (relaxation, or a delay between the "
+            f"channels), which is outside the library; {rest}"
+        )
+    if cause == "inertia":
+        return (
+            f"{at_most}; {_percent(past - static)} follows the acceleration (moving parts of {mass:.3g} kg between "
+            f"specimen and force cell), which is outside the library; {rest}"
+        )
+    if not testable:
+        return (
+            "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
+            "look alike: record several amplitudes or a random motion to tell them apart"
+        )
+    if noise_like:
+        return f"{at_most}; the past does not explain the rest either"
+    return f"no memory is seen: {at_most}, and the past explains none of the rest"
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent, with the digits that count towards nought and a hundred.
+
+    >>> _percent(0.93), _percent(0.99973), _percent(0.0002), _percent(1.0)
+    ('93 %', '99.97 %', '0.02 %', '100 %')
+    """
+    percent = 100 * max(0.0, share)
+    edge = min(percent, 100 - percent)
+    decimals = 0 if edge >= 10 or edge < 1e-9 else 1 if edge >= 1 else min(6, -int(np.floor(np.log10(edge))))
+    return f"{percent:.{decimals}f} %".replace(".0 %", " %")

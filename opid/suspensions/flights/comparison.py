@@ -1,0 +1,364 @@
+"""Health over time: which stiffness, damping, friction or mass of a structure changed from flight to flight by more
+than its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
+from opid.signals.recording import FloatArray
+from opid.suspensions.flights.departures import (
+    Measured,
+    Point,
+    Series,
+    chance_of_steps,
+    judged,
+    measured,
+    scatter_between,
+)
+from opid.suspensions.flights.results import Flight, Flights, Quantity, listed
+
+FALSE_ALARM = 1e-3
+"""Chance that a structure that did not change is flagged anywhere in a comparison, if the intervals hold."""
+
+NARROW, NARROW_AS_OTHERS = 0.01, 0.5
+"""Chance of the steps between neighbouring flights below which intervals are taken to be too narrow anywhere; and that
+of one quantity where those of all quantities together are."""
+
+ENOUGH = 4
+"""Steps between neighbouring flights below which a change cannot be told from scatter."""
+
+SUSPECT = 0.1
+"""Chance of the steps below which scatter is not yet certain, but a flag may be scatter."""
+
+CLEAR = 5.0
+"""A change is told as a share where the value before is this many standard deviations from zero."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Flights in a row that depart to the same side.
+
+    Args:
+        quantity: what changed.
+        first: place of the first of them in `Comparison.flights`.
+        last: place of the last.
+        share: relative change of their mean against the flights before, with its interval; without a value where
+            these are not clearly different from zero.
+        departure: of the one that stands out most, standard deviations.
+        confirmed: whether the flight after the first departs as well; None where there is none yet.
+        statement: all of it as a sentence.
+    """
+
+    quantity: Quantity
+    first: int
+    last: int
+    share: Estimate
+    departure: float
+    confirmed: bool | None
+    statement: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Flights of one structure against each other.
+
+    Args:
+        flights: the earliest first.
+        dated: whether they are in the order of their dates.
+        series: one for each quantity of each gear.
+        changes: what was flagged, the earliest first.
+        false_alarm: chance of any flag if nothing changed and the intervals hold.
+        n_tests: tests that share it.
+        warnings: what to doubt, one sentence each.
+    """
+
+    flights: tuple[Flight, ...]
+    dated: bool
+    series: tuple[Series, ...]
+    changes: tuple[Change, ...]
+    false_alarm: float
+    n_tests: int
+    warnings: tuple[str, ...]
+
+
+def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison:
+    r"""Compare each flight with the earlier ones, quantity by quantity, and flag what changed.
+
+    A flight is compared with the weighted mean of the earlier flights that were not flagged, and so is its mean with
+    the flight before it; the departures z = (value - mean) / std are independent and normal (recursive residuals, Brown
+    et al. 1975) if the intervals hold and nothing changed. With N of them,
+
+        P(any |z| > t) <= 1 - (1 - a)^N,  a = P(|z| > t)
+
+    whatever the correlation between quantities (Sidak 1967), so a = 1 - (1 - false_alarm)^(1/N). Where the steps
+    between neighbouring flights, of five or more, are larger than their intervals make them (`chance_of_steps`), the
+    median of all gears gives the scatter between flights (wheel tracks, temperature), which joins the standard
+    deviations, and t is one of Student's distribution, with the freedom of the scatter. The flight after a flagged one
+    is judged by itself (`FOLLOWING`): it confirms the flag or not.
+
+    Args:
+        flights: from `read_flights`.
+        false_alarm: chance of any flag in the whole comparison if nothing changed.
+
+    Raises:
+        InputError: a chance that is not between 0 and 0.5.
+        NotDeterminedError: no quantity has an interval in two flights.
+    """
+    if not 0 < false_alarm <= 0.5:
+        raise InputError(f"the false-alarm level is {false_alarm:g}, give a chance between 0 and 0.5, like 0.001")
+    found = [measured(flights.flights, quantity) for quantity in _quantities(flights)]
+    n_tests = sum(max(0, 2 * each.value.size - 3) for each in found)
+    if not n_tests:
+        raise NotDeterminedError(
+            "no quantity has a value with an interval in two flights, so no change can be told from its uncertainty: "
+            f"{'; '.join(_for_want_of_intervals(flights))}"
+        )
+    chance = -math.expm1(math.log1p(-false_alarm) / n_tests)
+    scatter = _scatter(found, len(flights.flights))
+    series = []
+    for each in found:
+        share, freedom = scatter[each.quantity.label]
+        series.append(judged(each, scatter=share, freedom=freedom, chance=chance))
+    changes = sorted((change for each in series for change in _changes(each, flights)), key=lambda each: each.first)
+    return Comparison(
+        flights.flights,
+        flights.dated,
+        tuple(series),
+        tuple(changes),
+        false_alarm,
+        n_tests,
+        (*flights.notes, *_doubts(flights.flights, series, changes, _chance(found, len(flights.flights)))),
+    )
+
+
+def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
+    """What is to be done where intervals are missing, and what was left out before."""
+    others = sorted({flight.method for flight in flights.flights} - {"model"})
+    if others:
+        yield f"the results come from the method {' and '.join(others)}, and the default method gives intervals"
+    else:
+        yield "the warnings of the results say why"
+    yield from (note for note in flights.notes if "is left out" in note)
+
+
+def _scatter(found: Sequence[Measured], n_flights: int) -> dict[str, tuple[float, float]]:
+    """Scatter and degrees of freedom for each kind of quantity, of all gears together."""
+    alike: dict[str, list[Measured]] = {}
+    for each in found:
+        alike.setdefault(each.quantity.label, []).append(each)
+    # few flights tell little of one quantity, but more of all of them
+    together = _is_narrow(found, n_flights, NARROW)
+    scatter = {}
+    for label, several in alike.items():
+        narrow = _is_narrow(several, n_flights, NARROW_AS_OTHERS if together else NARROW)
+        scatter[label] = scatter_between(*_table(several, n_flights)) if narrow else (0.0, math.inf)
+    return scatter
+
+
+def _is_narrow(found: Sequence[Measured], n_flights: int, level: float) -> bool:
+    """Whether the steps between flights are enough, and larger than their intervals make them."""
+    value, _ = _table(found, n_flights)
+    steps = ~np.isnan(np.diff(value)).all(axis=0)
+    return bool(steps.sum() >= ENOUGH and _chance(found, n_flights) < level)
+
+
+def _chance(found: Sequence[Measured], n_flights: int) -> float:
+    return chance_of_steps(*_table(found, n_flights))
+
+
+def _table(found: Sequence[Measured], n_flights: int) -> tuple[FloatArray, FloatArray]:
+    """Values and standard deviations, a row for each quantity and a column for each flight."""
+    value, std = (np.full((len(found), n_flights), np.nan) for _ in range(2))
+    for row, each in enumerate(found):
+        value[row, list(each.place)], std[row, list(each.place)] = each.value, each.std
+    return value, std
+
+
+def _quantities(flights: Flights) -> list[Quantity]:
+    """Those that two flights have a value of: stiffness of all gears, then damping, and so on."""
+    of_each = [[quantity for quantity, e in flight.values.items() if e.value is not None] for flight in flights.flights]
+    counts = Counter(quantity for several in of_each for quantity in several)
+    names = list(dict.fromkeys(quantity.name for quantity in counts))
+    order = ("stiffness", "damping", "friction")
+    names.sort(key=lambda name: order.index(name) if name in order else len(order) + (name == "mass"))
+    return [quantity for name in names for quantity, n in counts.items() if quantity.name == name and n > 1]
+
+
+def _changes(series: Series, flights: Flights) -> list[Change]:
+    """Join the flagged flights of a series that follow each other to the same side."""
+    groups: list[list[Point]] = []
+    before = None
+    for point in series.points:
+        if point.flagged:
+            if before is not None and before.confirmed:
+                groups[-1].append(point)
+            else:
+                groups.append([point])
+        if point.departure is not None:
+            before = point
+    return [_change(series, group, flights) for group in groups]
+
+
+def _change(series: Series, group: Sequence[Point], flights: Flights) -> Change:
+    """The mean of the flagged flights against those before the first of them."""
+    first = group[0]
+    expected = first.expected or 0.0
+    own = np.array([point.estimate.std or 0.0 for point in group])
+    values = np.array([point.estimate.value or 0.0 for point in group])
+    variance = own**2 + (series.scatter * expected) ** 2
+    # what the std of the first departure has beyond its own: that of the mean of the flights before
+    before = max(0.0, (first.std or 0.0) ** 2 - variance[0])
+    change = float(values @ (1 / variance) / (1 / variance).sum()) - expected
+    std = math.sqrt(1 / (1 / variance).sum() + before)
+    clear = abs(expected) > CLEAR * math.sqrt(before) and expected != 0
+    share = Estimate.normal(change / abs(expected), std / abs(expected)) if clear else Estimate()
+    departure = max((point.departure or 0.0 for point in group), key=abs)
+    statement = _statement(series, group, flights, share, change, departure)
+    return Change(series.quantity, first.flight, group[-1].flight, share, departure, first.confirmed, statement)
+
+
+def _statement(
+    series: Series, group: Sequence[Point], flights: Flights, share: Estimate, change: float, departure: float
+) -> str:
+    quantity, first = series.quantity, group[0]
+    what = quantity.label + (f" of {quantity.gear!r}" if quantity.gear else "")
+    if share.interval95 is None or share.value is None:
+        by = f"{change:+.3g} {quantity.unit}"
+    else:
+        by = f"{100 * share.value:+.1f} % ({100 * share.interval95[0]:+.1f} to {100 * share.interval95[1]:+.1f} %)"
+    since = when(flights.flights[first.flight])
+    until = f" to {when(flights.flights[group[-1].flight])}" if len(group) > 1 else ""
+    how = (
+        "flagged by this flight and the next together"
+        if first.with_next
+        else "flagged, confirmed by the next flight"
+        if first.confirmed
+        else "flagged, not confirmed by the next flight"
+        if first.confirmed is False
+        else "flagged; the next flight will confirm it or not"
+    )
+    return f"{what}: {by} in {since}{until}, {abs(departure):.1f} standard deviations: {how}"
+
+
+def when(flight: Flight) -> str:
+    """Return a flight by its name and date.
+
+    Args:
+        flight: one of them.
+    """
+    return f"{flight.name!r}" + (f" ({flight.date})" if flight.date else "")
+
+
+# ---- what to doubt -----------------------------------------------------------------------------------
+
+
+def _doubts(
+    flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change], chance: float
+) -> Iterator[str]:
+    yield from _missing(flights, series)
+    for gear, n in Counter(gear for flight in flights for gear in flight.laws).items():
+        if n == 1:
+            alone = next(flight for flight in flights if gear in flight.laws)
+            yield f"{gear!r} stands in {when(alone)} alone, so it is not compared: call each gear by one name"
+    yield from _laws(flights)
+    methods = sorted({flight.method for flight in flights})
+    if len(methods) > 1:
+        yield f"the results come from different methods ({', '.join(methods)}), which may differ from each other"
+    yield from _scattered(series, changes, chance)
+    for change in changes:
+        if len(_before(change, series)) == 1:
+            yield (
+                f"{change.quantity.label} of {change.quantity.gear or 'the body'!r}: one flight alone is before the "
+                "flagged one, so which of the two is the odd one is not known"
+            )
+    yield from _all_alike(flights, series, changes)
+
+
+def _scattered(series: Sequence[Series], changes: Sequence[Change], chance: float) -> Iterator[str]:
+    """Whether flights differ by more than their intervals, and what that hides."""
+    widest: dict[str, Series] = {}
+    for each in series:
+        if each.scatter > widest.get(each.quantity.label, each).scatter or each.quantity.label not in widest:
+            widest[each.quantity.label] = each
+    scattered = {label: each for label, each in widest.items() if each.scatter > 0}
+    for label, each in scattered.items():
+        last = next((point for point in reversed(each.points) if point.std is not None), None)
+        least = each.threshold * (last.std or 0.0) / abs(last.expected) if last and last.expected else math.nan
+        hidden = "" if math.isnan(least) else f", and one flight alone shows a change of {100 * least:.2g} % or more"
+        yield (
+            f"{label}: neighbouring flights differ by more than their intervals, as by {100 * each.scatter:.2g} % from "
+            f"flight to flight (wheel tracks, temperature, loading); the departures are judged with it{hidden}"
+        )
+    if scattered:
+        return
+    few = max(sum(point.departure is not None for point in each.points) for each in series)
+    if few < ENOUGH:
+        yield (
+            f"with {few + 1} flights the scatter between flights is hardly seen: what is flagged and what is not rests "
+            "on the intervals of the results"
+        )
+    if changes and chance < SUSPECT:
+        yield (
+            "most quantities differ from flight to flight by more than their intervals let expect: a flag may be "
+            "scatter (wheel tracks, temperature, loading) that more flights would show"
+        )
+
+
+def _before(change: Change, series: Sequence[Series]) -> list[Point]:
+    """The judged flights of the series before a change."""
+    points = next(each.points for each in series if each.quantity == change.quantity)
+    return [point for point in points if point.flight < change.first and not point.status.startswith("no ")]
+
+
+def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
+    """Quantities of single flights that are not there, those of one flight in one sentence."""
+    for status, words in (("no value", "have no value"), ("no interval", "have no interval")):
+        for place, flight in enumerate(flights):
+            lacking = [
+                each.quantity.label + (f" of {each.quantity.gear!r}" if each.quantity.gear else "")
+                for each in series
+                if any(point.flight == place and point.status == status for point in each.points)
+            ]
+            if lacking:
+                yield f"{when(flight)}: {listed(lacking)} {words} and are not judged"
+
+
+def _laws(flights: Sequence[Flight]) -> Iterator[str]:
+    """Gears whose law is not of the same kinds in all flights."""
+    for gear in dict.fromkeys(gear for flight in flights for gear in flight.laws):
+        of_flight = {flight.name: flight.laws[gear] for flight in flights if gear in flight.laws}
+        usual, _ = Counter(of_flight.values()).most_common(1)[0]
+        others = [f"{_law(kinds)} in {name!r}" for name, kinds in of_flight.items() if kinds != usual]
+        if others:
+            yield (
+                f"the law of {gear!r} is {_law(usual)}, but {listed(others)}: amplitudes of different kinds are not "
+                "compared, and stiffness and damping are the linear part beneath the law; identify all flights with "
+                "one law (--law)"
+            )
+
+
+def _law(kinds: tuple[str, ...]) -> str:
+    return " + ".join(kinds) or "linear"
+
+
+def _all_alike(flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change]) -> Iterator[str]:
+    """Changes that all gears share."""
+    gears = Counter(each.quantity.label for each in series)
+    together: dict[tuple[str, int, bool], list[str]] = {}
+    for change in changes:
+        together.setdefault((change.quantity.label, change.first, change.departure > 0), []).append(
+            change.quantity.gear
+        )
+    for (label, first, rises), names in together.items():
+        if len(names) > 1 and len(names) == gears[label]:
+            yield (
+                f"{label} {'rises' if rises else 'falls'} in all gears at once in {when(flights[first])}: temperature, "
+                "loading or speed rather than one gear"
+            )

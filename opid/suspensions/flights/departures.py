@@ -1,0 +1,278 @@
+"""One quantity over the flights: which values depart from the earlier ones by more than their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.signals.recording import FloatArray
+from opid.suspensions.flights.results import Flight, Quantity
+
+FOLLOWING = 0.01
+"""One-sided chance at which the flight after a flagged one confirms it: one test alone, so nothing else is shared."""
+
+FREEDOM_SHARE = 0.4
+"""Degrees of freedom of the median of differences that overlap, for each of them: Student's distribution with them has
+the far tail that such a median gives to normal deviates (simulated for 2 to 147 differences)."""
+
+LARGEST_SCATTER = 10.0
+"""Scatter between flights is looked for up to ten times the value."""
+
+EACH_OF_TWO = 1.96
+"""Both flights of a pair must depart by this many standard deviations: one alone is judged alone."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One quantity of one flight.
+
+    Args:
+        flight: its place in `Comparison.flights`.
+        estimate: what its result holds.
+        status: "first" (nothing is before it), "as expected", "flagged", or why it is not judged: "no value", "no
+            interval".
+        expected: weighted mean of the earlier flights that were not flagged; None where it is not judged.
+        std: standard deviation of the departure: of this flight, of the mean, and of the scatter between flights.
+        limits: lowest and highest value that is not flagged by this flight alone.
+        departure: (value - expected) / std.
+        with_next: whether it was flagged by its mean with the next flight, either being within its own limits.
+        confirmed: whether the next flight departs to the same side; None where there is no flag, or no next flight.
+    """
+
+    flight: int
+    estimate: Estimate
+    status: str
+    expected: float | None = None
+    std: float | None = None
+    limits: tuple[float, float] | None = None
+    departure: float | None = None
+    with_next: bool = False
+    confirmed: bool | None = None
+
+    @property
+    def flagged(self) -> bool:
+        """Whether it departs by more than its uncertainty."""
+        return self.status == "flagged"
+
+
+@dataclass(frozen=True)
+class Series:
+    """One quantity over all flights that have it.
+
+    Args:
+        quantity: what it is.
+        points: one a flight.
+        scatter: standard deviation between flights beyond the intervals, as a share of the value; 0 where the
+            intervals explain the differences.
+        threshold: departure beyond which a flight is flagged, standard deviations.
+    """
+
+    quantity: Quantity
+    points: tuple[Point, ...]
+    scatter: float
+    threshold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A quantity of the flights that can be judged.
+
+    Args:
+        quantity: what it is.
+        place: of each flight, (n,).
+        estimates: (n,) of them.
+        value: (n,) of them.
+        std: (n,) of them.
+        others: the flights without a value or interval.
+    """
+
+    quantity: Quantity
+    place: tuple[int, ...]
+    estimates: tuple[Estimate, ...]
+    value: FloatArray
+    std: FloatArray
+    others: tuple[Point, ...]
+
+
+def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
+    """Return one quantity of all flights.
+
+    Args:
+        flights: the earliest first.
+        quantity: one of theirs.
+    """
+    places, others = [], []
+    for place, flight in enumerate(flights):
+        estimate = flight.values.get(quantity, Estimate())
+        if estimate.value is None or not estimate.std:
+            others.append(Point(place, estimate, "no value" if estimate.value is None else "no interval"))
+        else:
+            places.append(place)
+    kept = tuple(flights[place].values[quantity] for place in places)
+    value = np.array([estimate.value for estimate in kept], dtype=float)
+    std = np.array([estimate.std for estimate in kept], dtype=float)
+    return Measured(quantity, tuple(places), kept, value, std, tuple(others))
+
+
+def judged(found: Measured, *, scatter: float, freedom: float, chance: float) -> Series:
+    """Compare each value with the weighted mean of the earlier ones that were not flagged.
+
+    Args:
+        found: the values.
+        scatter: between flights, as a share of the value (`scatter_between`).
+        freedom: degrees of freedom of the scatter; the intervals are taken as known, so that the sum has more of them
+            (Welch 1947, Satterthwaite 1946).
+        chance: two-sided, of flagging one value by itself.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    x = found.value
+    beyond = (scatter * np.median(x) if x.size else 0.0) ** 2
+    variance = found.std**2 + beyond
+    freedom = freedom * (1 + float(np.median(found.std)) ** 2 / beyond) ** 2 if beyond else math.inf
+    far, near = (
+        -float(ndtri(each) if math.isinf(freedom) else stdtrit(freedom, each)) for each in (chance / 2, FOLLOWING)
+    )
+    points: list[Point] = []
+    kept: list[int] = []
+    for i, (place, estimate) in enumerate(zip(found.place, found.estimates, strict=True)):
+        if not kept:
+            points.append(Point(place, estimate, "first"))
+            kept.append(i)
+            continue
+        point = _against(Point(place, estimate, "as expected"), x, variance, kept, i, far)
+        before = points[-1]
+        follows = before.flagged and _same_side(before, point)
+        if abs(point.departure or 0.0) > (near if follows else far):
+            point = replace(point, status="flagged")
+        elif len(kept) > 1 and kept[-1] == i - 1 and _together(x, variance, kept, i, far):
+            kept.pop()
+            points[-1] = replace(_against(before, x, variance, kept, i - 1, far), status="flagged", with_next=True)
+            point = replace(_against(point, x, variance, kept, i, far), status="flagged")
+        else:
+            kept.append(i)
+        points.append(point)
+    return Series(found.quantity, _finished(points, found.others), scatter, far)
+
+
+def _against(point: Point, x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float) -> Point:
+    """The point compared with the flights that are kept."""
+    mean, mean_variance = _mean(x, variance, kept)
+    std = math.sqrt(variance[i] + mean_variance)
+    limits = (mean - far * std, mean + far * std)
+    return replace(point, expected=mean, std=std, limits=limits, departure=float((x[i] - mean) / std))
+
+
+def _same_side(one: Point, other: Point) -> bool:
+    return (one.departure or 0.0) * (other.departure or 0.0) > 0
+
+
+def _mean(x: FloatArray, variance: FloatArray, kept: Sequence[int]) -> tuple[float, float]:
+    weight = 1 / variance[list(kept)]
+    return float(weight @ x[list(kept)] / weight.sum()), float(1 / weight.sum())
+
+
+def _together(x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float) -> bool:
+    """Whether the mean of this flight and the one before departs from those before both."""
+    mean, mean_variance = _mean(x, variance, kept[:-1])
+    two, two_variance = _mean(x, variance, [i - 1, i])
+    if abs(two - mean) <= far * math.sqrt(two_variance + mean_variance):
+        return False
+    each = (x[[i - 1, i]] - mean) / np.sqrt(variance[[i - 1, i]] + mean_variance)
+    return bool(np.all(each > EACH_OF_TWO) or np.all(each < -EACH_OF_TWO))
+
+
+def _finished(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, ...]:
+    """All flights in their order; each flag says whether the next one confirms it."""
+    done = {point.flight: point for point in others}
+    for point, following in zip(points, [*points[1:], None], strict=True):
+        confirmed = None
+        if point.flagged and following is not None:
+            confirmed = following.flagged and _same_side(point, following)
+        done[point.flight] = replace(point, confirmed=confirmed)
+    return tuple(done[i] for i in sorted(done))
+
+
+# ---- scatter between flights -------------------------------------------------------------------------
+
+
+def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
+    """Return the chance that honest intervals leave neighbouring flights as far apart as they are.
+
+    Quantities of a flight share errors (that of its mass), so a step from flight to flight counts once, by the mean
+    square of its quantities: its chance is the greater of those for quantities that are alike and that are
+    independent. Neighbouring steps share a flight, so every other step is taken, and of the two ways to do so the one
+    that says less. So many of n steps are beyond the middle one (binomial): one large step is a change, no scatter.
+
+    Args:
+        value: of each quantity in each flight, (n_quantities, n_flights); NaN where it has none.
+        std: of `value`.
+
+    >>> x = np.array([[100.0, 103, 98, 101, 96, 104, 99, 103]])
+    >>> chance_of_steps(x, np.full(x.shape, 0.1)) < 1e-6, chance_of_steps(x, np.full(x.shape, 10.0)) > 0.5
+    (True, True)
+    """
+    from scipy.special import bdtrc, chdtrc
+
+    step, stated, _ = _differences(value, std)
+    n = np.sum(~np.isnan(step), axis=0)
+    squares = np.nansum(step**2 / stated, axis=0)[n > 0]
+    n = n[n > 0]
+    chance = np.maximum(chdtrc(1, squares / n), chdtrc(n, squares))
+    of_middle = [0.0 if chance.size else 1.0]
+    for every_other in (np.sort(chance[first::2])[::-1] for first in (0, 1)):
+        if every_other.size:
+            rank = (every_other.size - 1) // 2
+            of_middle.append(float(bdtrc(every_other.size - rank - 1, every_other.size, every_other[rank])))
+    return max(of_middle)
+
+
+def scatter_between(value: FloatArray, std: FloatArray) -> tuple[float, float]:
+    """Return the scatter between flights that the intervals do not explain, as a share of the value.
+
+    It makes the median difference of neighbouring flights what it is for normal deviates.
+
+    Args:
+        value: of the same quantity of each gear in each flight, (n_gears, n_flights); NaN where it has none.
+        std: of `value`.
+
+    Returns:
+        The share, 0 where the intervals explain the differences; and the degrees of freedom of a standard deviation
+        that it gives.
+
+    >>> x = np.array([[100.0, 103, 98, 101, 96, 104]])
+    >>> share, freedom = scatter_between(x, np.full(x.shape, 0.1))
+    >>> f"{share:.3f}, {freedom:.0f}"
+    '0.052, 2'
+    >>> scatter_between(x, np.full(x.shape, 10.0))[0]
+    0.0
+    """
+    from scipy.optimize import brentq
+    from scipy.special import ndtri
+
+    step, stated, size = _differences(value, std)
+    known = ~np.isnan(step)
+    step, stated, size = step[known], stated[known], size[known]
+    n = step.size
+    if not n:
+        return 0.0, 1.0
+    rank = (n - 1) // 2
+    # the median of so many |normal deviates| (Filliben 1975)
+    usual = float(ndtri((1 + (rank + 1 - 0.3175) / (n + 0.365)) / 2))
+
+    def above(share: float) -> float:
+        return float(np.sort(np.abs(step) / np.sqrt(stated + size * share**2))[rank]) - usual
+
+    explained = above(0.0) <= 0 or above(LARGEST_SCATTER) >= 0
+    return 0.0 if explained else float(brentq(above, 0.0, LARGEST_SCATTER)), max(1.0, FREEDOM_SHARE * n)
+
+
+def _differences(value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Differences of neighbouring flights, their stated variance, and that of a scatter as large as the values."""
+    step, stated = np.diff(value), std[:, 1:] ** 2 + std[:, :-1] ** 2
+    middle = np.array([np.nanmedian(row) if np.any(np.isfinite(row)) else 0.0 for row in value]).reshape(-1, 1)
+    return step, stated, np.broadcast_to(2 * middle**2, step.shape)

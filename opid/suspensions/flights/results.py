@@ -1,0 +1,383 @@
+"""Results of many flights of one structure, read from their result.json files and put in order."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from opid.errors import InputError, NotDeterminedError
+from opid.estimate import Estimate
+from opid.mechanics.laws import LAWS
+from opid.suspensions.one_gear.result import SCHEMA
+
+RESULT_FILE, STUDY_FILE = "result.json", "study.toml"
+
+FRICTION = ("arctan_velocity", "coulomb_friction")
+"""Kinds of law whose amplitude is a friction force."""
+
+ONE_GEAR = "gear"
+"""What the suspension of a single-gear result is called."""
+
+SINGLE_GEAR = "single gear"
+"""What the structure of a single-gear result is called; those of a body have the names of their kinds."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is followed from flight to flight.
+
+    Args:
+        gear: the suspension that it belongs to; empty for the body.
+        name: "stiffness", "damping", "friction", "mass", or the kind of a term of the law.
+        unit: of its values.
+        kind: of the law's term whose amplitude it is; empty for the others.
+    """
+
+    gear: str
+    name: str
+    unit: str
+    kind: str = ""
+
+    @property
+    def label(self) -> str:
+        """The quantity in words, without the gear."""
+        return {"friction": f"friction force ({self.kind})", "mass": "total mass"}.get(self.name, self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """One result.
+
+    Args:
+        name: of its study's folder.
+        path: of its file.
+        date: of the runs; None if the result has none.
+        method: "model", "classical" or "paper".
+        structure: kind of the structure.
+        laws: {gear: kinds of the terms of its law}.
+        values: {quantity: Estimate}.
+        per_mass: whether its values are per unit of mass.
+        recommended: whether its structure is; of a single gear nothing else is to be had.
+        doubt: why its values are missing, per unit of mass, or not to be believed; empty where its result does not say.
+    """
+
+    name: str
+    path: Path
+    date: date | None
+    method: str
+    structure: str
+    laws: Mapping[str, tuple[str, ...]]
+    values: Mapping[Quantity, Estimate]
+    per_mass: bool = False
+    recommended: bool = True
+    doubt: str = ""
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Results that may be compared, the earliest first.
+
+    Args:
+        flights: two or more.
+        dated: whether they are in the order of their dates.
+        notes: what is to be said of what was left out and of the order, one sentence each.
+    """
+
+    flights: tuple[Flight, ...]
+    dated: bool
+    notes: tuple[str, ...] = ()
+
+
+def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
+    """Read the results of several flights.
+
+    Args:
+        paths: result.json files, or folders that hold one, or folders of such folders (of studies whose results stand
+            in them or one level below, like `out/result.json`).
+
+    Returns:
+        The flights by their dates, or as they were given where a date is missing. Left out, with a note, are those
+        that are not determined, those for which no structure was recommended, and those that are per unit of mass
+        where two others are not.
+
+    Raises:
+        InputError: no result, one result only, a file that is no result, the same result twice, or results of
+            different structures.
+        NotDeterminedError: fewer than two flights remain that can be compared.
+    """
+    files, unfinished = _files_at(paths)
+    twice = [str(file) for file, n in Counter(file.resolve() for file in files).items() if n > 1]
+    if twice:
+        raise InputError(f"{listed(twice)}: given more than once, give each result once")
+    names = _names(files)
+    # the result of a study may stand beside its folder, and has its name
+    notes = [
+        f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there"
+        for folder in unfinished
+        if folder.resolve().name not in names
+    ]
+    if len(files) < 2:
+        told = "".join(f"; {note}" for note in notes)
+        raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{told}")
+    flights = [_flight(file, name) for file, name in zip(files, names, strict=True)]
+    _refuse_copies(flights)
+    kept, left_out = _comparable(flights)
+    _refuse_unlike(kept)
+    ordered = in_order(kept)
+    return replace(ordered, notes=(*notes, *left_out, *ordered.notes))
+
+
+def in_order(flights: Sequence[Flight]) -> Flights:
+    """Return flights in the order of their dates, or as they are given where a date is missing.
+
+    Args:
+        flights: in any order.
+    """
+    without = [flight.name for flight in flights if flight.date is None]
+    if without:
+        note = (
+            f"{len(without)} of {len(flights)} results have no date ({listed(without)}): all are taken in the order "
+            "in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
+        )
+        return Flights(tuple(flights), False, (note,))
+    ordered = sorted(flights, key=lambda flight: flight.date or date.min)
+    days = Counter(flight.date for flight in ordered)
+    notes = tuple(
+        f"{n} flights have the date {day} ({listed([f.name for f in ordered if f.date == day])}): they are taken in "
+        "the order in which they were given"
+        for day, n in days.items()
+        if n > 1
+    )
+    return Flights(tuple(ordered), True, notes)
+
+
+def listed(names: Sequence[Any] | Mapping[str, Any], most: int = 6) -> str:
+    """Return names in a sentence, of many only the first.
+
+    Args:
+        names: of anything.
+        most: that are named.
+
+    >>> listed(["a", "b", "c"], most=2)
+    'a, b and 1 more'
+    """
+    words = [str(name) for name in names]
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+
+
+# ---- files -----------------------------------------------------------------------------------------
+
+
+def _files_at(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], list[Path]]:
+    """The results, and folders beside them that hold a study without one."""
+    files, unfinished = [], []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise InputError(f"there is no file or folder {path}: check the name")
+        if not path.is_dir():
+            files.append(path)
+            continue
+        if (path / RESULT_FILE).is_file():
+            files.append(path / RESULT_FILE)
+            continue
+        found: list[Path] = []
+        for child in sorted(each for each in path.iterdir() if each.is_dir()):
+            own = child / RESULT_FILE
+            several = [own] if own.is_file() else sorted(child.glob(f"*/{RESULT_FILE}"))
+            found += several
+            if not several and (child / STUDY_FILE).is_file():
+                unfinished.append(child)
+        if not found:
+            raise InputError(
+                f"there is no {RESULT_FILE} in {path}, nor one or two folders below: name the folders that "
+                "`opid identify --out` wrote"
+            )
+        files += found
+    return files, unfinished
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """Name each result after the folder of its study, or by its whole path where two have that name."""
+    names = []
+    for file in files:
+        above = [part for part in file.resolve().parts[:-1] if part not in ("out", "result")]
+        name = file.stem if file.name != RESULT_FILE else above[-1]
+        names.append(name.removesuffix("_result") or name)
+    return [str(file) if names.count(name) > 1 else name for file, name in zip(files, names, strict=True)]
+
+
+def _flight(file: Path, name: str) -> Flight:
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}: check the name") from error
+    except ValueError as error:
+        raise InputError(f"{file} is no JSON: give the {RESULT_FILE} of `opid identify`") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
+        raise InputError(f"{file} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
+    try:
+        day = document.get("date")
+        body = document.get("structure")
+        values, laws = _of_one_gear(document) if body is None else _of_body(document)
+        return Flight(
+            name,
+            file,
+            None if day is None else date.fromisoformat(day),
+            str(document["method"]),
+            SINGLE_GEAR if body is None else str(body["kind"]),
+            laws,
+            values,
+            # "N/m", or "1/s^2" per unit of mass
+            any(quantity.name == "stiffness" and quantity.unit == "1/s^2" for quantity in values),
+            body is None or body.get("recommended", "") is not None,
+            _doubt(document),
+        )
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        raise InputError(
+            f"{file} lacks what every result has, or holds text where numbers are needed ({type(error).__name__}: "
+            f"{error}): write it anew with `opid identify`"
+        ) from error
+
+
+# ---- what a file holds -----------------------------------------------------------------------------
+
+Found = tuple[dict[Quantity, Estimate], dict[str, tuple[str, ...]]]
+
+
+def _of_one_gear(document: Mapping[str, Any]) -> Found:
+    per_mass, parameters, ratios = bool(document["law"]["per_mass"]), document["parameters"], document["ratios"]
+    terms = document["law"]["parameters"]
+    values = {Quantity("", "mass", "kg"): _estimate(parameters["sprung_mass_kg"])}
+    if per_mass:
+        values[Quantity(ONE_GEAR, "stiffness", "1/s^2")] = _estimate(ratios["stiffness_per_mass"])
+        values[Quantity(ONE_GEAR, "damping", "1/s")] = _estimate(ratios["damping_per_mass"])
+    else:
+        values[Quantity(ONE_GEAR, "stiffness", "N/m")] = _estimate(parameters["suspension_stiffness_n_per_m"])
+        values[Quantity(ONE_GEAR, "damping", "N s/m")] = _estimate(parameters["suspension_damping_n_s_per_m"])
+    values |= dict(_amplitudes(ONE_GEAR, terms, per_mass))
+    return values, {ONE_GEAR: _kinds(document["law"]["name"])}
+
+
+def _of_body(document: Mapping[str, Any]) -> Found:
+    values = {Quantity("", "mass", "kg"): _estimate(document["parameters"]["sprung_mass_kg"])}
+    laws: dict[str, tuple[str, ...]] = {}
+    told: set[str] = set()
+    for interface in document["interfaces"]:
+        name = interface["name"]
+        if name in told:
+            continue
+        # those that share one estimate are one series
+        alike = [name, *(other for other in interface.get("shared_with", ()) if other != name)]
+        told.update(alike)
+        gear = ", ".join(alike)
+        for what in ("stiffness", "damping"):
+            values[Quantity(gear, what, str(interface[what]["unit"]))] = _estimate(interface[what])
+        per_mass = interface["stiffness"]["unit"] != "N/m"
+        values |= dict(_amplitudes(gear, interface["law"], per_mass))
+        laws[gear] = tuple(sorted(interface["law"]))
+    return values, laws
+
+
+def _amplitudes(
+    gear: str, terms: Mapping[str, Mapping[str, Any]], per_mass: bool
+) -> Iterator[tuple[Quantity, Estimate]]:
+    for kind, parameters in terms.items():
+        # the first parameter of a kind is its amplitude; a user's own kind need not be registered here
+        known = LAWS[kind].parameters[0] if kind in LAWS else None
+        name = known.name if known else next(iter(parameters))
+        unit = known.unit if known else ""
+        what = "friction" if kind in FRICTION else kind
+        yield Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind), _estimate(parameters[name])
+
+
+def _doubt(document: Mapping[str, Any]) -> str:
+    """Why a result has no values, none but ratios, or no intervals: its own sentence, without brackets and advice."""
+    reason, structure = document.get("not_determined"), document.get("structure") or {}
+    if reason:
+        short = re.split(r"[:;] ", re.sub(r" \([^()]*\)", "", str(reason)))[0]
+        return f"it is not determined ({short})"
+    if structure.get("recommended", "") is None:
+        alike = [each for each in document.get("candidates", ()) if each["kind"] == structure["kind"]]
+        # a structure may explain the runs that it was fitted to, and not one that was left out
+        told = [structure.get("residual_over_noise"), *(each["left_out_over_noise"] for each in alike)]
+        left = [float(each) for each in told if each is not None]
+        return f"no structure was recommended for it{f' ({max(left):.3g} times the noise)' if left else ''}"
+    return ""
+
+
+def _kinds(name: str) -> tuple[str, ...]:
+    return tuple(sorted(part for part in name.split("+") if part and part != "linear"))
+
+
+def _estimate(table: Mapping[str, Any]) -> Estimate:
+    value, std, interval = (table.get(key) for key in ("value", "std", "interval95"))
+    numbers = [each for each in (value, std, *(interval or ())) if each is not None]
+    if not all(isinstance(each, (int, float)) and math.isfinite(each) for each in numbers):
+        raise ValueError(f"{table!r} is no estimate")
+    if value is None:
+        return Estimate()
+    if interval is not None:
+        low, high = (float(each) for each in interval)
+        return Estimate(float(value), float(std) if std else (high - low) / (2 * 1.96), (low, high))
+    return Estimate.normal(value, std)
+
+
+# ---- what cannot be compared -----------------------------------------------------------------------
+
+
+def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+    """The flights that can be compared with each other, and why each of the others is left out."""
+    notes: dict[str, str] = {}
+    for flight in flights:
+        if all(each.value is None for each in flight.values.values()):
+            notes[flight.name] = flight.doubt or "it holds no values"
+        elif flight.doubt and not (flight.recommended and any(each.std for each in flight.values.values())):
+            notes[flight.name] = flight.doubt
+    kept = [flight for flight in flights if flight.name not in notes]
+    # two absolute ones are compared; fewer, and those that are per unit of mass may be more
+    absolute = sum(not flight.per_mass for flight in kept)
+    per_mass = absolute < 2 and len(kept) - absolute > 1
+    for flight in kept:
+        if flight.per_mass and not per_mass:
+            notes[flight.name] = flight.doubt or "its values are per unit of mass, and those of the others are not"
+        elif per_mass and not flight.per_mass:
+            notes[flight.name] = "its values are not per unit of mass, and those of the others are"
+    kept = [flight for flight in flights if flight.name not in notes]
+    told = [f"{flight.name!r} is left out: {notes[flight.name]}" for flight in flights if flight.name in notes]
+    if len(kept) < 2:
+        remains = "none" if not kept else f"{kept[0].name!r} alone"
+        raise NotDeterminedError(
+            f"of {len(flights)} flights {remains} can be compared, and two are needed: {'; '.join(told)}"
+        )
+    return kept, told
+
+
+def _refuse_copies(flights: Sequence[Flight]) -> None:
+    for i, one in enumerate(flights):
+        for other in flights[:i]:
+            known = [estimate.value for estimate in one.values.values() if estimate.value is not None]
+            if known and one.values == other.values:
+                raise InputError(f"{other.path} and {one.path} hold the same numbers: give each flight once")
+
+
+def _refuse_unlike(flights: Sequence[Flight]) -> None:
+    kinds = {flight.structure: flight.name for flight in reversed(flights)}
+    if len(kinds) > 1:
+        told = ", ".join(f"{kind!r} (as {name!r})" for kind, name in kinds.items())
+        raise InputError(
+            f"the results are of different structures, {told}: their numbers mean different things; identify all "
+            "flights with one kind in [structure]"
+        )
+    gears = Counter(gear for flight in flights for gear in flight.laws)
+    if not any(n > 1 for n in gears.values()):
+        raise InputError(f"the results have no gear in common ({listed(gears)}): give results of one structure")

@@ -1,0 +1,154 @@
+"""What a user gives with a structure of his own, checked and as the fit takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.mechanics.structure import Structure
+from opid.signals.health import without_spikes
+from opid.signals.motion import integrate
+from opid.signals.recording import FloatArray, Recording
+from opid.suspensions.candidates import mass_is_told
+from opid.suspensions.equation import HIGH_PASS_HZ, Start
+from opid.suspensions.fit import body_model, first_vector
+from opid.suspensions.model import Group
+from opid.suspensions.one_gear.study import SAME_RATE
+from opid.suspensions.run import BodyRun
+from opid.suspensions.structure import Body
+
+
+def channel_arrays(
+    runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the accelerations below and on the structure of each run, single spikes mended.
+
+    Args:
+        runs: the recordings.
+        interfaces: channel below each suspension, by degree of freedom.
+        sensors: channel on the structure, by degree of freedom.
+
+    Returns:
+        (n, n_interfaces) and (n, n_sensors) of each run, m/s^2.
+
+    Raises:
+        InputError: no runs or channels, a channel twice, one that is missing or no acceleration, different rates.
+    """
+    if not runs:
+        raise InputError("there are no runs: give at least one recording")
+    if not interfaces or not sensors:
+        raise InputError(
+            "give at least one interface and one sensor on the structure, each as degree of freedom: channel"
+        )
+    used = [*interfaces.values(), *sensors.values()]
+    for name in used:
+        if used.count(name) > 1:
+            raise InputError(f"the channel {name!r} is named {used.count(name)} times: each sensor is one channel")
+    for place, run in enumerate(runs, start=1):
+        if abs(run.fs / runs[0].fs - 1) > SAME_RATE:
+            raise InputError(f"run 1 has {runs[0].fs:.9g} Hz and run {place} has {run.fs:.9g} Hz: resample one of them")
+        for name in used:
+            if name not in run.names:
+                raise InputError(f"run {place} has no channel {name!r}: {nearest(name, run.names)}")
+            if run.unit(name) != "m/s^2":
+                raise InputError(f"channel {name!r} of run {place} is in {run.unit(name)}: an acceleration is needed")
+
+    def samples(run: Recording, names: Sequence[str]) -> FloatArray:
+        return np.stack([without_spikes(run.channel(name), fs=run.fs)[0] for name in names], axis=1)
+
+    return [(samples(run, tuple(interfaces.values())), samples(run, tuple(sensors.values()))) for run in runs]
+
+
+def loading_matrices(
+    structure: Structure, loadings: Sequence[Mapping[str, float]] | None, n_runs: int
+) -> list[FloatArray]:
+    """Return the mass matrix of what each run carries more than the structure, (n_dof, n_dof) kg.
+
+    Args:
+        structure: what the suspensions carry.
+        loadings: masses, kg, by degree of freedom, of each run; none where left out.
+        n_runs: number of runs.
+
+    Raises:
+        InputError: not one loading a run, an unknown degree of freedom, a mass that is no number.
+    """
+    given = [{}] * n_runs if loadings is None else list(loadings)
+    if len(given) != n_runs:
+        raise InputError(f"there are {len(given)} loadings for {n_runs} run(s): give one a run, {{}} for none")
+    matrices = []
+    for loading in given:
+        diagonal = np.zeros(structure.n_dof)
+        for name, mass_kg in loading.items():
+            if not np.isfinite(mass_kg):
+                raise InputError(f"the loading at {name!r} is {mass_kg}: give a mass in kg")
+            diagonal[structure.index(name)] += mass_kg
+        matrices.append(np.diag(diagonal))
+    return matrices
+
+
+def stated_start(
+    structure: Structure,
+    runs: Sequence[BodyRun],
+    body: Body,
+    groups: tuple[Group, ...],
+    start: Mapping[str, tuple[float, float]],
+    unknown: Sequence[str],
+    unknown_mass: Sequence[str],
+) -> Start:
+    """Return start values from what the user says, where the sensors do not see all degrees of freedom.
+
+    Args:
+        structure: what the suspensions carry.
+        runs: the runs.
+        body: the body made of it.
+        groups: the suspensions, with their laws.
+        start: stiffness (N/m) and damping (N s/m) of each suspension, by degree of freedom.
+        unknown: names of joints that are to be found.
+        unknown_mass: degrees of freedom whose mass is to be found.
+
+    Raises:
+        InputError: an unknown suspension in `start` or one that is missing, a joint without a stiffness.
+    """
+    hidden = f"the sensors see {np.linalg.matrix_rank(body.readings)} of {structure.n_dof} degrees of freedom"
+    for name in start:
+        if name not in [group.name for group in groups]:
+            raise InputError(f"start has {name!r}, which is no interface: {nearest(name, [g.name for g in groups])}")
+    missing = [group.name for group in groups if group.name not in start]
+    if missing:
+        raise InputError(
+            f"{hidden}: give `start`, stiffness and damping roughly, of the suspension of {', '.join(missing)}"
+        )
+    joints = {joint.name: (joint.stiffness_n_per_m, joint.damping_n_s_per_m) for joint in structure.joints}
+    for name in unknown:
+        if joints[name][0] <= 0.0:
+            raise InputError(f"{hidden}: give the joint {name!r} a stiffness from which to begin, N/m")
+    places = [structure.index(name) for name in unknown_mass]
+    mass = np.diag(structure.mass)
+    reference = float(mass[places[0]]) if places else 1.0
+    # in the order of the slots, as `body.inside` has them
+    springs = [start[group.name] for group in groups]
+    springs += [joints[spring.name] for spring in body.inside if spring.stiffness_n_per_m is None]
+    stiffness, damping = np.array(springs, dtype=np.float64).T / reference
+    scaled = tuple(
+        replace(group, law=group.law.scaled(1 / reference)) if group.law.terms else group for group in groups
+    )
+    mass_free = mass_is_told(runs, body)
+    of_ground = [[integrate(u, fs=run.fs, high_pass_hz=HIGH_PASS_HZ) for u in run.unsprung.T] for run in runs]
+    rms = np.array([[[m.displacement.std(), m.velocity.std()] for m in motions] for motions in of_ground]).mean(axis=0)
+    begun = Start(
+        scaled,
+        stiffness,
+        damping,
+        mass[places[1:]] / reference,
+        1 / reference if mass_free else None,
+        rms,
+        0.0,
+    )
+    # how far the suspensions move, from a first prediction
+    model = body_model(runs, body, begun, mass_free=mass_free, noise_m_per_s2=(1.0, 1.0))
+    predictions = model.evaluate(first_vector(model, begun), sensitivity=False).predictions
+    moved = [[[p.travel[:, k].std(), p.velocity[:, k].std()] for k in range(len(groups))] for p in predictions]
+    return replace(begun, motion_rms=np.mean(moved, axis=0))

@@ -1,0 +1,331 @@
+"""A user's own structure on suspensions that are measured on both sides: laws, springs inside and masses, found.
+
+A machine on isolators, a car on its dampers, a building on its bearings: mass matrix and connections are given, and of
+the entries that are not known the runs tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.mechanics.laws import LINEAR, Law, default_law
+from opid.mechanics.structure import Structure
+from opid.signals.recording import FloatArray, Recording
+from opid.suspensions.band_lines import BAND_HZ
+from opid.suspensions.candidates import Fitted, fitted
+from opid.suspensions.doubts import WITHOUT_INTERVALS
+from opid.suspensions.fit import EXPLAINS, FASTEST, BodyFit, fastest_rate
+from opid.suspensions.intervals import honest_covariance, mass_of, negative_mass, per_force, suspension_estimates
+from opid.suspensions.levels import (
+    LOOSELY_KNOWN,
+    REFUSED,
+    is_white,
+    level_of,
+    noise_levels,
+    thinned,
+)
+from opid.suspensions.model import Group
+from opid.suspensions.own_inputs import channel_arrays, loading_matrices, stated_start
+from opid.suspensions.run import body_run
+from opid.suspensions.structure import own_body
+
+NEGATIVE = (
+    "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
+    "runs are exchanged"
+)
+
+# a joint is told if with so little of its spring and damper the squared error over its variance grows by this much
+SOFT, LEAST_HOLD = 0.01, 40.0
+
+
+@dataclass(frozen=True, eq=False)
+class SpringEstimate:
+    """A suspension, or a joint inside of the structure.
+
+    Args:
+        name: of the degree of freedom that the suspension carries, or of the joint.
+        stiffness: K, N/m; per kg of the first unknown mass where no mass is determined.
+        damping: C, N s/m, likewise.
+        law: f(z, z') beside them, N, likewise; linear for a joint.
+        law_estimates: {kind: {parameter: Estimate}} of it.
+        travel: (n,) z of all runs, thinned for figures, m.
+        velocity: (n,) z', m/s.
+    """
+
+    name: str
+    stiffness: Estimate
+    damping: Estimate
+    law: Law
+    law_estimates: Mapping[str, Mapping[str, Estimate]]
+    travel: FloatArray
+    velocity: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StructureIdentification:
+    """The result for a user's own structure.
+
+    Args:
+        masses: of the degrees of freedom whose mass was to be found, kg; over the first of them with `per_mass`.
+        interfaces: the suspensions, by degree of freedom.
+        joints: the joints that were to be found, by name.
+        per_mass: whether only ratios to the first unknown mass are told: nothing gives the scale, or what gives it
+            makes that mass none, or negative.
+        noise_m_per_s2: level of the sensors that was known beforehand or estimated from the records.
+        residual_over_noise: of the whole fit.
+        residual_of: of the sensor at each degree of freedom.
+        left_out_over_noise: of runs that the others predict; None for a single run, or where the others cannot be
+            fitted.
+        warnings: what to doubt, one sentence each.
+        not_determined: what the runs do not tell; None if they tell all.
+        fit: what the numbers were read from.
+    """
+
+    masses: Mapping[str, Estimate]
+    interfaces: Mapping[str, SpringEstimate]
+    joints: Mapping[str, SpringEstimate]
+    per_mass: bool
+    noise_m_per_s2: float
+    residual_over_noise: float
+    residual_of: Mapping[str, float]
+    left_out_over_noise: float | None
+    warnings: tuple[str, ...]
+    not_determined: str | None
+    fit: BodyFit
+
+
+def identify_structure(
+    structure: Structure,
+    runs: Sequence[Recording],
+    *,
+    interfaces: Mapping[str, str],
+    sensors: Mapping[str, str],
+    unknown: Sequence[str] = (),
+    unknown_mass: Sequence[str] = (),
+    law: str | None = None,
+    loadings: Sequence[Mapping[str, float]] | None = None,
+    start: Mapping[str, tuple[float, float]] | None = None,
+    noise_m_per_s2: float | None = None,
+    band_hz: tuple[float, float] = BAND_HZ,
+    progress: Callable[[str], None] | None = None,
+) -> StructureIdentification:
+    """Identify the suspensions of a structure, and the joints and masses of it that are not known.
+
+    Every sensor on the structure is predicted from all sensors below its suspensions. What the structure says of an
+    unknown joint or mass is where to begin if the sensors do not see all degrees of freedom, and unused otherwise.
+
+    Args:
+        structure: mass, damping and stiffness matrices, and linear joints, of what the suspensions carry.
+        runs: recordings of accelerations, m/s^2, all at one rate.
+        interfaces: channel below each suspension, by the degree of freedom that it carries.
+        sensors: channel on the structure, by degree of freedom.
+        unknown: names of joints whose stiffness and damping are to be found.
+        unknown_mass: degrees of freedom whose mass is to be found. In kg if another mass or spring is known or the
+            loading changes, as ratios to the first of them else.
+        law: of every suspension (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched where left out.
+        loadings: for each run the masses, kg, that it carries more than the structure, by degree of freedom.
+        start: stiffness (N/m) and damping (N s/m) of each suspension, roughly, by degree of freedom: needed where the
+            sensors do not see all degrees of freedom.
+        noise_m_per_s2: rms of the white noise of all sensors, m/s^2; estimated where left out.
+        band_hz: lines of the prediction errors that count, Hz.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: unknown names, runs of different rates, loadings that are not one a run, or no start where one is
+            needed.
+        NotDeterminedError: the model cannot follow the runs.
+
+    >>> carrier = Structure([[300.0]], [[0.0]], [[0.0]], names=("body",))
+    >>> identify_structure(carrier, [], interfaces={"body": "hub"}, sensors={"body": "tower"})
+    Traceback (most recent call last):
+    opid.errors.InputError: there are no runs: give at least one recording
+    """
+    body = own_body(structure, tuple(interfaces), tuple(sensors), unknown=unknown, unknown_mass=unknown_mass)
+    arrays = channel_arrays(runs, interfaces, sensors)
+    masses = loading_matrices(structure, loadings, len(runs))
+    fs = runs[0].fs
+    noises = noise_levels(noise_m_per_s2, arrays, fs=fs)
+    prepared = [
+        body_run(below, above, fs=fs, loading=loading, band_hz=band_hz)
+        for (below, above), loading in zip(arrays, masses, strict=True)
+    ]
+    kinds = None if law is None else default_law(law)
+    groups = tuple(Group(name, (slot,), kinds or LINEAR) for slot, name in enumerate(interfaces))
+    begun = None
+    if np.linalg.matrix_rank(body.readings) < structure.n_dof:
+        begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass)
+    part = fitted(
+        "own", tuple(range(len(groups))), prepared, body, groups, noises, law=kinds, start=begun, progress=progress
+    )
+    return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass))
+
+
+def _answer(
+    part: Fitted, sensors: tuple[str, ...], unknown: tuple[str, ...], unknown_mass: tuple[str, ...]
+) -> StructureIdentification:
+    fit, covariance, ratio = part.found, honest_covariance(part.found), part.residual_over_noise
+    scaled = fit.model.mass_free or fit.model.body.absolute
+    masses = _masses(fit, covariance, unknown_mass, per_mass=not scaled)
+    # on a reference mass that is none, nothing in N can rest
+    per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
+    groups = enumerate(fit.groups())
+    interfaces = {group.name: _suspension(fit, covariance, number, per_mass) for number, group in groups}
+    joints = {name: _joint(fit, covariance, name, per_mass) for name in unknown}
+    reason = _refused_or_unscaled(ratio, scaled) or (
+        NEGATIVE.format(unknown_mass[0])
+        if negative_mass(fit, covariance)
+        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit))
+    )
+    told = _masses(fit, covariance, unknown_mass, per_mass=per_mass)
+    if not part.explains:
+        keep = ratio <= REFUSED
+        told = {name: _bare(each, keep) for name, each in told.items()}
+        interfaces, joints = ({n: _bare_spring(s, keep) for n, s in t.items()} for t in (interfaces, joints))
+    return StructureIdentification(
+        masses=told,
+        interfaces=interfaces,
+        joints=joints,
+        per_mass=per_mass,
+        noise_m_per_s2=part.noise,
+        residual_over_noise=ratio,
+        residual_of={name: level_of(fit, slot) / part.noise for slot, name in enumerate(sensors)},
+        left_out_over_noise=part.left_out_over_noise,
+        warnings=tuple(_warnings(part)),
+        not_determined=reason,
+        fit=fit,
+    )
+
+
+def _masses(
+    fit: BodyFit, covariance: FloatArray, unknown_mass: Sequence[str], *, per_mass: bool
+) -> dict[str, Estimate]:
+    """The masses that were to be found, kg, or over the first of them, which is the reference."""
+    found = {name: Estimate(1.0) if per_mass else mass_of(fit, covariance) for name in unknown_mass[:1]}
+    for name, factor in zip(unknown_mass[1:], fit.model.body.names, strict=True):
+        found[name] = per_force(fit, covariance, fit.model.names.index(factor), per_mass=per_mass)
+    return found
+
+
+def _suspension(fit: BodyFit, covariance: FloatArray, number: int, per_mass: bool) -> SpringEstimate:
+    group = fit.groups()[number]
+    stiffness, damping, law = suspension_estimates(fit, covariance, number, per_mass=per_mass)
+    mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
+    found = group.law.scaled(1 / mu) if group.law.terms else LINEAR
+    none = np.empty(0)
+    return _moved(fit, group.slots[0], SpringEstimate(group.name, stiffness, damping, found, law, none, none))
+
+
+def _joint(fit: BodyFit, covariance: FloatArray, name: str, per_mass: bool) -> SpringEstimate:
+    first = fit.model.names.index(f"stiffness_per_mass[{name}]", fit.model.law_places(len(fit.model.groups) - 1).stop)
+    stiffness, damping = (per_force(fit, covariance, place, per_mass=per_mass) for place in (first, first + 1))
+    slot = fit.model.body.n_interfaces + [spring.name for spring in fit.model.body.inside].index(name)
+    none = np.empty(0)
+    return _moved(fit, slot, SpringEstimate(name, stiffness, damping, LINEAR, {}, none, none))
+
+
+def _moved(fit: BodyFit, slot: int, bare: SpringEstimate) -> SpringEstimate:
+    """Return a suspension or joint with its motion."""
+    predictions = fit.errors.predictions
+    return replace(
+        bare,
+        travel=thinned([p.travel[:, slot] for p in predictions]),
+        velocity=thinned([p.velocity[:, slot] for p in predictions]),
+    )
+
+
+def _bare(estimate: Estimate, keep: bool) -> Estimate:
+    """Without the interval, or without anything."""
+    return Estimate(estimate.value if keep else None)
+
+
+def _bare_spring(spring: SpringEstimate, keep: bool) -> SpringEstimate:
+    law = {kind: {name: _bare(e, keep) for name, e in table.items()} for kind, table in spring.law_estimates.items()}
+    return replace(
+        spring, stiffness=_bare(spring.stiffness, keep), damping=_bare(spring.damping, keep), law_estimates=law
+    )
+
+
+def _refused_or_unscaled(ratio: float, scaled: bool) -> str | None:
+    if ratio > REFUSED:
+        return (
+            f"the structure leaves {ratio:.0f} times the sensors' noise, so every number of it would be a guess: check "
+            "channels, masses and loadings, and which joints there are"
+        )
+    if not scaled:
+        return (
+            "no mass is known and all runs have the same loading: only ratios to the first unknown mass are told; give "
+            "`loadings` to runs that carried more, or state a mass"
+        )
+    return None
+
+
+def _untold(
+    masses: Mapping[str, Estimate],
+    interfaces: Mapping[str, SpringEstimate],
+    joints: Mapping[str, SpringEstimate],
+    not_held: Sequence[str],
+    too_fast: str,
+) -> str | None:
+    known = [(f"the mass of {name}", each) for name, each in masses.items()]
+    known += [(f"the stiffness of {name}", each.stiffness) for t in (interfaces, joints) for name, each in t.items()]
+    loose = [
+        name
+        for name, each in known
+        if each.std is None or each.value is None or each.std > LOOSELY_KNOWN * abs(each.value)
+    ]
+    loose += [f"the stiffness of {name}" for name in not_held if f"the stiffness of {name}" not in loose]
+    # a joint that nothing holds runs to where the steps no longer follow
+    if joints and too_fast:
+        return f"these runs do not tell the stiffness of {', '.join(joints)}: {too_fast}"
+    if loose:
+        return f"these runs do not tell {', '.join(loose)}: measure at more places, or change the loading more"
+    return None
+
+
+def _not_held(fit: BodyFit, unknown: Sequence[str]) -> list[str]:
+    """Joints that might as well be soft: a resonance of its own always finds some noise to explain."""
+    found, n = [], fit.n_data
+    cost = float(np.sum(fit.errors.stacked[:n] ** 2))
+    behind_laws = fit.model.law_places(len(fit.model.groups) - 1).stop
+    for name in unknown:
+        theta = fit.theta.copy()
+        for what in ("stiffness", "damping"):
+            theta[fit.model.names.index(f"{what}_per_mass[{name}]", behind_laws)] *= SOFT
+        softer = fit.model.evaluate(theta, sensitivity=False)
+        if float(np.sum(softer.stacked[:n] ** 2)) - cost < LEAST_HOLD * fit.variance:
+            found.append(name)
+    return found
+
+
+def _warnings(part: Fitted) -> Iterator[str]:
+    fit, ratio, left_out = part.found, part.residual_over_noise, part.left_out_over_noise
+    if ratio > EXPLAINS:
+        yield (
+            f"the structure leaves {ratio:.2f} times the sensors' noise: a joint, a mass, a law or a degree of "
+            "freedom is not as it is described"
+        )
+        if ratio <= REFUSED:
+            yield WITHOUT_INTERVALS
+    elif left_out is not None and left_out > EXPLAINS:
+        yield (
+            f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they do not go together, "
+            f"check mass and place of the loading of each; {WITHOUT_INTERVALS}"
+        )
+    elif not is_white(fit):
+        yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
+    if too_fast := _too_fast(fit):
+        yield too_fast
+
+
+def _too_fast(fit: BodyFit) -> str:
+    rate, fs = fastest_rate(fit.model, fit.theta), fit.model.runs[0].fs
+    if rate <= FASTEST * fs:
+        return ""
+    return (
+        f"the structure has a motion of {rate / (2 * np.pi):.3g} Hz, too fast for steps of {fs:.4g} Hz: record faster, "
+        "or tie its degrees of freedom together"
+    )

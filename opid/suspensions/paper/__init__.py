@@ -1,0 +1,1 @@
+"""The paper's chain (Iwaniec & Uhl 2007), as printed and mended."""

@@ -1,0 +1,246 @@
+"""Boundary perturbation: runs whose sprung masses differ by a known amount give the absolute scale.
+
+Iwaniec & Uhl (2007, eqs. 9-10) take one peak of |T| from each of two runs and solve two equations,
+M2 = dM r/(r - 1). One least-squares problem over all lines of all runs uses everything that was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError
+from opid.mechanics.laws import Law
+from opid.signals.recording import FloatArray
+from opid.suspensions.paper.direct_parameters import mass_over_stiffness
+from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.transmissibility import Peak
+
+# a change of more than half of the mass is another machine, not a perturbation
+LARGEST_CHANGE = 0.5
+# a run that keeps less than this share of the sprung mass is a slip of the pen
+LEAST_REMAINDER = 0.2
+# 1/M2 must stand this many standard deviations from zero
+MASS_SEEN_ABOVE = 4.0
+
+
+@dataclass(frozen=True)
+class TwoPeakMass:
+    """Mass and springs from one pair of peaks.
+
+    Args:
+        mass_ratio: M2 over the mass removed.
+        sprung_mass_kg: M2 of the reference run, kg.
+        stiffness_n_per_m: K2, N/m.
+        ground_stiffness_n_per_m: K3 = K2 (1/T(0) - 1), N/m.
+    """
+
+    mass_ratio: float
+    sprung_mass_kg: float
+    stiffness_n_per_m: float
+    ground_stiffness_n_per_m: float
+
+
+@dataclass(frozen=True)
+class PeakMatch:
+    """A pair of peaks of two runs, and whether the mass change can have moved one to the other.
+
+    Args:
+        reference: peak of the reference run.
+        changed: peak of the run with the changed mass.
+        credible: whether the shift is one that the mass change can make.
+        reason: why, in one sentence.
+    """
+
+    reference: Peak
+    changed: Peak
+    credible: bool
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class AddedMass:
+    """Absolute parameters of the reference run from one joint fit.
+
+    Args:
+        names: "sprung_mass_kg", "suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m",
+            "ground_stiffness_n_per_m", then "law[i]" for entry i of `law.vector`.
+        value: (n_parameters,).
+        covariance: (n_parameters, n_parameters), by the delta method from `fit`.
+        law: the nonlinear law, N.
+        fit: the fit per unit of mass that this was scaled from.
+    """
+
+    names: tuple[str, ...]
+    value: FloatArray
+    covariance: FloatArray
+    law: Law
+    fit: JointFit
+
+    @property
+    def std(self) -> FloatArray:
+        """(n_parameters,) standard deviations."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+    def __getitem__(self, name: str) -> float:
+        """Value of the parameter called `name`."""
+        return float(self.value[self.names.index(name)])
+
+
+def two_peak_mass(
+    reference: Peak,
+    changed: Peak,
+    *,
+    mass_change_kg: float,
+    static_transmissibility: float = 0.7,
+    restore_sign: bool = False,
+) -> TwoPeakMass:
+    """Solve eqs. (9) and (10) of the paper: M2 = dM r/(r - 1), r = [M2/K2]/[(M2 - dM)/K2].
+
+    Args:
+        reference: peak of the reference run.
+        changed: peak of the run with the changed mass.
+        mass_change_kg: sprung mass of the changed run minus the reference's (negative: removed), kg.
+        static_transmissibility: T(0); the paper's 0.7 gives its factor 1.428.
+        restore_sign: take T = -|T| instead of the printed magnitude.
+
+    Raises:
+        InputError: a mass change of zero, or values that are not positive.
+
+    >>> peaks = Peak(15.625, 0.247), Peak(19.531, 0.200)
+    >>> round(two_peak_mass(*peaks, mass_change_kg=-220.0).mass_ratio, 1)
+    7.8
+    """
+    if mass_change_kg == 0:
+        raise InputError("mass_change_kg is 0: two runs of one mass give ratios only, never the mass")
+    settings = {"static_transmissibility": static_transmissibility, "restore_sign": restore_sign}
+    first = mass_over_stiffness(reference, **settings)  # type: ignore[arg-type]
+    second = mass_over_stiffness(changed, **settings)  # type: ignore[arg-type]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = float(np.divide(first, second))
+        mass_ratio = float(np.divide(ratio, ratio - 1.0))
+        mass = -mass_change_kg * mass_ratio
+        stiffness = float(np.divide(mass, first))
+    return TwoPeakMass(mass_ratio, mass, stiffness, stiffness * (1 / static_transmissibility - 1))
+
+
+def match_peaks(reference: Sequence[Peak], changed: Sequence[Peak], *, mass_change_kg: float) -> tuple[PeakMatch, ...]:
+    """Pair the peaks of two runs by nearest frequency ratio and judge each pair.
+
+    A frequency that the sprung mass alone governs moves by sqrt(M2/(M2 + dM)), any other one by less; so removing mass
+    never lowers a peak, and a ratio above sqrt(2) would mean that half of the mass was removed.
+
+    Args:
+        reference: peaks of the reference run.
+        changed: peaks of the run with the changed mass.
+        mass_change_kg: negative where mass was removed, kg.
+
+    >>> match_peaks([Peak(1.812, 0.49)], [Peak(6.406, 0.122)], mass_change_kg=-220.0)[0].credible
+    False
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    if not reference or not changed:
+        return ()
+    distance = np.abs(
+        np.log([[b.frequency_hz / a.frequency_hz for b in changed] for a in reference])  # octaves apart, up to a factor
+    )
+    rows, columns = linear_sum_assignment(distance)
+    pairs = [(reference[i], changed[j]) for i, j in zip(rows, columns, strict=True)]
+    return tuple(PeakMatch(a, b, *_judge(a, b, mass_change_kg)) for a, b in pairs)
+
+
+def absolute_parameters(fit: JointFit, mass_changes_kg: Sequence[float]) -> AddedMass:
+    """Scale a joint fit of several runs by the mass that it found.
+
+    The unknown of the fit is mu = 1/M2: it may pass through zero, so that runs without information on the mass show it.
+
+    Args:
+        fit: a fit of all runs with a free `inverse_mass`.
+        mass_changes_kg: of the runs, kg.
+
+    Raises:
+        InputError: a fit without a free mass.
+        NotDeterminedError: the runs do not show the mass change, or contradict it; `partial` is the fit.
+    """
+    if "inverse_mass" not in fit.names:
+        raise InputError("the fit has no free mass: fit runs of at least two masses with inverse_mass given")
+    mu, mu_std = fit["inverse_mass"], float(fit.std[fit.names.index("inverse_mass")])
+    if not mu > MASS_SEEN_ABOVE * mu_std:
+        raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg)), fit)
+    if 1 + mu * min(mass_changes_kg) < LEAST_REMAINDER:
+        raise NotDeterminedError(
+            f"the fit gives a sprung mass of {1 / mu:.0f} kg and a run is said to be {-min(mass_changes_kg):g} kg "
+            "lighter, which would leave next to nothing: check mass_change_kg (kg, of the mass on this gear)",
+            fit,
+        )
+    return _absolute(fit)
+
+
+def _absolute(fit: JointFit) -> AddedMass:
+    """Scale the ratios by the mass, with the covariance by the delta method."""
+    mu = fit["inverse_mass"]
+    n_law = fit.law.vector.size
+    ratios = [fit["stiffness_per_mass"], fit["damping_per_mass"], fit["ground_stiffness_per_mass"]]
+    heads = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
+    amplitude = [parameter.role == "amplitude" for parameter in fit.law.parameter_list]
+    jacobian = np.zeros((4 + n_law, len(fit.names)))
+    last = fit.names.index("inverse_mass")
+    jacobian[0, last] = -1 / mu**2
+    for row, (name, ratio) in enumerate(zip(heads, ratios, strict=True), start=1):
+        if name in fit.names:
+            jacobian[row, fit.names.index(name)] = 1 / mu
+        jacobian[row, last] = -ratio / mu**2
+    for i, (value, scaled) in enumerate(zip(fit.law.vector, amplitude, strict=True)):
+        jacobian[4 + i, fit.names.index(f"law[{i}]")] = 1 / mu if scaled else 1.0
+        jacobian[4 + i, last] = -value / mu**2 if scaled else 0.0
+    law = fit.law.scaled(1 / mu)
+    return AddedMass(
+        names=(
+            "sprung_mass_kg",
+            "suspension_stiffness_n_per_m",
+            "suspension_damping_n_s_per_m",
+            "ground_stiffness_n_per_m",
+            *(f"law[{i}]" for i in range(n_law)),
+        ),
+        value=np.array([1 / mu, *(ratio / mu for ratio in ratios), *law.vector]),
+        covariance=jacobian @ fit.covariance @ jacobian.T,
+        law=law,
+        fit=fit,
+    )
+
+
+def _judge(reference: Peak, changed: Peak, mass_change_kg: float) -> tuple[bool, str]:
+    shift = changed.frequency_hz / reference.frequency_hz
+    # half a line of error on each peak
+    slack = 0.5 * (reference.resolution_hz + changed.resolution_hz) / reference.frequency_hz
+    removed = -mass_change_kg if mass_change_kg else 0.0
+    direction = "up" if shift > 1 else "down"
+    said = f"the peak moves {direction} from {reference.frequency_hz:.3g} to {changed.frequency_hz:.3g} Hz"
+    if removed == 0:
+        return False, f"{said}, but the two runs have the same mass"
+    if (shift - 1) * np.sign(removed) < -slack:
+        return False, f"{said}, and {'removing' if removed > 0 else 'adding'} mass cannot do that"
+    share = 1 - shift**-2 if removed > 0 else shift**-2 - 1
+    if share > LARGEST_CHANGE:
+        done = "removed" if removed > 0 else "added"
+        return False, f"{said}: at least {100 * share:.0f} % of the sprung mass would have to be {done}"
+    if abs(shift - 1) <= slack:
+        return False, f"{said}: less than the spacing of the lines, so nothing can be learned from the shift"
+    return True, f"{said}, as {100 * share:.0f} % of the sprung mass would move it"
+
+
+def _unseen(mu: float, mu_std: float, largest: float) -> str:
+    upper = mu + 1.96 * mu_std
+    bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the change even acts in the opposite sense"
+    if mu < -MASS_SEEN_ABOVE * mu_std:
+        return (
+            f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "
+            "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"
+        )
+    return (
+        f"the mass change of {largest:g} kg does not show in the runs, so the sprung mass is not determined ({bound}, "
+        "95 %): use a larger mass change or longer runs; the ratios to the mass are given"
+    )

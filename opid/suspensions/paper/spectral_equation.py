@@ -1,0 +1,301 @@
+"""The equation of the sprung mass, line by line, with noise on both channels.
+
+With accelerations A1, A2 and a nonlinear force F per unit of sprung mass, eq. (4) of Iwaniec & Uhl (2007) reads at
+every line of the Fourier transform of a run
+
+    R = (k2 + j w c2) A1 - (k2 + k3 - w^2 + j w c2) A2 + w^2 F = N A1 - D A2 + w^2 F = 0,
+
+which is w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T for T = A2/A1 and F = 0. Three things make it exact on real runs:
+
+- noise of variance s1^2, s2^2 on A1, A2 gives R the variance s1^2 |N|^2 + s2^2 |D|^2: dividing by its root makes least
+  squares the maximum-likelihood, errors-in-variables estimate (Pintelon & Schoukens, System Identification, ch. 8).
+  Both sensors are taken to be equally noisy, s1 = s2, and the level is estimated;
+- a run neither starts nor ends at rest. Without a window the transform of a derivative differs from j w times the
+  transform by end terms only, a polynomial in j w with real coefficients (Pintelon & Schoukens, 6.3.2): these few
+  unknowns are projected out, and nothing leaks;
+- nothing is integrated but the motion inside F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
+
+from opid.errors import InputError
+from opid.mechanics.laws import Law
+from opid.signals.motion import relative_motion
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
+from opid.suspensions.covariance import clustered_covariance
+from opid.suspensions.law_parameters import free_bounds, from_free, positive, to_free
+from opid.suspensions.paper.joint_fit import JointFit
+
+# real coefficients of the end terms: displacement and velocity at both ends need two, sampling of the rest one more
+N_END_TERMS = 3
+# neighbouring lines are taken together when the covariance is formed, Hz
+CLUSTER_HZ = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class EquationLines:
+    """One run, ready for the equation: Fourier lines of both accelerations and the motion that drives the law.
+
+    Args:
+        omega: (n_lines,) rad/s.
+        unsprung: (n_lines,) transform of x1'', scaled so that unit white noise has unit parts, m/s^2.
+        sprung: (n_lines,) transform of x2'', likewise.
+        travel: (n,) z, m.
+        velocity: (n,) z', m/s.
+        fs: sampling rate, Hz.
+        band_hz: lowest and highest line, Hz.
+        high_pass_hz: corner below which the motion inside the law is not known, Hz.
+        mass_change_kg: sprung mass of this run minus that of the reference, kg.
+    """
+
+    omega: FloatArray
+    unsprung: ComplexArray
+    sprung: ComplexArray
+    travel: FloatArray
+    velocity: FloatArray
+    fs: float
+    band_hz: tuple[float, float]
+    high_pass_hz: float
+    mass_change_kg: float
+
+    @property
+    def lines(self) -> slice:
+        """Places of the lines of the band among all lines of the transform."""
+        first = round(float(self.omega[0]) / (2 * np.pi) * self.travel.size / self.fs)
+        return slice(first, first + self.omega.size)
+
+    def transform(self, samples: FloatArray) -> ComplexArray:
+        """Fourier lines of a signal of this run, in its unit, scaled so that unit white noise has unit parts."""
+        return fft.rfft(samples)[self.lines] / np.sqrt(self.travel.size / 2)
+
+
+def equation_lines(
+    unsprung: ArrayLike,
+    sprung: ArrayLike,
+    *,
+    fs: float,
+    band_hz: tuple[float, float] = (0.5, 12.0),
+    high_pass_hz: float = 0.3,
+    mass_change_kg: float = 0.0,
+) -> EquationLines:
+    """Transform one run, without a window, after cutting the ends in which the motion has not settled.
+
+    Args:
+        unsprung: (n,) acceleration x1'', m/s^2.
+        sprung: (n,) acceleration x2'', m/s^2.
+        fs: sampling rate, Hz.
+        band_hz: lowest and highest line to use, Hz.
+        high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
+        mass_change_kg: sprung mass of this run minus that of the reference, kg.
+
+    Raises:
+        InputError: a band outside (0, fs/2), or fewer than 20 lines in it.
+
+    >>> rng = np.random.default_rng(0)
+    >>> lines = equation_lines(*rng.standard_normal((2, 5120)), fs=256.0, band_hz=(1, 10))
+    >>> lines.omega.size == lines.unsprung.size > 100
+    True
+    """
+    low, high = float(band_hz[0]), float(band_hz[1])
+    if not 0 < low < high <= fs / 2:
+        raise InputError(f"band_hz is ({low:g}, {high:g}): give 0 < low < high <= fs/2 = {fs / 2:g} Hz")
+    motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
+    inside = _fast_length(motion.settled)
+    frequency_hz = fft.rfftfreq(max(inside.stop - inside.start, 1), 1 / fs)
+    keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high))
+    if keep.size < 20:
+        raise InputError(
+            f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of "
+            f"{len(motion.acceleration) / fs:.3g} s ({2 * motion.settle_s:.3g} s of it settling): give a longer run "
+            "or a wider band"
+        )
+    lower, upper = (np.asarray(samples, dtype=np.float64)[inside] for samples in (unsprung, sprung))
+    return EquationLines(
+        omega=2 * np.pi * frequency_hz[keep],
+        unsprung=fft.rfft(lower)[keep] / np.sqrt(lower.size / 2),
+        sprung=fft.rfft(upper)[keep] / np.sqrt(upper.size / 2),
+        travel=motion.displacement[inside],
+        velocity=motion.velocity[inside],
+        fs=float(fs),
+        band_hz=(low, high),
+        high_pass_hz=high_pass_hz,
+        mass_change_kg=float(mass_change_kg),
+    )
+
+
+def fit_equation(
+    runs: Sequence[EquationLines],
+    law: Law,
+    *,
+    stiffness_per_mass: float,
+    damping_per_mass: float,
+    ground: bool = True,
+    inverse_mass: float | None = None,
+) -> JointFit:
+    """Fit the equation to all runs at once by weighted nonlinear least squares.
+
+    Run r weighs q_r = 1/(1 + mu dM_r) against the reference, mu = 1/M2, so every force per unit of mass is q_r times
+    that of the reference. With mu free and at least two different mass changes the absolute mass follows; with mu held
+    the ratios alone are fitted.
+
+    Args:
+        runs: one `EquationLines` a run.
+        law: the nonlinear law per unit of sprung mass to start from; `Law()` for a linear suspension.
+        stiffness_per_mass: start value of K2/M2, 1/s^2.
+        damping_per_mass: start value of C2/M2, 1/s.
+        ground: whether the ground spring K3 is free (else it is 0).
+        inverse_mass: start value of mu, 1/kg, or None to fit ratios only.
+
+    Raises:
+        InputError: no run, or a free mass although all mass changes are equal.
+    """
+    from scipy import optimize
+
+    if not runs:
+        raise InputError("no run was given: give at least one")
+    if inverse_mass is not None and len({run.mass_change_kg for run in runs}) < 2:
+        raise InputError("all runs have the same mass change: only ratios to the mass can be fitted")
+    model = _Model(tuple(runs), law, ground, inverse_mass is not None)
+    start = model.encode(stiffness_per_mass, damping_per_mass, inverse_mass or 0.0)
+    lower, upper = model.bounds()
+    start = np.clip(start, lower + 1e-3, upper - 1e-3)
+    solution = optimize.least_squares(
+        model.stacked,
+        start,
+        x_scale=model.typical(start),
+        bounds=(lower, upper),
+        max_nfev=60,
+        xtol=1e-9,
+        ftol=1e-10,
+    )
+    residual = tuple(model.residuals(solution.x))
+    n_data = sum(2 * r.size - N_END_TERMS for r in residual)
+    variance = 2 * solution.cost / max(n_data - solution.x.size, 1)
+    value, slope = model.decode(solution.x)
+    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs)) * np.outer(slope, slope)
+    return JointFit(
+        names=model.names,
+        value=value,
+        covariance=covariance,
+        law=model.law_at(solution.x)[0],
+        frequency_hz=tuple(r.omega / (2 * np.pi) for r in runs),
+        # a line has two parts
+        residual=tuple(r / np.sqrt(2) for r in residual),
+        noise_m_per_s2=float(np.sqrt(variance)),
+        log_likelihood=float(-0.5 * n_data * np.log(2 * solution.cost / n_data)),
+        n_data=n_data,
+        n_evaluations=int(solution.nfev),
+        band_hz=runs[0].band_hz,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """The residual as a function of one vector: k2, c2, [k3], law (scales as logarithms), [1/M2]."""
+
+    runs: tuple[EquationLines, ...]
+    law: Law
+    ground: bool
+    mass_free: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        names = ["stiffness_per_mass", "damping_per_mass"]
+        names += ["ground_stiffness_per_mass"] * self.ground
+        names += [f"law[{i}]" for i in range(self.law.vector.size)]
+        return (*names, *["inverse_mass"] * self.mass_free)
+
+    def encode(self, stiffness: float, damping: float, inverse_mass: float) -> FloatArray:
+        head = [stiffness, damping] + [0.0] * self.ground
+        return np.array([*head, *to_free(self.law), *[inverse_mass] * self.mass_free])
+
+    def law_at(self, theta: FloatArray) -> tuple[Law, FloatArray]:
+        """Return the law, and the derivatives of its vector by theta."""
+        first = 2 + self.ground
+        return from_free(self.law, theta[first : first + self.law.vector.size])
+
+    def decode(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the values that the names speak of, and their derivatives by theta."""
+        value, slope = theta.copy(), np.ones_like(theta)
+        first = 2 + self.ground
+        law, by_free = self.law_at(theta)
+        value[first : first + by_free.size] = law.vector
+        slope[first : first + by_free.size] = by_free
+        return value, slope
+
+    def typical(self, theta: FloatArray) -> FloatArray:
+        """Sizes of sensible steps."""
+        first = 2 + self.ground
+        size = np.maximum(np.abs(theta), 1e-3)
+        size[2:first] = 0.1 * size[0]
+        size[first : first + self.law.vector.size][positive(self.law)] = 0.3
+        if self.mass_free:
+            size[-1] = max(abs(float(theta[-1])), 1e-3 / max(abs(r.mass_change_kg) for r in self.runs))
+        return size
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        n_head = 2 + self.ground
+        lower = np.full(n_head + self.law.vector.size + self.mass_free, -np.inf)
+        upper = -lower
+        travel, velocity = (np.concatenate([getattr(r, name) for r in self.runs]) for name in ("travel", "velocity"))
+        law_part = slice(n_head, n_head + self.law.vector.size)
+        lower[law_part], upper[law_part] = free_bounds(
+            self.law, travel_rms=float(travel.std()), velocity_rms=float(velocity.std())
+        )
+        return lower, upper
+
+    def residuals(self, theta: FloatArray) -> list[ComplexArray]:
+        """R over its standard deviation for unit noise, end terms projected out, one array a run."""
+        stiffness, damping = theta[0], theta[1]
+        ground = theta[2] if self.ground else 0.0
+        law, _ = self.law_at(theta)
+        result = []
+        for run in self.runs:
+            share = 1.0 / (1.0 + theta[-1] * run.mass_change_kg) if self.mass_free else 1.0
+            numerator = share * (stiffness + 1j * run.omega * damping)
+            denominator = numerator + share * ground - run.omega**2
+            residual = numerator * run.unsprung - denominator * run.sprung
+            if law.terms:
+                force = run.transform(law.force(run.travel, run.velocity))
+                residual = residual + share * run.omega**2 * force
+                # noise passes through the law too: its statistical linearisation (mean slopes) counts in the weight
+                by_travel, by_velocity = (float(np.mean(g)) for g in law.gradient(run.travel, run.velocity))
+                tangent = share * (by_travel + 1j * run.omega * by_velocity)
+                numerator, denominator = numerator + tangent, denominator + tangent
+            weight = 1.0 / np.sqrt(np.abs(numerator) ** 2 + np.abs(denominator) ** 2)
+            result.append(_without_end_terms(residual * weight, run.omega, weight))
+        return result
+
+    def stacked(self, theta: FloatArray) -> FloatArray:
+        return np.concatenate([part for r in self.residuals(theta) for part in (r.real, r.imag)])
+
+
+def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatArray) -> ComplexArray:
+    """Project a polynomial in j omega with real coefficients out of a residual."""
+    columns = weight[:, np.newaxis] * (1j * omega[:, np.newaxis] / omega[-1]) ** np.arange(N_END_TERMS)
+    basis, _ = np.linalg.qr(np.concatenate([columns.real, columns.imag]))
+    flat = np.concatenate([residual.real, residual.imag])
+    flat = flat - basis @ (basis.T @ flat)
+    return flat[: residual.size] + 1j * flat[residual.size :]
+
+
+def _cells(runs: Sequence[EquationLines]) -> NDArray[np.int64]:
+    """The cell of neighbouring lines of one run to which each real number of the residual belongs."""
+    cells = []
+    for place, run in enumerate(runs):
+        cell = np.floor(run.omega / (2 * np.pi * CLUSTER_HZ)).astype(np.int64) + 1_000_000 * place
+        cells += [cell, cell]
+    return np.concatenate(cells)
+
+
+def _fast_length(inside: slice) -> slice:
+    """Drop a few samples so that the transform is quick: lengths with large prime factors are not."""
+    return slice(inside.start, inside.start + fft.prev_fast_len(max(inside.stop - inside.start, 1), real=True))

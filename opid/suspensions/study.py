@@ -1,0 +1,327 @@
+"""A study of a body on several suspensions: interfaces with coordinates, and runs with known loadings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import date
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from opid.errors import nearest
+from opid.signals.health_result import Finding
+from opid.signals.recording import Recording
+from opid.signals.tables import refuse
+from opid.suspensions.one_gear.study import MINIMUM_SAMPLES, SAME_RATE
+
+KINDS = ("auto", "single", "pair", "rigid_body")
+"""Structures that a study file may ask for; "auto" compares the others."""
+
+FARTHEST_M = 200.0
+"""No vehicle is larger."""
+
+TAPE_M = 0.01
+"""How well places are known by a tape or a drawing, where nothing else is said."""
+
+SYMMETRIC_M = 0.1
+"""Left and right of the middle to this accuracy."""
+
+ONE_PLACE_M = 0.05
+"""Interfaces nearer to each other than this are one."""
+
+
+@dataclass(frozen=True)
+class MeasuredInterface:
+    """A suspension with a sensor on either side.
+
+    Args:
+        name: "nose", "left", ...
+        sprung: channel on the body.
+        unsprung: channel below the suspension.
+        x_m: where the suspension acts, forward.
+        y_m: where it acts, to the left.
+        sensor_x_m: where the sensor on the body is; at the suspension where left out.
+        sensor_y_m: likewise.
+    """
+
+    name: str
+    sprung: str
+    unsprung: str
+    x_m: float
+    y_m: float
+    sensor_x_m: float | None = None
+    sensor_y_m: float | None = None
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """(x, y) of the suspension, m."""
+        return self.x_m, self.y_m
+
+    @property
+    def sensor_place(self) -> tuple[float, float]:
+        """(x, y) of the sensor on the body, m."""
+        return (
+            self.x_m if self.sensor_x_m is None else self.sensor_x_m,
+            self.y_m if self.sensor_y_m is None else self.sensor_y_m,
+        )
+
+
+@dataclass(frozen=True)
+class BodySensor:
+    """A further sensor on the body.
+
+    Args:
+        channel: its channel, an acceleration upward.
+        x_m: where it is, forward.
+        y_m: where it is, to the left.
+    """
+
+    channel: str
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A row of a loading table: what a run carries more than the reference.
+
+    Args:
+        mass_kg: negative for what was taken off.
+        x_m: where, forward.
+        y_m: where, to the left.
+    """
+
+    mass_kg: float
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRun:
+    """One recorded run with a known loading.
+
+    Args:
+        name: of the run.
+        recording: what was measured.
+        loading: what it carries more than the reference; empty for the reference.
+        findings: what is to be said of the logs that it was taken from.
+    """
+
+    name: str
+    recording: Recording
+    loading: tuple[PointMass, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def mass_change_kg(self) -> float:
+        """Mass of this run less that of the reference, kg."""
+        return sum(each.mass_kg for each in self.loading)
+
+
+@dataclass(frozen=True)
+class StructureSettings:
+    """What is said of the body.
+
+    Args:
+        kind: one of `KINDS`.
+        shared: names of interfaces that share stiffness, damping and law; the others have their own.
+        position_tolerance_m: how well all coordinates are known, one standard deviation; 0 for exactly, which makes
+            intervals too narrow where they are measured by tape.
+        noise_m_per_s2: rms of the white noise of all sensors; None to estimate it.
+    """
+
+    kind: str = "auto"
+    shared: tuple[tuple[str, ...], ...] = ()
+    position_tolerance_m: float = TAPE_M
+    noise_m_per_s2: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BodyStudy:
+    """Runs of one body on several suspensions, checked when the study is made.
+
+    Args:
+        title: of the study.
+        interfaces: the suspensions.
+        runs: one or more.
+        structure: what is said of the body.
+        sensors: further ones on the body.
+        date: of the runs; None if it is not known.
+        source: the study file, None if the study was made otherwise.
+
+    Raises:
+        InputError: everything that is wrong at once.
+    """
+
+    title: str
+    interfaces: tuple[MeasuredInterface, ...]
+    runs: tuple[LoadedRun, ...]
+    structure: StructureSettings = field(default_factory=StructureSettings)
+    sensors: tuple[BodySensor, ...] = ()
+    date: date | None = None
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("interfaces", "runs", "sensors"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        refuse(list(_faults(self)), self.source)
+
+    @property
+    def fs(self) -> float:
+        """Sampling rate of all runs, Hz."""
+        return self.runs[0].recording.fs
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the interfaces."""
+        return tuple(interface.name for interface in self.interfaces)
+
+
+def symmetric_pairs(study: BodyStudy) -> list[tuple[int, int]]:
+    """Return places of interfaces that stand left and right of the middle, each in one pair, with its nearest mirror.
+
+    Args:
+        study: the study.
+    """
+    mirrored = []
+    for (i, one), (k, other) in combinations(enumerate(study.interfaces), 2):
+        along, across = abs(one.x_m - other.x_m), abs(one.y_m + other.y_m)
+        if max(along, across) < SYMMETRIC_M < abs(one.y_m):
+            mirrored.append((math.hypot(along, across), i, k))
+    found: list[tuple[int, int]] = []
+    for _, i, k in sorted(mirrored):
+        if not {i, k} & {place for pair in found for place in pair}:
+            found.append((i, k))
+    return sorted(found)
+
+
+def _faults(study: BodyStudy) -> Iterator[str]:
+    yield from _interface_faults(study)
+    yield from _structure_faults(study)
+    if not study.runs:
+        yield "there are no runs, give at least one"
+    names = [run.name for run in study.runs]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield f"{names.count(name)} runs are called {name!r}, rename all but one"
+    for run in study.runs:
+        yield from (f"run {run.name!r}: {fault}" for fault in _run_faults(study, run))
+        first = study.runs[0].recording
+        if abs(run.recording.fs / first.fs - 1) > SAME_RATE:
+            yield (
+                f"run {study.runs[0].name!r} has {first.fs:.9g} Hz and run {run.name!r} has {run.recording.fs:.9g} Hz, "
+                "resample one to the rate of the other"
+            )
+    for one, other in combinations(study.runs, 2):
+        if one.loading != other.loading and np.array_equal(one.recording.samples, other.recording.samples):
+            yield f"runs {one.name!r} and {other.name!r} hold the same samples, name two logs"
+
+
+def _interface_faults(study: BodyStudy) -> Iterator[str]:
+    names = study.names
+    if not names:
+        yield "there are no interfaces, give one table [[interfaces]] for each suspension"
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield f"{names.count(name)} interfaces are called {name!r}, rename all but one"
+    users: dict[str, str] = {}
+    for interface in study.interfaces:
+        for side, channel in (("sprung", interface.sprung), ("unsprung", interface.unsprung)):
+            user = f"{side} of {interface.name!r}"
+            if channel in users:
+                yield f"the channel {channel!r} is {users[channel]} and {user}: each sensor is one channel"
+            users.setdefault(channel, user)
+        for axis in ("x_m", "y_m", "sensor_x_m", "sensor_y_m"):
+            value = getattr(interface, axis)
+            if value is not None and not (math.isfinite(value) and abs(value) <= FARTHEST_M):
+                yield f"interface {interface.name!r}: {axis} is {value:g}, give a place within {FARTHEST_M:g} m, in m"
+    for sensor in study.sensors:
+        if sensor.channel in users:
+            yield f"the channel {sensor.channel!r} is {users[sensor.channel]} and a further sensor: name it once"
+        users.setdefault(sensor.channel, "a further sensor")
+        if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in (sensor.x_m, sensor.y_m)):
+            yield f"the sensor {sensor.channel!r} is at ({sensor.x_m:g}, {sensor.y_m:g}) m, give a place in m"
+    for first, second in combinations(study.interfaces, 2):
+        if math.dist(first.place, second.place) < ONE_PLACE_M and first.name != second.name:
+            yield (
+                f"the interfaces {first.name!r} and {second.name!r} are both at ({first.x_m:g}, {first.y_m:g}) m: "
+                "two suspensions cannot be at one place, mend x_m and y_m"
+            )
+    for interface in study.interfaces:
+        if math.dist(interface.place, interface.sensor_place) > 5.0:
+            x, y = interface.sensor_place
+            yield (
+                f"interface {interface.name!r} is at ({interface.x_m:g}, {interface.y_m:g}) m and its sensor at "
+                f"({x:g}, {y:g}) m, more than 5 m apart: name the sensor nearest to it, the others in [[body_sensors]]"
+            )
+
+
+def _structure_faults(study: BodyStudy) -> Iterator[str]:
+    settings, names = study.structure, study.names
+    if settings.kind not in KINDS:
+        yield f"the kind of structure is {settings.kind!r}: {nearest(settings.kind, KINDS)}"
+    if not (math.isfinite(settings.position_tolerance_m) and 0 <= settings.position_tolerance_m <= 1.0):
+        yield f"position_tolerance_m is {settings.position_tolerance_m}, give 0 to 1, in m"
+    if settings.noise_m_per_s2 is not None and not (
+        math.isfinite(settings.noise_m_per_s2) and settings.noise_m_per_s2 > 0
+    ):
+        yield f"noise_m_per_s2 is {settings.noise_m_per_s2}, give a positive number, or leave it out"
+    shared = [name for group in settings.shared for name in group]
+    for name in dict.fromkeys(shared):
+        if name not in names:
+            yield f"'shared' names {name!r}, which is no interface: {nearest(name, names)}"
+        if shared.count(name) > 1:
+            yield f"'shared' names {name!r} twice, give it once"
+    if settings.kind == "pair" and study.interfaces and not symmetric_pairs(study):
+        places = ", ".join(f"{each.name!r} ({each.x_m:g}, {each.y_m:g})" for each in study.interfaces)
+        yield (
+            f"kind is 'pair' and no two interfaces mirror each other (same x_m, opposite y_m, within {SYMMETRIC_M:g} "
+            f"m): {places}; mend the coordinates (y = 0 is the middle), or take another kind"
+        )
+    if settings.kind == "rigid_body" and study.interfaces:
+        yield from rigid_faults(study)
+
+
+def rigid_faults(study: BodyStudy) -> Iterator[str]:
+    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch.
+
+    Args:
+        study: the study.
+    """
+    for what, places in (
+        ("interfaces", [interface.place for interface in study.interfaces]),
+        (
+            "sensors on the body",
+            [*(i.sensor_place for i in study.interfaces), *((s.x_m, s.y_m) for s in study.sensors)],
+        ),
+    ):
+        array = np.array(places)
+        if not np.isfinite(array).all():
+            continue
+        spread = np.linalg.svd(array - array.mean(axis=0), compute_uv=False)
+        if len(array) < 3 or spread[1] < 0.01 * max(spread[0], 1.0):
+            listed = ", ".join(f"({x:g}, {y:g})" for x, y in places)
+            yield (
+                f"the {what} are at {listed} m, which is one line or less: a rigid body in heave, roll and pitch needs "
+                "three that are not on one line; take kind = 'single' or 'pair', or mend the coordinates"
+            )
+
+
+def _run_faults(study: BodyStudy, run: LoadedRun) -> Iterator[str]:
+    for each in run.loading:
+        if not all(math.isfinite(value) for value in (each.mass_kg, each.x_m, each.y_m)):
+            yield f"the loading ({each.mass_kg}, {each.x_m}, {each.y_m}) has no number somewhere, give kg and m"
+        elif abs(each.x_m) > FARTHEST_M or abs(each.y_m) > FARTHEST_M:
+            yield f"the loading of {each.mass_kg:g} kg is at ({each.x_m:g}, {each.y_m:g}) m, give its place in m"
+    if run.recording.n_samples < MINIMUM_SAMPLES:
+        yield (
+            f"it has {run.recording.n_samples} samples ({run.recording.duration_s:.3g} s) and at least "
+            f"{MINIMUM_SAMPLES} are needed, give some tens of seconds"
+        )
+    wanted = [channel for i in study.interfaces for channel in (i.sprung, i.unsprung)]
+    for name in dict.fromkeys([*wanted, *(sensor.channel for sensor in study.sensors)]):
+        if name not in run.recording.names:
+            yield f"there is no channel {name!r} in its log ({nearest(name, run.recording.names)})"
+        elif run.recording.unit(name) != "m/s^2":
+            yield f"channel {name!r} is in {run.recording.unit(name)} where an acceleration is needed"

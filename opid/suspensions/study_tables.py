@@ -1,0 +1,226 @@
+"""What may stand in the study file of a body on several suspensions, table by table, and what is wrong with one."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from opid.errors import InputError, nearest
+from opid.signals.tables import CHANNEL, NUMBER, TEXT, Document, Key, maybe, table_faults
+from opid.suspensions.one_gear.study_tables import channel_faults, general_faults
+from opid.suspensions.study import KINDS, PointMass
+
+COLUMNS = ("mass_kg", "x_m", "y_m")
+"""Of a loading table."""
+
+_NUMBER = maybe((int, float), "a number")
+_STUDY = {
+    "title": maybe(str, "text in quotes"),
+    "date": maybe(date, "a date without quotes, as 2026-03-01"),
+    "fs_hz": _NUMBER,
+    "log": maybe(dict, "a table [log]"),
+    "channels": maybe(dict, "a table [channels]"),
+    "interfaces": Key(list, "one table [[interfaces]] for each suspension"),
+    "body_sensors": maybe(list, "one table [[body_sensors]] for each further sensor on the body"),
+    "structure": maybe(dict, "a table [structure]"),
+    "runs": Key(list, "one table [[runs]] for each log"),
+}
+_INTERFACE = {
+    "name": TEXT,
+    "sprung": maybe(str, "the name of a channel in quotes"),
+    "unsprung": maybe(str, "the name of a channel in quotes"),
+    "x_m": NUMBER,
+    "y_m": NUMBER,
+    "sensor_x_m": _NUMBER,
+    "sensor_y_m": _NUMBER,
+}
+_BODY_SENSOR = {"channel": TEXT, "x_m": NUMBER, "y_m": NUMBER}
+_STRUCTURE = {
+    "kind": maybe(str, "one of " + ", ".join(map(repr, KINDS))),
+    "shared": maybe(list, 'a list of lists of names, as [["left", "right"]]'),
+    "position_tolerance_m": _NUMBER,
+    "noise_m_per_s2": _NUMBER,
+}
+_RUN = {
+    "name": TEXT,
+    "log": maybe(str, "text in quotes"),
+    "loading": maybe((list, str), "rows [[mass_kg, x_m, y_m], ...] or the name of a CSV file in quotes"),
+    "mass_change_kg": _NUMBER,
+    "start_s": _NUMBER,
+    "stop_s": _NUMBER,
+    "channels": maybe(dict, "a table [runs.channels]"),
+}
+
+
+def is_body_study(document: Mapping[str, Any]) -> bool:
+    """Return whether a study file is about a body on several suspensions: it has [[interfaces]].
+
+    Args:
+        document: what the file holds.
+
+    >>> is_body_study({"interfaces": []}), is_body_study({"channels": {}})
+    (True, False)
+    """
+    return "interfaces" in document
+
+
+def body_document_faults(document: Document) -> Iterator[str]:
+    """Yield what is wrong with the keys of the study file of a body and the types of their values.
+
+    Args:
+        document: what the file holds.
+    """
+    yield from table_faults("the study", {key: value for key, value in document.items() if key != "sensors"}, _STUDY)
+    yield from general_faults(document)
+    if isinstance(document.get("sensors"), list):
+        yield "[[sensors]] is no table of the study of a body, call further sensors on the body [[body_sensors]]"
+    elif "sensors" in document:
+        yield (
+            "[sensors] belongs to the study of one gear, state the noise of all sensors as noise_m_per_s2 in "
+            "[structure]; delays and gains are not fitted beside [[interfaces]]"
+        )
+    if isinstance(document.get("channels"), dict):
+        yield from channel_faults("channels", document["channels"], CHANNEL)
+    for number, entry in _tables(document, "interfaces"):
+        yield from _interface_faults(number, entry)
+    for number, entry in _tables(document, "body_sensors"):
+        yield from table_faults(f"[[body_sensors]] number {number}", entry, _BODY_SENSOR)
+    if isinstance(document.get("structure"), dict):
+        yield from _structure_faults(document["structure"])
+    for number, entry in _tables(document, "runs"):
+        yield from _run_faults(number, entry)
+
+
+def loading_of(entry: Mapping[str, Any], directory: Path) -> tuple[PointMass, ...]:
+    """Return what a run carries more than the reference.
+
+    Args:
+        entry: a table [[runs]], checked by `body_document_faults`.
+        directory: where the file of a loading table is looked for.
+
+    Raises:
+        InputError: a file that is not there or no loading table.
+    """
+    loading = entry.get("loading", [])
+    if isinstance(loading, str):
+        return read_loading(directory / loading)
+    return tuple(PointMass(*(float(value) for value in row)) for row in loading)
+
+
+def read_loading(path: Path) -> tuple[PointMass, ...]:
+    """Read a loading table: a CSV file with the columns mass_kg, x_m and y_m, in any order among others.
+
+    Args:
+        path: the file; its columns stand apart by commas, or by semicolons (numbers may then have decimal commas).
+
+    Raises:
+        InputError: no such file, a column that is missing, a cell that is no number: all at once.
+    """
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except OSError as error:
+        raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
+    except ValueError as error:  # no UTF-8, or a zero byte in the name
+        raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+    faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in COLUMNS if name not in head]
+    loading = []
+    for number, row in enumerate([] if faults else rows, start=2):
+        cells = [row[head.index(name)] if head.index(name) < len(row) else "" for name in COLUMNS]
+        values = [_number(cell.replace(",", ".") if delimiter == ";" else cell) for cell in cells]
+        faults += [
+            f"has {cell!r} for {name} in row {number}, give a number"
+            for name, cell, value in zip(COLUMNS, cells, values, strict=True)
+            if value is None
+        ]
+        loading.append(PointMass(*(math.nan if value is None else value for value in values)))
+    if not faults and not rows:
+        faults = ["has no row below its head, give one a mass (for the reference leave 'loading' out)"]
+    if faults:
+        raise InputError(f"the loading table {path} {'; it '.join(faults)}")
+    return tuple(loading)
+
+
+def _tables(document: Document, name: str) -> Iterator[tuple[int, Any]]:
+    entries = document.get(name)
+    return enumerate(entries if isinstance(entries, list) else [], start=1)
+
+
+def _called(what: str, number: int, entry: Any) -> str:
+    name = entry.get("name") if isinstance(entry, dict) else None
+    return f"[[{what}]] {name!r}" if isinstance(name, str) and name else f"[[{what}]] number {number}"
+
+
+def _interface_faults(number: int, entry: Any) -> Iterator[str]:
+    where = _called("interfaces", number, entry)
+    yield from table_faults(where, entry, _INTERFACE)
+    if not isinstance(entry, dict):
+        return
+    if "sprung" not in entry and "unsprung" not in entry:
+        yield f"{where} has neither 'sprung' nor 'unsprung', give the channels above and below the suspension"
+    elif "sprung" not in entry:
+        yield f"{where} has 'unsprung' without 'sprung', give the channel on the body above the suspension, too"
+    elif "unsprung" not in entry:
+        yield (
+            f"{where} has 'sprung' without 'unsprung', give the channel below the suspension, too "
+            "(a sensor on the body alone belongs in [[body_sensors]])"
+        )
+
+
+def _structure_faults(structure: Mapping[str, Any]) -> Iterator[str]:
+    yield from table_faults("[structure]", structure, _STRUCTURE)
+    shared = structure.get("shared")
+    if isinstance(shared, list):
+        if shared and all(isinstance(name, str) for name in shared):
+            written = ", ".join(f'"{name}"' for name in shared)
+            yield f"'shared' in [structure] is a list of names, give a list of groups: [[{written}]]"
+            return
+        for group in shared:
+            if not isinstance(group, list) or not all(isinstance(name, str) for name in group) or len(group) < 2:
+                yield f"'shared' in [structure] has the group {group!r}, give two names or more in each"
+
+
+def _run_faults(number: int, entry: Any) -> Iterator[str]:
+    where = _called("runs", number, entry)
+    yield from table_faults(where, entry, _RUN)
+    if not isinstance(entry, dict):
+        return
+    change = entry.get("mass_change_kg")
+    if change is not None and "loading" in entry:
+        yield f"{where} has 'loading' and 'mass_change_kg', leave out 'mass_change_kg': the loading says it"
+    elif isinstance(change, (int, float)) and change != 0:
+        yield (
+            f"{where} has 'mass_change_kg' = {change:g}, say where that mass is, too: "
+            f"loading = [[{change:g}, x_m, y_m]] in its place"
+        )
+    if isinstance(entry.get("loading"), list):
+        yield from _loading_faults(where, entry["loading"])
+    if isinstance(entry.get("channels"), dict):
+        yield from channel_faults("runs.channels", entry["channels"], CHANNEL)
+
+
+def _loading_faults(where: str, rows: Sequence[Any]) -> Iterator[str]:
+    if len(rows) == 3 and all(_is_number(value) for value in rows):
+        written = ", ".join(f"{value:g}" for value in rows)
+        yield f"'loading' in {where} is one row, give a list of rows: [[{written}]]"
+        return
+    for place, row in enumerate(rows, start=1):
+        if not isinstance(row, list) or len(row) != 3 or not all(_is_number(value) for value in row):
+            yield f"row {place} of 'loading' in {where} is {row!r}, give three numbers [mass_kg, x_m, y_m]"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
