@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.kernels import law_arrays, predictions
-from opid.mechanics.laws import LINEAR, FloatArray, Law
+from opid.mechanics.laws import LINEAR, FloatArray, Law, TermSet
 
 # half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
 _HALF_WIDTH = 32
@@ -43,7 +43,7 @@ class Interface:
     stiffness: float
     damping: float
     ground_stiffness: float = 0.0
-    law: Law = LINEAR
+    law: Law | TermSet = LINEAR
 
     @property
     def n_parameters(self) -> int:

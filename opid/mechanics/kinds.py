@@ -30,13 +30,15 @@ BOTTOM = 0.95
 class Parameter:
     """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
 
-    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` any number.
+    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` any number. Outside of
+    `over_rms`, in rms motions, a scale cannot be seen: below, friction is a step, above, a straight line.
     """
 
     name: str
     unit: str
     role: Literal["amplitude", "scale", "exponent", "lag"]
     default: float
+    over_rms: tuple[float, float] = (0.01, 3.0)
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,8 @@ BUILT_IN = (
         r"A \tfrac{2}{\pi} \arctan((z + c \dot z) / s)",
         (
             Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m", "m", "scale", 0.002),
+            # of z + c z', which is larger than z
+            Parameter("scale_m", "m", "scale", 0.002, over_rms=(0.01, 10.0)),
             Parameter("lag_s", "s", "lag", 0.05),
         ),
         _arctan_mixed,
@@ -325,7 +328,11 @@ BUILT_IN = (
     Kind(
         "gas_spring",
         r"F_0 (1 - (1 + z / h)^{-1.3} - 1.3 z / h)",
-        (Parameter("static_force_n", "N", "amplitude", 1.8e4), Parameter("gas_length_m", "m", "scale", 0.1)),
+        (
+            Parameter("static_force_n", "N", "amplitude", 1.8e4),
+            # a column of gas is longer than the stroke
+            Parameter("gas_length_m", "m", "scale", 0.1, over_rms=(3.0, 300.0)),
+        ),
         _gas_spring,
     ),
 )

@@ -264,3 +264,19 @@ def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
 def _broadcast(z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
     z, v = np.broadcast_arrays(np.asarray(z, dtype=np.float64), np.asarray(v, dtype=np.float64))
     return z, v
+
+
+@dataclass(frozen=True)
+class TermSet:
+    """Terms side by side, several of one kind among them, to differentiate by: each stands for itself.
+
+    Args:
+        terms: in the order in which a predictor takes them.
+    """
+
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def vector(self) -> FloatArray:
+        """All values in one array (n_parameters,)."""
+        return np.array([value for term in self.terms for value in term.values], dtype=np.float64)

@@ -10,13 +10,7 @@ from scipy import fft, signal
 from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-
-BAND_HZ = (0.3, 40.0)
-LEAST_LINES = 20
-# lines above this share of the rate are not compared
-HIGHEST_SHARE = 0.4
-# below, a step of the model a sample is too coarse; band-limited runs are sampled finer
-LOWEST_RATE_HZ = 250.0
+from opid.suspensions.settings import RunSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +37,16 @@ class BandLines:
         return centred if self.finer == 1 else signal.resample_poly(centred, self.finer, 1, axis=0, padtype="line")
 
 
-def band_lines(n_samples: int, *, fs: float, band_hz: tuple[float, float] = BAND_HZ) -> BandLines:
+def band_lines(
+    n_samples: int, *, fs: float, band_hz: tuple[float, float] | None = None, settings: RunSettings | None = None
+) -> BandLines:
     """Return the lines of a band of a record.
 
     Args:
         n_samples: of the record.
         fs: sampling rate, Hz.
-        band_hz: lowest and highest line, Hz; cut at 0.4 fs.
+        band_hz: lowest and highest line, Hz; cut at 0.4 fs; that of the settings where left out.
+        settings: how runs are prepared.
 
     Raises:
         InputError: a band that is none or has fewer than 20 lines.
@@ -57,18 +54,20 @@ def band_lines(n_samples: int, *, fs: float, band_hz: tuple[float, float] = BAND
     >>> band_lines(1000, fs=100.0, band_hz=(1.0, 5.0)).omega.size
     41
     """
+    settings = settings or RunSettings()
+    band_hz = band_hz or settings.band_hz
     n = fft.prev_fast_len(n_samples, real=True)
     frequency_hz = fft.rfftfreq(n, 1 / fs)
     if not 0 < band_hz[0] < band_hz[1]:
         raise InputError(f"band_hz is ({band_hz[0]:g}, {band_hz[1]:g}): give 0 < low < high, Hz")
-    low, high = float(band_hz[0]), min(float(band_hz[1]), HIGHEST_SHARE * fs)
+    low, high = float(band_hz[0]), min(float(band_hz[1]), settings.highest_fraction * fs)
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
-    if keep.size < LEAST_LINES:
+    if keep.size < settings.least_lines:
         raise InputError(
             f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {n_samples / fs:.3g} s: give a "
             "longer run or a wider band"
         )
-    return BandLines(n, 2 * np.pi * frequency_hz[keep], max(1, int(np.ceil(LOWEST_RATE_HZ / fs))))
+    return BandLines(n, 2 * np.pi * frequency_hz[keep], max(1, int(np.ceil(settings.lowest_rate_hz / fs))))
 
 
 def places_of(omega: FloatArray, n_samples: int, fs: float) -> slice:

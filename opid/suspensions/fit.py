@@ -1,4 +1,4 @@
-"""The body moved until it predicts every sensor on it from every sensor below its suspensions."""
+"""The model moved until it predicts every sensor on the body from every sensor below its suspensions."""
 
 from __future__ import annotations
 
@@ -9,30 +9,21 @@ from functools import cached_property
 import numpy as np
 
 from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
-from opid.suspensions.equation import Start
-from opid.suspensions.law_parameters import from_free, to_free
-from opid.suspensions.levenberg_marquardt import LEAST_PROMISE, least_squares
-from opid.suspensions.model import BodyModel, Group
-from opid.suspensions.one_gear.driven_model import Errors
-from opid.suspensions.run import BodyRun
-from opid.suspensions.structure import Body, ImpossibleBodyError
+from opid.suspensions.body import ImpossibleBodyError
+from opid.suspensions.law_parameters import to_free
+from opid.suspensions.levenberg_marquardt import least_squares
+from opid.suspensions.model import Errors, Group, Model
+from opid.suspensions.start import Start
 
-# residual over noise up to which a body explains the runs
-EXPLAINS = 1.2
-# a fit from afar need not be a good one
-ON_THE_WAY = 10.0
-# places and laws of several suspensions take their time
-MOST_EVALUATIONS = 50
-# of the tolerance of a place, on the way
-HELD = 1e-3
-# the step puts a motion of this rate times its length off by two parts in a thousand
-FASTEST = 0.7
+NO_FIT = (UnboundedResponseError, ImpossibleBodyError)
+"""What a fit raises where its start values are no body that the runs can drive."""
 
 
 @dataclass(frozen=True, eq=False)
-class BodyFit:
-    """A fitted body.
+class Fit:
+    """A fitted model.
 
     Args:
         model: that was fitted.
@@ -41,7 +32,7 @@ class BodyFit:
         n_evaluations: predictions of all runs that were needed.
     """
 
-    model: BodyModel
+    model: Model
     theta: FloatArray
     errors: Errors
     n_evaluations: int
@@ -51,16 +42,21 @@ class BodyFit:
         """Real numbers fitted."""
         return 2 * sum(line.size for line in self.errors.lines)
 
-    @property
+    @cached_property
     def variance(self) -> float:
         """Variance of the whitened errors: 1 if the noise is what was assumed."""
         cost = float(np.sum(self.errors.stacked[: self.n_data] ** 2))
         return cost / max(self.n_data - self.theta.size, 1)
 
     @property
-    def level(self) -> float:
+    def ratio(self) -> float:
+        """Residual over the noise that was assumed."""
+        return float(np.sqrt(self.variance))
+
+    @property
+    def noise_m_per_s2(self) -> float:
         """Noise that would explain the errors, as white noise of one level on all sensors, m/s^2."""
-        return float(np.sqrt(np.mean(np.square(self.model.noise)) * self.variance))
+        return self.model.level * self.ratio
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -73,24 +69,62 @@ class BodyFit:
         scaled = jacobian / size
         return np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
 
-    @property
+    @cached_property
+    def std(self) -> FloatArray:
+        """(n_shared,) standard deviations of the shared parameters, for errors that are white."""
+        n = self.model.n_shared
+        return np.sqrt(np.maximum(np.diag(self.covariance)[:n], 0.0))
+
+    @cached_property
     def bic(self) -> float:
         """Bayesian information criterion (Schwarz 1978): smaller is better."""
         # known to a tolerance before, a place is no free parameter
         n_free = self.model.n_shared - len(self.model.body.coordinates)
-        return float(n_free * np.log(self.n_data) - 2 * self.model.log_likelihood(self.errors))
+        return float(n_free * np.log(self.n_data) - 2 * self.model.log_likelihood(self.errors, self.theta))
 
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """The fitted law of each group by its name, per unit of the reference mass."""
+        laws = self.model.laws(self.theta)
+        return {group.name: law for group, law in zip(self.model.groups, laws, strict=True)}
+
+    @property
     def groups(self) -> tuple[Group, ...]:
-        """The groups with the fitted laws, per unit of the reference mass."""
-        return tuple(
-            replace(group, law=from_free(group.law, self.theta[self.model.law_places(number)])[0])
-            if group.law.terms
-            else group
-            for number, group in enumerate(self.model.groups)
-        )
+        """The groups with the fitted laws."""
+        return tuple(replace(group, law=self.laws[group.name]) for group in self.model.groups)
+
+    @property
+    def law_name(self) -> str:
+        """The law in words: of all groups where they differ."""
+        names = {group.name: law.name for group, law in zip(self.groups, self.laws.values(), strict=True)}
+        if len(set(names.values())) == 1:
+            return next(iter(names.values()))
+        return "; ".join(f"{group}: {law}" for group, law in names.items())
+
+    @property
+    def n_terms(self) -> int:
+        """Terms of the laws of all groups."""
+        return sum(len(law.terms) for law in self.laws.values())
+
+    def value(self, name: str) -> float:
+        """Return a shared parameter; 0 where it was not fitted.
+
+        Args:
+            name: of the parameter.
+        """
+        return float(self.theta[self.model.names.index(name)]) if name in self.model.names else 0.0
+
+    def motion(self, slot: int) -> tuple[FloatArray, FloatArray]:
+        """Return travel (m) and velocity (m/s) of a slot, (n,) each, of all runs one after the other.
+
+        Args:
+            slot: an interface, or a spring inside.
+        """
+        parts = self.errors.predictions
+        return np.concatenate([p.travel[:, slot] for p in parts]), np.concatenate([p.velocity[:, slot] for p in parts])
 
 
-def first_vector(model: BodyModel, start: Start) -> FloatArray:
+def first_vector(model: Model, start: Start) -> FloatArray:
     """Return the vector that start values stand for.
 
     Args:
@@ -99,94 +133,112 @@ def first_vector(model: BodyModel, start: Start) -> FloatArray:
     """
     shared: list[float] = []
     springs = list(zip(start.stiffness.tolist(), start.damping.tolist(), strict=True))
-    for group, (stiffness, damping) in zip(start.groups, springs, strict=False):
-        shared += [stiffness, damping, *to_free(group.law).tolist()]
+    for group, (stiffness, damping), ground in zip(start.groups, springs, start.ground_stiffness, strict=False):
+        shared += [stiffness, damping, *([ground] if group.ground else []), *to_free(group.law).tolist()]
     for stiffness, damping in springs[len(start.groups) :]:
         shared += [stiffness, damping]
     shared += start.factors.tolist()
     if model.mass_free:
         shared.append(start.inverse_mass or 0.0)
+    shared += [fault.nominal for fault in model.faults]
     shared += [0.0] * len(model.body.coordinates)
     # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
     return np.array([*shared, *[0.0] * (2 * model.body.n_interfaces * len(model.runs))])
 
 
-def fit_body(
-    model: BodyModel,
+def fit_model(
+    model: Model,
     theta: FloatArray,
     *,
     noisier: Sequence[float] = (),
     hold_places: bool = True,
     free: slice = slice(None),
-    most_evaluations: int = MOST_EVALUATIONS,
-    least_promise: float = LEAST_PROMISE,
-) -> BodyFit:
-    """Move a body until it predicts all runs.
+    most_evaluations: int | None = None,
+    least_promise: float | None = None,
+) -> Fit:
+    """Move the model until it predicts all runs.
 
     Args:
-        model: the body, its runs and laws.
+        model: the body, its runs, laws and sensors.
         theta: where to start.
-        noisier: falling factors on the noise below the suspensions by which to come nearer from afar: the readings then
-            hold the motion to the truth while the parameters are still wrong.
+        noisier: falling factors on the noise below the suspensions by which to come nearer from afar.
         hold_places: whether coordinates stay as stated on the way.
         free: the entries that may move.
-        most_evaluations: predictions of all runs at the most, of each step.
+        most_evaluations: predictions of all runs at most, of each step.
         least_promise: the fit ends when the next step promises less of the squared error over its variance.
 
     Raises:
         UnboundedResponseError: the start values make a suspension that grows without bound.
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
-    spent = 0
+    known, spent = model.settings.fit, 0
     for factor in (*noisier, 1.0):
-        louder = replace(model, noise=(factor * model.noise[0], model.noise[1]))
+        louder = model if factor == 1.0 else replace(model, noise=(factor * model.noise[0], model.noise[1]))
         if factor != 1.0 and hold_places:
-            louder = replace(louder, body=_with_places_held(model.body))
-        promise = least_promise if factor == 1.0 else ON_THE_WAY
-        theta, n = _settled(louder, theta, free, most_evaluations, promise)
+            louder = _with_places_held(louder)
+        promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
+        theta, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
         spent += n
-    return BodyFit(model, theta, model.evaluate(theta), spent + 1)
+    return Fit(model, theta, model.evaluate(theta), spent + 1)
 
 
-def with_laws(model: BodyModel, theta: FloatArray, groups: Sequence[Group]) -> tuple[BodyModel, FloatArray]:
-    """Return a model with other laws, and the vector at which everything else stays.
+def refit(fit: Fit, laws: dict[str, Law], *, least_promise: float | None = None) -> Fit | None:
+    """Fit other laws from where a fit stands; None where they make no body that the runs can drive.
+
+    Args:
+        fit: where to start.
+        laws: by the name of the group, with start values; groups that are not named keep theirs.
+        least_promise: of `fit_model`.
+    """
+    most = fit.model.settings.fit.most_refit_evaluations
+    try:
+        return fit_model(*with_laws(fit, laws), most_evaluations=most, least_promise=least_promise)
+    except NO_FIT:
+        return None
+
+
+def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
+    """Return the model of a fit with other laws, and the vector at which everything else stays.
 
     What a dropped or added term does on average goes from or to stiffness and damping.
 
     Args:
-        model: with the laws so far.
-        theta: its vector.
-        groups: the same groups with other laws.
+        fit: with the laws so far.
+        laws: by the name of the group; groups that are not named keep theirs.
     """
-    changed = replace(model, groups=tuple(groups))
-    parts = []
-    for number, group in enumerate(groups):
-        first = model.first_of_group[number]
-        before = model.groups[number].law
-        if before.terms:
-            before = from_free(before, theta[model.law_places(number)])[0]
-        travel, velocity = typical_motion(model, group)
-        was = [float(np.mean(slope)) for slope in before.gradient(travel, velocity)]
-        now = [float(np.mean(slope)) for slope in group.law.gradient(travel, velocity)]
-        parts.append(np.concatenate([theta[first : first + 2] + np.subtract(was, now), to_free(group.law)]))
-    first, places = model.first_of_group[-1], model.law_places(len(groups) - 1)
-    return changed, np.concatenate([*parts, theta[max(first + 2, places.stop) :]])
+    model, groups = fit.model, []
+    parts: list[FloatArray] = []
+    for number, (group, before) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
+        law = laws.get(group.name, before)
+        first, places = model.first_of_group[number], model.law_places(number)
+        head = fit.theta[first : places.start].copy()
+        if law != before:
+            travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
+            for entry, (was, now) in enumerate(
+                zip(before.gradient(travel, velocity), law.gradient(travel, velocity), strict=True)
+            ):
+                head[entry] += float(np.mean(was)) - float(np.mean(now))
+        parts += [head, to_free(law)]
+        groups.append(replace(group, law=law))
+    return replace(model, groups=tuple(groups)), np.concatenate([*parts, fit.theta[places.stop :]])
 
 
-def typical_motion(model: BodyModel, group: Group) -> tuple[FloatArray, FloatArray]:
-    """Return travel and velocity, (n,) each, as large as those of the interfaces of a group, in all phases.
+def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) -> FloatArray:
+    """Return the vector of another model at which all that both have is as it was fitted.
 
     Args:
-        model: that knows how far they move.
-        group: of interfaces.
+        fit: of a model with the same runs and interfaces.
+        model: the other one.
+        start: by name, what else is known of its parameters, before what was fitted; faults begin at their nominal
+            values, the rest at zero.
     """
-    travel_rms, velocity_rms = np.sqrt(np.mean(model.motion_rms[list(group.slots)] ** 2, axis=0))
-    swing = np.sqrt(2) * np.sin(2 * np.pi * (np.arange(24) + 0.5) / 24)
-    travel, velocity = np.meshgrid(travel_rms * swing, velocity_rms * swing)
-    return travel.ravel(), velocity.ravel()
+    known = {fault.name: fault.nominal for fault in model.faults}
+    known |= dict(zip(fit.model.names, fit.theta.tolist(), strict=False))
+    known |= start or {}
+    return np.array([*(known.get(name, 0.0) for name in model.names), *fit.theta[fit.model.n_shared :]])
 
 
-def fastest_rate(model: BodyModel, theta: FloatArray) -> float:
+def fastest_rate(model: Model, theta: FloatArray) -> float:
     """Return the largest rate of the linear structure, frequency or decay, rad/s or 1/s.
 
     Args:
@@ -204,19 +256,66 @@ def fastest_rate(model: BodyModel, theta: FloatArray) -> float:
     return float(np.abs(np.linalg.eigvals(system)).max())
 
 
-def _with_places_held(body: Body) -> Body:
-    """The body with every place where it is stated to be: while all is wrong, places are not to make up for it."""
-    held = tuple(replace(coordinate, std=HELD * coordinate.std) for coordinate in body.coordinates)
-    return replace(body, coordinates=held)
+def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
+    """Return the residual over the noise of each run as a fit of the others predicts it; None where there is none.
+
+    Of the run left out only its start is fitted. The mass stays that of all runs, the one left out among them, where
+    the others have one loading.
+
+    Args:
+        fit: of all runs.
+        least_promise: of the fits.
+    """
+    model = fit.model
+    if len(model.runs) < 2:
+        return None
+    promise = least_promise or model.settings.fit.promise_in_search
+    cost, n_data, n_own = 0.0, 0, 2 * model.body.n_interfaces
+    own = fit.theta[model.n_shared :].reshape(len(model.runs), n_own)
+    try:
+        for place, run in enumerate(model.runs):
+            others = tuple(each for k, each in enumerate(model.runs) if k != place)
+            changed = model.mass_free and loading_changes([each.loading for each in others])
+            shared = fit.theta[: model.n_shared]
+            if model.mass_free and not changed:
+                shared = np.delete(shared, model.names.index("inverse_mass"))
+            rest = replace(model, runs=others, mass_free=changed, held_inverse_mass=model.inverse_mass(fit.theta))
+            begun = np.concatenate([shared, np.delete(own, place, axis=0).ravel()])
+            without = fit_model(rest, begun, least_promise=promise)
+            alone = np.concatenate([without.theta[: rest.n_shared], own[place]])
+            free = slice(rest.n_shared, None)
+            predicted = fit_model(replace(rest, runs=(run,)), alone, free=free, least_promise=promise)
+            cost += float(np.sum(predicted.errors.stacked[: predicted.n_data] ** 2))
+            n_data += predicted.n_data
+    except NO_FIT:
+        return None
+    return float(np.sqrt(cost / n_data))
 
 
-def _settled(
-    model: BodyModel, theta: FloatArray, free: slice, most_evaluations: int, least_promise: float
+def loading_changes(loadings: Sequence[FloatArray]) -> bool:
+    """Return whether the loading of a run is another than that of the first.
+
+    Args:
+        loadings: mass matrices of what the runs carry more than the reference, kg.
+    """
+    largest = max(float(np.abs(loading).max()) for loading in loadings)
+    return any(bool((np.abs(loading - loadings[0]) > 1e-6 * largest).any()) for loading in loadings[1:])
+
+
+def _with_places_held(model: Model) -> Model:
+    """The model with every place where it is stated to be: while all is wrong, places are not to make up for it."""
+    fraction = model.settings.fit.held_fraction
+    held = tuple(replace(each, std=fraction * each.std) for each in model.body.coordinates)
+    return replace(model, body=replace(model.body, coordinates=held)) if held else model
+
+
+def _moved(
+    model: Model, theta: FloatArray, free: slice, most_evaluations: int, least_promise: float
 ) -> tuple[FloatArray, int]:
     def evaluate(vector: FloatArray) -> Errors | None:
         try:
             return model.evaluate(vector)
-        except (UnboundedResponseError, ImpossibleBodyError):
+        except NO_FIT:
             return None
 
     lower, upper = model.bounds()
@@ -231,23 +330,3 @@ def _settled(
         least_promise=least_promise,
         first=model.evaluate,
     )
-
-
-def body_model(
-    runs: Sequence[BodyRun],
-    body: Body,
-    start: Start,
-    *,
-    mass_free: bool,
-    noise_m_per_s2: tuple[float, float],
-) -> BodyModel:
-    """Return the model that a start stands for.
-
-    Args:
-        runs: the runs.
-        body: the body.
-        start: of the equation of motion.
-        mass_free: whether one over the reference mass is fitted.
-        noise_m_per_s2: of the sensors below and on the body, m/s^2; their ratio matters.
-    """
-    return BodyModel(tuple(runs), body, start.groups, mass_free, noise_m_per_s2, start.motion_rms)

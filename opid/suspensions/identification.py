@@ -1,123 +1,225 @@
-"""From a study of a body on several suspensions to an answer: structures compared, one recommended, its numbers."""
+"""From a study to an answer: structures compared, one recommended, its numbers, and what to doubt."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
-from opid.mechanics.laws import Law, default_law
-from opid.signals.health import without_spikes
+from opid.mechanics.laws import default_law
+from opid.signals.health import check_pair, inspect, without_spikes
+from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray
-from opid.suspensions.band_lines import BAND_HZ
-from opid.suspensions.candidates import Fitted, fitted_alone, fitted_rigid
-from opid.suspensions.doubts import doubts, loose_motions, mass_doubt, refusal
-from opid.suspensions.fit import EXPLAINS
-from opid.suspensions.intervals import honest_covariance, mass_of, negative_mass
-from opid.suspensions.levels import FAR_OFF, is_white, noise_levels, over_noise
-from opid.suspensions.numbers import found_numbers
-from opid.suspensions.result import BodyIdentification, Candidate, RunResidual
-from opid.suspensions.study import BodyStudy, rigid_faults, symmetric_pairs
+from opid.suspensions.answer import Numbers, found_numbers
+from opid.suspensions.candidates import Arrays, Fitted, Noise, Task, fit_alone, fit_rigid
+from opid.suspensions.force_surface import force_surface
+from opid.suspensions.intervals import bootstrap_over_white, honest_covariance, mass_of, negative_mass, std_over_white
+from opid.suspensions.law_search import alternatives, library
+from opid.suspensions.limits import ground_imitations, limits
+from opid.suspensions.noise import known_noise
+from opid.suspensions.residual import measure_whiteness, over_noise
+from opid.suspensions.result import Candidate, Evidence, Identification, Options, RunResidual
+from opid.suspensions.search import METHODS_OF_LAW, Question
+from opid.suspensions.settings import Settings
+from opid.suspensions.study import Run, Study, rigid_faults, symmetric_pairs
+from opid.suspensions.warnings import (
+    Answer,
+    collect_warnings,
+    loose_motions,
+    straight_terms,
+    why_no_mass,
+    why_refused,
+)
 
-# three periods of the slowest motion that is compared
-LEAST_S = 10.0
-# of a run in a figure
-SHOWN_S = 6.0
+if TYPE_CHECKING:
+    from opid.suspensions.paper.result import PaperIdentification
 
+METHODS = ("model", "classical", "paper")
 IN_WORDS = {"single": "each gear alone", "pair": "the mean of left and right", "rigid_body": "one rigid body"}
+
+# of a run in a figure
+_SHOWN_S = 6.0
 
 Say = Callable[[str], None]
 
 
-def identify_body(
-    study: BodyStudy,
+def identify(
+    study: Study,
     *,
+    method: str = "model",
     law: str | None = None,
-    band_hz: tuple[float, float] = BAND_HZ,
+    band_hz: tuple[float, float] | None = None,
+    high_pass_hz: float | None = None,
+    ground: bool = True,
+    method_of_law: str = "pursuit",
+    settings: Settings | None = None,
+    seed: int = 0,
     progress: Say | None = None,
-) -> BodyIdentification:
-    """Identify a body on several suspensions from the motion measured on either side of each.
+) -> Identification | PaperIdentification:
+    """Identify masses, springs, damping and laws of a body on suspensions from runs at known loadings.
 
-    Every sensor on the body is predicted from all sensors below its suspensions. With `kind = "auto"` each gear alone
+    Every sensor on the body is predicted from all sensors below its suspensions; nothing is integrated by itself, so a
+    law keeps its slow motion. A gear is a body with one suspension. Of several, with `kind = "auto"`, each gear alone
     under its static share of the mass, the mean of symmetric pairs, and one rigid body are fitted to the same data; the
     simplest that leaves no more than the sensors' noise is recommended.
 
     Args:
-        study: interfaces, runs, and what is said of the structure.
+        study: interfaces, runs, and what is said of the structure and the sensors.
+        method: "model"; of one gear also "classical", the chain of Iwaniec & Uhl (2007) with every step mended, or
+            "paper", what its printed formula makes of the strongest matched peaks.
         law: to fit at every interface (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched where left out.
-        band_hz: lines of the prediction errors that count, Hz.
+        band_hz: lines that are compared, Hz; those of the settings where left out (classical chain: 0.5 to 12 Hz).
+        high_pass_hz: corner of the integration of the classical chain, Hz.
+        ground: whether springs from the body to the ground may be let in, which happens only if the runs demand them.
+        method_of_law: "pursuit", "sparse regression" (pysindy on the predicted motion), or "both", one after the other.
+        settings: every tuned number of the estimator.
+        seed: of the resampling that checks the intervals.
         progress: called with the name of each step as it begins.
 
     Returns:
-        The identification; `not_determined` says why where the data do not give absolute values.
+        The identification; `not_determined` says why where the data do not give absolute values. A
+        `PaperIdentification` for the methods "classical" and "paper".
 
     Raises:
-        InputError: an unknown law, a run of less than 10 s, or interfaces that make no rigid body where one is asked
-            for.
+        InputError: an unknown method or law, channels that are no pair, a run of less than 10 s, or interfaces that
+            make no rigid body where one is asked for.
         NotDeterminedError: no structure can be fitted at all.
     """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
+    if method_of_law not in METHODS_OF_LAW:
+        raise InputError(f"laws cannot be searched by {method_of_law!r}: {nearest(method_of_law, METHODS_OF_LAW)}")
+    if method != "model":
+        if not study.is_one_gear:
+            raise InputError(f"the method {method!r} is for one gear: leave it out for a body on several suspensions")
+        return _by_paper(study, method, law, band_hz, high_pass_hz, ground, progress)
+    settings = settings or Settings()
+    if band_hz is not None:
+        settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
+    given = None if law is None else default_law(law)
     say = progress or (lambda step: None)
-    for run in study.runs:
-        if run.recording.duration_s < LEAST_S:
-            raise InputError(f"run {run.name!r} lasts {run.recording.duration_s:.3g} s: give at least {LEAST_S:g} s")
-    arrays = _arrays(study)
-    noises = noise_levels(study.structure.noise_m_per_s2, arrays, fs=study.fs)
-    tried = _tried(study, arrays, noises, None if law is None else default_law(law), band_hz, say)
-    if all(each.fit is None for each in tried):
+    study = _checked(study, settings)
+    arrays, mended = _arrays(study)
+    sensors = study.sensor_facts()
+    if study.structure.noise_m_per_s2 is not None:
+        noise_free = [(side, k) for side in ("unsprung", "sprung") for k in range(len(sensors.facts(side)))]  # type: ignore[arg-type]
+        for side, k in noise_free:
+            if sensors.facts(side)[k].noise_m_per_s2 is None:  # type: ignore[arg-type]
+                sensors = sensors.changed(side, k, noise_m_per_s2=study.structure.noise_m_per_s2)  # type: ignore[arg-type]
+    noise = known_noise(
+        (sensors.unsprung, sensors.sprung),
+        [(below, above) for below, above, _ in arrays],
+        fs=study.fs,
+        settings=settings.runs,
+    )
+    options = Options(law, ground, method_of_law, library(), seed)
+    question = Question(given is not None, ground, True, method_of_law, options.kinds)
+    task = Task(study, arrays, sensors, noise, given, question, settings, say)
+    tried = _tried(task)
+    if not any(each.has_fit for each in tried):
         raise NotDeterminedError("no structure can be fitted to these runs: " + "; ".join(e.reason for e in tried))
     kind, why = _chosen(study, tried)
     say("intervals")
-    return _answer(study, tried, kind, why, noises, arrays, {"law": law or "searched", "band_hz": list(band_hz)})
+    return _answer(task, tried, kind, why, options, mended)
 
 
-def _arrays(study: BodyStudy) -> list[tuple[FloatArray, FloatArray]]:
-    """Accelerations below and on the body of each run, single spikes mended."""
-    below = [interface.unsprung for interface in study.interfaces]
-    above = [*(interface.sprung for interface in study.interfaces), *(sensor.channel for sensor in study.sensors)]
+def _by_paper(
+    study: Study,
+    method: str,
+    law: str | None,
+    band_hz: tuple[float, float] | None,
+    high_pass_hz: float | None,
+    ground: bool,
+    progress: Say | None,
+) -> PaperIdentification:
+    from opid.suspensions.paper.identification import identify_by_paper
 
-    def samples(place: int, names: Sequence[str]) -> FloatArray:
-        recording = study.runs[place].recording
-        return np.stack([without_spikes(recording.channel(name), fs=study.fs)[0] for name in names], axis=1)
-
-    return [(samples(place, below), samples(place, above)) for place in range(len(study.runs))]
+    given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
+    known = {name: value for name, value in given.items() if value is not None}
+    return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
 
 
-def _tried(
-    study: BodyStudy,
-    arrays: Sequence[tuple[FloatArray, FloatArray]],
-    noises: FloatArray,
-    law: Law | None,
-    band_hz: tuple[float, float],
-    say: Say,
-) -> list[Fitted]:
-    wanted, found = study.structure.kind, []
+def _checked(study: Study, settings: Settings) -> Study:
+    """Refuse what makes channels no pairs; note in the runs what merely deserves a word."""
+    runs = []
+    for run in study.runs:
+        if not study.is_one_gear and run.recording.duration_s < settings.runs.least_s:
+            raise InputError(
+                f"run {run.name!r} lasts {run.recording.duration_s:.3g} s: give at least {settings.runs.least_s:g} s"
+            )
+        runs.append(replace(run, findings=(*run.findings, *_findings(study, run))))
+    return replace(study, runs=tuple(runs))
+
+
+def _findings(study: Study, run: Run) -> list[Finding]:
+    found: list[Finding] = []
+    for interface in study.interfaces:
+        pair = (interface.unsprung, interface.sprung)
+        try:
+            below, above = (run.recording.channel(name) for name in pair)
+            found += check_pair(below, above, fs=study.fs, names=pair)
+        except InputError as error:
+            raise InputError(f"run {run.name!r}: {error}") from None
+    for finding in found:
+        # the wheels of a body stand on one ground, and its sensors anywhere: there it is only a hint
+        if finding.severity == "fault" and study.is_one_gear:
+            raise InputError(f"run {run.name!r}: {finding.message}")
+    used = {*study.channels("unsprung"), *study.channels("sprung")}
+    health = inspect(run.recording, thorough=False)
+    # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
+    return [*found, *(f for f in health.findings if f.severity != "note" and f.channel in used)]
+
+
+def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
+    """Accelerations below, on and across the body of each run, single spikes mended, and how many on either side."""
+    mended = {"unsprung": 0, "sprung": 0}
+    found = []
+    for run in study.runs:
+        sides: list[FloatArray] = []
+        for side in ("unsprung", "sprung"):
+            columns = []
+            for name in study.channels(side):  # type: ignore[arg-type]
+                samples, places = without_spikes(run.recording.channel(name), fs=study.fs)
+                columns.append(samples)
+                mended[side] += places.size
+            sides.append(np.stack(columns, axis=1))
+        across = [run.recording.channel(channel) for channel, *_ in study.leaks()]
+        none = np.empty((len(sides[0]), 0))
+        found.append((sides[0], sides[1], np.stack(across, axis=1) if across else none))
+    return found, (mended["unsprung"], mended["sprung"])
+
+
+def _tried(task: Task) -> list[Fitted]:
+    study, found = task.study, []
+    assert study is not None
+    wanted = study.structure.kind
     if wanted in ("auto", "single"):
         for k, name in enumerate(study.names):
-            say(f"{name} alone")
-            found.append(fitted_alone(study, arrays, noises, (k,), law=law, band_hz=band_hz))
+            task.say(f"{name} alone" if len(study.names) > 1 else "model")
+            found.append(fit_alone(task if len(study.names) == 1 else replace(task, say=_mute), (k,)))
     if wanted in ("auto", "pair"):
         pairs = symmetric_pairs(study)
         for pair in pairs:
-            say(f"mean of {' and '.join(study.names[k] for k in pair)}")
-            found.append(fitted_alone(study, arrays, noises, pair, law=law, band_hz=band_hz))
+            task.say(f"mean of {' and '.join(study.names[k] for k in pair)}")
+            found.append(fit_alone(replace(task, say=_mute), pair))
         if wanted == "pair":
             paired = {k for pair in pairs for k in pair}
-            for k in sorted(set(range(len(study.names))) - paired):
-                found.append(fitted_alone(study, arrays, noises, (k,), law=law, band_hz=band_hz))
+            found += [fit_alone(replace(task, say=_mute), (k,)) for k in range(len(study.names)) if k not in paired]
     if wanted == "rigid_body" or (wanted == "auto" and not list(rigid_faults(study))):
-        say("rigid body")
-
-        def told(step: str) -> None:
-            say(f"rigid body, {step}")
-
-        found.append(fitted_rigid(study, arrays, noises, law=law, band_hz=band_hz, progress=told))
+        task.say("rigid body")
+        found.append(fit_rigid(replace(task, say=lambda step: task.say(f"rigid body, {step}"))))
     return found
 
 
-def _parts(study: BodyStudy, tried: Sequence[Fitted], kind: str) -> list[Fitted]:
+def _mute(step: str) -> None:
+    pass
+
+
+def _parts(tried: Sequence[Fitted], kind: str) -> list[Fitted]:
     """The fits that make up the answer of a structure."""
     if kind == "rigid_body":
         return [each for each in tried if each.kind == "rigid_body"]
@@ -126,22 +228,23 @@ def _parts(study: BodyStudy, tried: Sequence[Fitted], kind: str) -> list[Fitted]
     return [*pairs, *(each for each in tried if each.kind == "single" and each.interfaces[0] not in paired)]
 
 
-def _chosen(study: BodyStudy, tried: Sequence[Fitted]) -> tuple[str, str]:
+def _chosen(study: Study, tried: Sequence[Fitted]) -> tuple[str, str]:
     """The simplest structure that explains the runs, and why."""
+    explained = tried[0].settings.verdicts.explained
     lacks: dict[str, float] = {}
     ratios: dict[str, float] = {}
     leaves: dict[str, str] = {}
     for kind in ("single", "pair", "rigid_body"):
-        parts = _parts(study, tried, kind)
+        parts = _parts(tried, kind)
         complete = sum(len(part.interfaces) for part in parts) == len(study.interfaces)
         if parts and complete and any(part.kind == kind for part in parts):
             lacks[kind] = max(part.lack for part in parts)
             ratios[kind] = max(part.residual_over_noise for part in parts)
             leaves[kind] = f"{IN_WORDS[kind]} {_leaves([part for part in parts if part.kind == kind])}"
     for kind, lack in lacks.items():
-        if lack <= EXPLAINS:
+        if lack <= explained:
             because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
-            simpler = [leaves[other] for other in lacks if lacks[other] > EXPLAINS]
+            simpler = [leaves[other] for other in lacks if lacks[other] > explained]
             return kind, f"{because}; {', '.join(simpler)}" if simpler else because
     best = min(ratios, key=lambda kind: ratios[kind])
     return best, (
@@ -152,64 +255,144 @@ def _chosen(study: BodyStudy, tried: Sequence[Fitted]) -> tuple[str, str]:
 
 def _leaves(parts: Sequence[Fitted]) -> str:
     """What the fits of a structure leave, in words."""
-    ratio = max(part.residual_over_noise for part in parts)
+    ratio, explained = max(part.residual_over_noise for part in parts), parts[0].settings.verdicts.explained
     if not np.isfinite(ratio):
         return "cannot be fitted"
     left_out = max(part.left_out_over_noise or 0.0 for part in parts)
     least = over_noise(min(part.residual_over_noise for part in parts))
     most = over_noise(ratio)
     said = f"leaves {most if least == most else f'{least} to {most}'} times the noise"
-    if ratio <= EXPLAINS < left_out:
+    if ratio <= explained < left_out:
         said += f", but {over_noise(left_out)} in runs that the others predict"
     return said
 
 
 def _answer(
-    study: BodyStudy,
-    tried: Sequence[Fitted],
-    kind: str,
-    why: str,
-    noises: FloatArray,
-    arrays: Sequence[tuple[FloatArray, FloatArray]],
-    settings: dict[str, Any],
-) -> BodyIdentification:
-    parts = [part for part in _parts(study, tried, kind) if part.fit is not None]
-    ratio = max(part.residual_over_noise for part in parts)
-    covariances = [honest_covariance(part.found) for part in parts]
-    unscaled = mass_doubt(study, parts, covariances, ratio)
-    reason = refusal(study, parts, ratio) or _failure(study, _parts(study, tried, kind)) or unscaled
-    numbers = found_numbers(study, kind, parts, covariances, per_mass=unscaled is not None)
+    task: Task, tried: Sequence[Fitted], kind: str, why: str, options: Options, mended: tuple[int, int]
+) -> Identification:
+    study, settings = task.study, task.settings
+    assert study is not None
+    parts = [part for part in _parts(tried, kind) if part.has_fit]
+    ratio, lack = max(part.residual_over_noise for part in parts), max(part.lack for part in parts)
+    # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
+    wider = max(1.0, ratio / settings.verdicts.doubtful) if study.is_one_gear else 1.0
+    covariances = [wider**2 * honest_covariance(part.fit) for part in parts]
+    refused = why_refused(study, parts, ratio)
+    evidence = tuple(
+        _evidence(task, part, covariance, options, refused is not None)
+        for part, covariance in zip(parts, covariances, strict=True)
+    )
+    unscaled = why_no_mass(study, parts, covariances, ratio)
+    reason = refused or _failure(study, _parts(tried, kind)) or unscaled
+    per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
+    numbers = found_numbers(study, kind, parts, covariances, evidence, per_mass=per_mass, ground=options.ground)
     mass = numbers.parameters["sprung_mass_kg"]
-    loose = []
-    if kind == "rigid_body" and ratio <= FAR_OFF:
-        loose = loose_motions(parts[0].found, numbers.parameters, numbers.ratios)
-    numbers = numbers.told(ratio, max(part.lack for part in parts), reason, loose)
+    loose: list[str] = []
+    if kind == "rigid_body" and ratio <= settings.verdicts.doubtful:
+        loose = loose_motions(parts[0].fit, numbers.parameters, numbers.ratios, settings.verdicts)
+    told = _told(study, numbers, parts, covariances, lack, reason, refused is not None, loose)
+    asked = Answer(
+        study=study,
+        tried=tried,
+        parts=parts,
+        covariances=covariances,
+        evidence=evidence,
+        why=why,
+        ratio=ratio,
+        mass=Estimate() if reason else mass,
+        stiffness=told.interfaces[0].stiffness,
+        ground=told.interfaces[0].ground_stiffness,
+        loose=loose,
+        is_refused=refused is not None,
+        mended_spikes=mended,
+    )
     believed = all(part.explains for part in parts) and not _any_negative(parts, covariances)
-    return BodyIdentification(
-        title=study.title,
-        date=study.date,
+    return Identification(
+        study=study,
         structure=kind,
-        parameters=numbers.parameters,
-        ratios=numbers.ratios,
-        per_mass=unscaled is not None,
-        interfaces=numbers.interfaces,
-        places={each.name: (*each.place, *each.sensor_place) for each in study.interfaces},
-        place_corrections=numbers.corrections,
+        parameters=told.parameters,
+        ratios=told.ratios,
+        per_mass=per_mass,
+        interfaces=told.interfaces,
+        place_corrections=told.corrections,
         candidates=tuple(_candidate(study, each, recommended=believed and each.kind == kind) for each in tried),
-        runs=_runs(study, parts, arrays),
-        noise_m_per_s2=float(np.sqrt(np.mean(np.square(noises)))),
+        why=why,
+        runs=_runs(study, parts, task.arrays),
+        noise_m_per_s2=_level(task.noise),
         residual_over_noise=ratio,
-        diagnostics=_diagnostics(study, parts, why, settings),
-        warnings=tuple(
-            doubts(study, tried, parts, why=why, ratio=ratio, mass=Estimate() if reason else mass, loose=loose)
-        ),
+        evidence=evidence,
+        mended_spikes=mended,
+        warnings=tuple(collect_warnings(asked)),
         not_determined=reason,
+        options=options,
+        settings=settings,
     )
 
 
-def _failure(study: BodyStudy, parts: Sequence[Fitted]) -> str | None:
+def _told(
+    study: Study,
+    numbers: Numbers,
+    parts: Sequence[Fitted],
+    covariances: Sequence[FloatArray],
+    lack: float,
+    reason: str | None,
+    is_refused: bool,
+    loose: Sequence[str],
+) -> Numbers:
+    """The numbers without what is not to be told of them."""
+    numbers = numbers.without_motions(loose)
+    if lack > parts[0].settings.verdicts.explained and not study.is_one_gear:
+        # what a structure lacks is no noise, and does not average out
+        numbers = numbers.without_intervals()
+    for part, covariance in zip(parts, covariances, strict=True):
+        straight = straight_terms(part.fit, covariance, part.settings.verdicts)
+        if straight:
+            numbers = numbers.without_intervals_of(straight, _members(study, part))
+    if reason:
+        numbers = numbers.without_scale()
+    return numbers.without_values() if is_refused else numbers
+
+
+def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
+    """Names of the interfaces of each group of a fit."""
+    if part.kind == "rigid_body":
+        return {group.name: [study.names[slot] for slot in group.slots] for group in part.fit.model.groups}
+    return {group.name: [study.names[k] for k in part.interfaces] for group in part.fit.model.groups}
+
+
+def _evidence(task: Task, part: Fitted, covariance: FloatArray, options: Options, is_refused: bool) -> Evidence:
+    fit, found = part.fit, part.found
+    assert found is not None  # parts have fits
+    assert task.study is not None
+    names = fit.model.names
+    wider = dict(zip(names, std_over_white(fit).tolist(), strict=False))
+    rng = np.random.default_rng(options.seed)
+    boot = {} if is_refused else dict(zip(names, bootstrap_over_white(fit, rng).tolist(), strict=False))
+    changes = [run.mass_change_kg for run in task.study.runs]
+    duration_s = sum(run.recording.duration_s for run in task.study.runs)
+    return Evidence(
+        fit=fit,
+        noise=part.level,
+        ladder=part.ladder,
+        alternatives=alternatives(part.ladder, part.settings.search),
+        demands=part.demands,
+        whiteness=measure_whiteness(fit),
+        std_over_white=wider,
+        bootstrap_over_white=boot,
+        surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
+        ground=ground_imitations(fit),
+        limits=tuple(limits(fit, covariance, changes, duration_s)),
+        n_starts=found.n_starts,
+    )
+
+
+def _level(noise: Noise) -> float:
+    return float(np.sqrt(np.mean([np.mean(np.square(side)) for side in noise])))
+
+
+def _failure(study: Study, parts: Sequence[Fitted]) -> str | None:
     """Why there is no mass of the whole though some gears are fitted."""
-    failed = [part for part in parts if part.fit is None]
+    failed = [part for part in parts if not part.has_fit]
     if not failed:
         return None
     names = ", ".join(study.names[k] for part in failed for k in part.interfaces)
@@ -217,61 +400,59 @@ def _failure(study: BodyStudy, parts: Sequence[Fitted]) -> str | None:
 
 
 def _any_negative(parts: Sequence[Fitted], covariances: Sequence[FloatArray]) -> bool:
-    return any(negative_mass(part.found, each) for part, each in zip(parts, covariances, strict=True))
+    return any(negative_mass(part.fit, each) for part, each in zip(parts, covariances, strict=True))
 
 
-def _candidate(study: BodyStudy, part: Fitted, *, recommended: bool) -> Candidate:
+def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
     names = tuple(study.names[k] for k in part.interfaces)
     mass, negative = Estimate(), False
-    if part.fit is not None and part.found.model.mass_free:
-        covariance = honest_covariance(part.found)
-        mass, negative = mass_of(part.found, covariance), negative_mass(part.found, covariance)
-        # what a wrong structure says is shown, as what it is; a mass between nothing and infinity is none
+    if part.has_fit and part.fit.model.mass_free:
+        covariance = honest_covariance(part.fit)
+        mass, negative = mass_of(part.fit, covariance), negative_mass(part.fit, covariance)
+        # what a wrong structure says is shown as what it is; without an interval there is no mass at all
         if mass.std is None or not part.explains:
             mass = Estimate() if part.explains else Estimate(mass.value)
-    if part.fit is None:
+    if not part.has_fit:
         why = part.reason
     elif part.explains:
         why = "what it leaves is the sensors' noise" + (", but its mass would be negative" if negative else "")
-    elif part.residual_over_noise <= EXPLAINS:
+    elif part.residual_over_noise <= part.settings.verdicts.explained:
         why = (
             f"it leaves the sensors' noise, but {part.left_out_over_noise:.3g} times as much in runs that the others "
             "predict: the runs do not go together"
         )
     else:
         why = f"it leaves {part.residual_over_noise:.3g} times the sensors' noise: these gears do not move like that"
+    laws = part.fit.laws.values() if part.has_fit else ()
     return Candidate(
         kind=part.kind,
         interfaces=names,
         sprung_mass_kg=mass,
         residual_over_noise=part.residual_over_noise,
         left_out_over_noise=part.left_out_over_noise,
-        law="; ".join(
-            dict.fromkeys(group.law.name for group in part.found.model.groups) if part.fit is not None else ("",)
-        ),
+        law="; ".join(dict.fromkeys(law.name for law in laws)),
         explains=part.explains,
         recommended=recommended,
         why=why,
     )
 
 
-def _runs(
-    study: BodyStudy, parts: Sequence[Fitted], arrays: Sequence[tuple[FloatArray, FloatArray]]
-) -> tuple[RunResidual, ...]:
+def _runs(study: Study, parts: Sequence[Fitted], arrays: Arrays) -> tuple[RunResidual, ...]:
     found = []
     for place, run in enumerate(study.runs):
         residual, measured, predicted = [], [], []
-        first = arrays[place][1].shape[0] // 4
-        shown = slice(first, first + round(SHOWN_S * study.fs))
+        first = len(arrays[place][1]) // 4
+        shown = slice(first, first + round(_SHOWN_S * study.fs))
         for part in parts:
-            fit = part.found
+            fit = part.fit
             used, line = fit.model.runs[place], fit.errors.lines[place]
-            n_sensors = used.sprung.shape[1]
+            read = fit.model.corrected(fit.theta, place)[1].value
+            n_sensors = read.shape[1]
             residual += list(np.abs(line.reshape(n_sensors, -1)) / np.sqrt(2))
             steps = slice(shown.start * used.finer, shown.stop * used.finer, used.finer)
-            measured += list(used.sprung[steps].T)
+            measured += list(read[steps].T)
             predicted += list(fit.errors.predictions[place].acceleration[steps, :n_sensors].T)
-        used = parts[0].found.model.runs[place]
+        used = parts[0].fit.model.runs[place]
         n = min(len(each) for each in measured)
         found.append(
             RunResidual(
@@ -282,27 +463,7 @@ def _runs(
                 time_s=(shown.start + np.arange(n)) / study.fs,
                 measured=np.array(measured),
                 predicted=np.array(predicted),
-                loading=tuple((each.mass_kg, each.x_m, each.y_m) for each in run.loading),
+                loading=tuple((each.mass_kg, each.x_m, each.y_m) for each in run.masses),
             )
         )
     return tuple(found)
-
-
-def _diagnostics(study: BodyStudy, parts: Sequence[Fitted], why: str, settings: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "study": None if study.source is None else str(study.source),
-        "body_sensors": {sensor.channel: [sensor.x_m, sensor.y_m] for sensor in study.sensors},
-        "why": why,
-        "kind_asked_for": study.structure.kind,
-        "position_tolerance_m": study.structure.position_tolerance_m,
-        "noise_stated": study.structure.noise_m_per_s2 is not None,
-        "runs": [{"name": run.name, "mass_change_kg": run.mass_change_kg} for run in study.runs],
-        "n_data": sum(part.found.n_data for part in parts),
-        "white": [is_white(part.found) for part in parts],
-        "laws_tried": [
-            {"law": step.law, "bic": step.bic, "kept": step.kept, "fs_hz": step.fs}
-            for part in parts
-            for step in part.steps
-        ],
-        **settings,
-    }

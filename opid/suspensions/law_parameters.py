@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws import Law
+from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
-
-# a scale below this share of the rms motion is a step, one above that multiple a straight line
-SMALLEST_SCALE, LARGEST_SCALE = 0.01, 3.0
 
 
 def positive(law: Law) -> NDArray[np.bool_]:
@@ -62,5 +59,34 @@ def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[Fl
     for i, parameter in enumerate(law.parameter_list):
         if parameter.role == "scale":
             rms = max(velocity_rms if parameter.unit == "m/s" else travel_rms, 1e-12)
-            lower[i], upper[i] = np.log(SMALLEST_SCALE * rms), np.log(LARGEST_SCALE * rms)
+            lower[i], upper[i] = np.log(np.multiply(parameter.over_rms, rms))
     return lower, upper
+
+
+def offered_terms(kind: str, *, travel_rms: float, velocity_rms: float, n_scales: int) -> list[Term]:
+    """Return terms of unit amplitude of a kind, its inner parameters over the range in which this motion shows them.
+
+    Args:
+        kind: name in `opid.mechanics.laws.LAWS`.
+        travel_rms: rms of z, m.
+        velocity_rms: rms of z', m/s.
+        n_scales: scales that are offered, evenly in their logarithm.
+
+    >>> [term.inner for term in offered_terms("cubic_stiffness", travel_rms=1e-3, velocity_rms=1e-2, n_scales=3)]
+    [()]
+    """
+    inner = LAWS[kind].parameters[1:]
+    has_lag = any(parameter.role == "lag" for parameter in inner)
+    lags = travel_rms / velocity_rms * np.array([0.3, 1.0, 3.0]) if has_lag else np.zeros(1)
+    fractions = np.linspace(0.4, 0.98, n_scales) if any(p.role == "scale" for p in inner) else np.zeros(1)
+    offered = []
+    for lag in lags:
+        for fraction in fractions:
+            values = []
+            for parameter in inner:
+                rms = velocity_rms if parameter.unit == "m/s" else float(np.hypot(travel_rms, lag * velocity_rms))
+                low, high = np.log(np.multiply(parameter.over_rms, rms))
+                scale = float(np.exp(low + fraction * (high - low)))
+                values.append({"scale": scale, "lag": float(lag)}.get(parameter.role, parameter.default))
+            offered.append(Term(kind, (1.0, *values)))
+    return offered

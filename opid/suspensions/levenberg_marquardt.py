@@ -9,14 +9,6 @@ import numpy as np
 
 from opid.signals.recording import FloatArray
 
-MOST_EVALUATIONS = 15
-# the search ends when the next step promises less than this of the squared error over its variance
-LEAST_PROMISE = 1e-2
-# first damping of a step that failed, over the squared size of each column
-DAMPING = 1e-3
-# smaller is none
-LEAST_DAMPING = 1e-6
-
 
 class Residual(Protocol):
     """Errors, (n,), and their derivatives, (n, n_unknowns)."""
@@ -38,8 +30,8 @@ def least_squares(
     caps: FloatArray,
     *,
     free: slice = slice(None),
-    most_evaluations: int = MOST_EVALUATIONS,
-    least_promise: float = LEAST_PROMISE,
+    most_evaluations: int,
+    least_promise: float,
     first: Callable[[FloatArray], Residual] | None = None,
 ) -> tuple[FloatArray, int]:
     """Return the vector of least squared error near `theta` and the evaluations spent.
@@ -57,6 +49,8 @@ def least_squares(
         least_promise: the search ends when the next step promises less of the squared error over its variance.
         first: takes the place of `evaluate` at the start, and may raise.
     """
+    # the first damping of a step that failed, over the squared size of each column; smaller than the second is none
+    first_damping, least_damping = 1e-3, 1e-6
     lower, upper, caps = lower[free], upper[free], caps[free]
     best = theta.copy()
     best[free] = np.clip(best[free], lower, upper)
@@ -73,10 +67,10 @@ def least_squares(
         new = evaluate(trial)
         if new is not None and _cost(new) < cost:
             # where a longer step has just failed the next may as well
-            eased = damping if failed else damping / 10 if damping > LEAST_DAMPING else 0.0
+            eased = damping if failed else damping / 10 if damping > least_damping else 0.0
             best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
         else:
-            damping, failed = max(10 * damping, DAMPING), True
+            damping, failed = max(10 * damping, first_damping), True
     return best, most_evaluations
 
 

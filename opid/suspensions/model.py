@@ -1,93 +1,138 @@
-"""Prediction errors of a body on driven suspensions and their derivatives, as functions of one vector.
+"""Prediction errors of a body on driven suspensions, and their derivatives, as functions of one vector.
 
-Every reading on the body corrects the simulated motion by as much as the noise levels make right
-(`opid.mechanics.prediction`), so that the errors are white for the true model. Lines of a band of them are compared.
+The noise below the suspensions drives the model too. Every reading on the body therefore corrects the simulated motion
+by as much as the noise levels make right (`opid.mechanics.prediction`), so that the errors are white for the true model
+whatever the law. The lines of a band of them are compared: what sensors do below and above does not matter.
+
+A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from opid.mechanics.driven import Interface
-from opid.mechanics.laws import LINEAR, Law
+from opid.mechanics.laws import LINEAR, Law, Term, TermSet
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
+from opid.suspensions.body import Body, Mobility, mobility
 from opid.suspensions.law_parameters import free_bounds, from_free, positive
-from opid.suspensions.one_gear.driven_model import OFFSET_M_PER_S2, START_RMS, Errors
-from opid.suspensions.run import BodyRun
-from opid.suspensions.structure import Body, Mobility, mobility
+from opid.suspensions.run import Corrected, DrivenRun
+from opid.suspensions.sensor_facts import Fault, Sensors
+from opid.suspensions.settings import Settings
 
 # the reading of a slot that has no sensor: nothing is learnt from it
-NO_SENSOR_M_PER_S2 = 1e6
-# how far the logarithm of a positive entry may move in a step
-LARGEST_LOG_STEP = 1.0
-# places are not looked for farther from where they are said to be, in standard deviations
-FARTHEST_STD = 6.0
+_NO_SENSOR_M_PER_S2 = 1e6
 
 
 @dataclass(frozen=True)
 class Group:
-    """Interfaces that share stiffness, damping and law.
+    """Interfaces that share stiffness, damping, ground spring and law.
 
     Args:
-        name: "left", or "left, right".
+        name: "left", or "left, right"; "" for one gear.
         slots: of its interfaces.
         law: says which terms, per unit of the reference mass.
+        ground: whether springs act between the body and the ground at these interfaces.
     """
 
     name: str
     slots: tuple[int, ...]
     law: Law = LINEAR
+    ground: bool = False
+
+    @property
+    def n_head(self) -> int:
+        """Entries of the vector before those of the law."""
+        return 2 + self.ground
+
+    def called(self, what: str) -> str:
+        """Return the name of one of its parameters.
+
+        Args:
+            what: "stiffness_per_mass", ...
+        """
+        return f"{what}[{self.name}]" if self.name else what
 
 
 @dataclass(frozen=True, eq=False)
-class BodyModel:
+class Errors:
+    """Whitened prediction errors of all runs at one vector.
+
+    Args:
+        stacked: (n_data + n_priors,) real and imaginary parts of the lines, then the departures from what was known.
+        jacobian: (n_data + n_priors, n_unknowns); no rows where it was not asked for.
+        lines: one complex array (n_sensors * n_lines,) a run, one sensor after the other.
+        predictions: of each run, without derivatives.
+        candidates: derivatives by the amplitudes and inner values of further terms, (n_data, n_values), if asked for.
+    """
+
+    stacked: FloatArray
+    jacobian: FloatArray
+    lines: tuple[ComplexArray, ...]
+    predictions: tuple[Prediction, ...]
+    candidates: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
     """Prediction errors and their derivatives as functions of one vector.
 
-    Stiffness, damping and law (positive entries as logarithms) of each group, stiffness and damping of each spring
-    inside that is to be found, free factors of the mass, [1 / reference mass], coordinates; then travel and velocity of
-    each interface at the start of each run.
+    Of each group stiffness, damping, [ground stiffness] and law (positive entries as logarithms); stiffness and damping
+    of each spring inside that is to be found; free factors of the mass; [1 / reference mass]; faults of sensors;
+    coordinates; then travel and velocity of each interface at the start of each run.
 
     Args:
         runs: the runs.
         body: the body.
         groups: which interfaces share what.
+        sensors: what is known of the sensors, and which of their faults are free.
         mass_free: whether one over the reference mass is fitted.
-        noise: (2,) of the sensors below and on the body, m/s^2.
+        noise: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
         motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s), roughly.
+        settings: of the estimator.
         held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
     """
 
-    runs: tuple[BodyRun, ...]
+    runs: tuple[DrivenRun, ...]
     body: Body
     groups: tuple[Group, ...]
+    sensors: Sensors
     mass_free: bool
-    noise: tuple[float, float]
+    noise: tuple[FloatArray, FloatArray]
     motion_rms: FloatArray
+    settings: Settings
     held_inverse_mass: float = 0.0
 
     @cached_property
-    def coarse(self) -> BodyModel:
+    def coarse(self) -> Model:
         """The model of the same runs at a coarse rate; itself where theirs is."""
         runs = tuple(run.coarse for run in self.runs)
-        return self if runs == self.runs else replace(self, runs=runs)
+        return self if all(a is b for a, b in zip(runs, self.runs, strict=True)) else replace(self, runs=runs)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the shared parameters."""
         names: list[str] = []
         for group in self.groups:
-            names += [f"stiffness_per_mass[{group.name}]", f"damping_per_mass[{group.name}]"]
-            names += [f"law[{group.name}][{i}]" for i in range(group.law.vector.size)]
+            heads = ["stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass"][: group.n_head]
+            names += [group.called(head) for head in heads]
+            names += [f"{group.called('law')}[{i}]" for i in range(group.law.vector.size)]
         for _, spring in self._searched:
             names += [f"stiffness_per_mass[{spring}]", f"damping_per_mass[{spring}]"]
         names += [*self.body.names, *(["inverse_mass"] if self.mass_free else [])]
+        names += [fault.name for fault in self.faults]
         return (*names, *(coordinate.name for coordinate in self.body.coordinates))
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The faults of sensors that are fitted."""
+        return self.sensors.faults
 
     @cached_property
     def _searched(self) -> tuple[tuple[int, str], ...]:
@@ -98,8 +143,8 @@ class BodyModel:
     @cached_property
     def first_of_group(self) -> tuple[int, ...]:
         """Place of the stiffness of each group in the vector."""
-        sizes = [2 + group.law.vector.size for group in self.groups]
-        return tuple(int(place) for place in np.concatenate([[0], np.cumsum(sizes)])[:-1])
+        sizes = [group.n_head + group.law.vector.size for group in self.groups]
+        return tuple(int(place) for place in np.cumsum([0, *sizes])[:-1])
 
     @property
     def n_shared(self) -> int:
@@ -107,30 +152,54 @@ class BodyModel:
         return len(self.names)
 
     @property
+    def ground(self) -> bool:
+        """Whether any spring acts between body and ground."""
+        return any(group.ground for group in self.groups)
+
+    @property
+    def level(self) -> float:
+        """The noise that is assumed, as white noise of one level on all sensors, m/s^2."""
+        mean = [float(np.mean(np.square(side))) for side in self.noise]
+        return float(np.sqrt(np.mean(mean)))
+
+    @property
     def _n_own(self) -> int:
         return 2 * self.body.n_interfaces
 
     @property
-    def _first_mass(self) -> int:
-        return self.n_shared - len(self.body.coordinates) - self.mass_free - len(self.body.names)
+    def _first_coordinate(self) -> int:
+        return self.n_shared - len(self.body.coordinates)
+
+    @property
+    def _first_fault(self) -> int:
+        return self._first_coordinate - len(self.faults)
+
+    @property
+    def _first_factor(self) -> int:
+        return self._first_fault - self.mass_free - len(self.body.names)
+
+    @property
+    def first_inside(self) -> int:
+        """Place of the first spring inside that is to be found."""
+        return self._first_factor - 2 * len(self._searched)
 
     def law_places(self, number: int) -> slice:
-        """Place of the law of a group in the vector.
+        """Return where the law of a group stands in the vector.
 
         Args:
             number: of the group.
         """
-        first = self.first_of_group[number] + 2
+        first = self.first_of_group[number] + self.groups[number].n_head
         return slice(first, first + self.groups[number].law.vector.size)
 
     def inverse_mass(self, theta: FloatArray) -> float:
-        """One over the reference mass at a vector, 1/kg; 1 where the body is given in kg.
+        """Return one over the reference mass at a vector, 1/kg; 1 where the body is given in kg.
 
         Args:
             theta: the vector.
         """
         if self.mass_free:
-            return float(theta[self.names.index("inverse_mass")])
+            return float(theta[self._first_fault - 1])
         return 1.0 if self.body.absolute else self.held_inverse_mass
 
     def mobility(self, theta: FloatArray, place: int) -> Mobility:
@@ -140,101 +209,167 @@ class BodyModel:
             theta: the vector.
             place: of the run.
         """
-        first, n_parts = self._first_mass, len(self.body.names)
-        shifts = theta[self.n_shared - len(self.body.coordinates) : self.n_shared]
-        return mobility(
-            self.body, theta[first : first + n_parts], self.inverse_mass(theta), shifts, self.runs[place].loading
-        )
+        first = self._first_factor
+        factors, shifts = theta[first : first + len(self.body.names)], theta[self._first_coordinate : self.n_shared]
+        return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[place].loading)
+
+    def fault_values(self, theta: FloatArray) -> dict[str, float]:
+        """Return the faults of the sensors at a vector by name.
+
+        Args:
+            theta: the vector.
+        """
+        first = self._first_fault
+        return {fault.name: float(theta[first + k]) for k, fault in enumerate(self.faults)}
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of the vector, infinite but for scales, damping and coordinates."""
+        """Return lower and upper bounds of the vector, infinite but for scales, damping, faults and coordinates."""
         lower = np.full(self.n_shared + self._n_own * len(self.runs), -np.inf)
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
             places = self.law_places(number)
             lower[places], upper[places] = free_bounds(group.law, travel_rms=travel_rms, velocity_rms=velocity_rms)
-        for k, coordinate in enumerate(self.body.coordinates, start=self.n_shared - len(self.body.coordinates)):
-            lower[k], upper[k] = -FARTHEST_STD * coordinate.std, FARTHEST_STD * coordinate.std
+        farthest = self.settings.fit.farthest_std
+        for k, fault in enumerate(self.faults, start=self._first_fault):
+            lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
+            if fault.kind in ("gain", "corner"):
+                lower[k] = max(lower[k], 0.2 * fault.nominal)
+        for k, coordinate in enumerate(self.body.coordinates, start=self._first_coordinate):
+            lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
         return lower, upper
 
     def largest_steps(self) -> FloatArray:
-        """How far each entry may move in a step."""
+        """Return how far each entry may move in a step."""
         caps = np.full(self.n_shared + self._n_own * len(self.runs), np.inf)
         for number, group in enumerate(self.groups):
-            caps[self.law_places(number)][positive(group.law)] = LARGEST_LOG_STEP
+            caps[self.law_places(number)][positive(group.law)] = self.settings.fit.largest_log_step
         return caps
 
-    def interfaces(self, theta: FloatArray) -> tuple[list[Interface], list[FloatArray]]:
+    def laws(self, theta: FloatArray) -> tuple[Law, ...]:
+        """Return the law of each group at a vector, per unit of the reference mass.
+
+        Args:
+            theta: the vector.
+        """
+        return tuple(law for law, _ in self._laws(theta))
+
+    def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
+        """The law of each group, and what its entries move by (see `from_free`)."""
+        for number, group in enumerate(self.groups):
+            if group.law.terms:
+                yield from_free(group.law, theta[self.law_places(number)])
+            else:
+                yield LINEAR, np.empty(0)
+
+    def interfaces(
+        self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
+    ) -> tuple[list[Interface], list[FloatArray]]:
         """Return the suspensions of all slots at a vector, and what their laws' entries move by (see `from_free`).
 
         Args:
             theta: the vector.
+            candidates: further terms of groups, by number of the group, behind those of their laws.
         """
         slots: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_slots
         slopes: list[FloatArray] = []
-        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
-            law, slope = LINEAR, np.empty(0)
-            if group.law.terms:
-                law, slope = from_free(group.law, theta[self.law_places(number)])
+        for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
+            group, force = self.groups[number], law
             slopes.append(slope)
+            if candidates and number in candidates:
+                force = TermSet((*law.terms, *candidates[number]))  # type: ignore[assignment]
+            ground = float(theta[first + 2]) if group.ground else 0.0
             for slot in group.slots:
-                slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), 0.0, law)
-        mu, first = self.inverse_mass(theta), self._first_mass - 2 * len(self._searched)
+                slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)
+        mu = self.inverse_mass(theta)
         for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
             if spring.stiffness_n_per_m is not None and spring.damping_n_s_per_m is not None:
                 slots[slot] = Interface(mu * spring.stiffness_n_per_m, mu * spring.damping_n_s_per_m)
         for k, (slot, _) in enumerate(self._searched):
-            slots[slot] = Interface(float(theta[first + 2 * k]), float(theta[first + 2 * k + 1]))
+            place = self.first_inside + 2 * k
+            slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
         return slots, slopes
 
-    def predict(self, theta: FloatArray, place: int, *, sensitivity: bool = True) -> tuple[Prediction, ComplexArray]:
-        """Predict one run; also give the derivatives of the lines of its errors, (n_unknowns, n_sensors, n_lines).
+    def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
+        """Return the drive and the readings of a run with the faults of the sensors taken out.
 
         Args:
             theta: the vector.
             place: of the run.
-            sensitivity: whether the derivatives are wanted; there are none otherwise.
         """
+        values = self.fault_values(theta)
+        return self.runs[place].drive(self.sensors, values), self.runs[place].readings(self.sensors, values)
+
+    def _predict(
+        self, theta: FloatArray, place: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
+    ) -> tuple[Prediction, ComplexArray, ComplexArray]:
+        """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
         run, body, n_slots = self.runs[place], self.body, self.body.n_slots
-        slots, slopes = self.interfaces(theta)
+        slots, slopes = self.interfaces(theta, candidates)
         moved = self.mobility(theta, place)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
-        drive, measured = np.zeros((len(run.drive), n_slots)), np.zeros((run.n_samples, n_slots))
-        drive[:, : body.n_interfaces], measured[:, : run.sprung.shape[1]] = run.drive, run.sprung
+        below, above = self.corrected(theta, place)
+        n_sensors = above.value.shape[1]
         start, std = self._at_start(theta, place)
         prediction = predict(
             slots,
             moved.accelerance,
-            drive,
-            measured,
+            _widened(below.value, n_slots),
+            _widened(above.value, n_slots),
             fs=run.fs,
-            noise=self._noise(run),
+            noise=self._noise(theta, run),
             start=start,
             start_std=std,
             accelerance_directions=moved.by_accelerance[kept],
-            reading=moved.reading,
-            reading_directions=moved.by_reading[kept],
+            # a sensor at its interface reads what acts there: the predictor then need not tell the two apart
+            reading=None if self._is_plain else moved.reading,
+            reading_directions=None if self._is_plain else moved.by_reading[kept],
+            drive_directions=below.directions(n_slots),
+            measured_directions=above.directions(n_slots),
+            ground=self.ground,
             sensitivity=sensitivity,
         )
-        n_sensors = run.sprung.shape[1]
         by = np.zeros((theta.size if sensitivity else 0, n_sensors, run.omega.size), dtype=np.complex128)
+        further = by[:0]
         if sensitivity:
-            change = run.transform(prediction.sensitivity[:n_sensors]).transpose(1, 0, 2)
-            self._sort_out(change, slots, slopes, n_directions, place, by)
+            change = prediction.sensitivity[:n_sensors]
+            if below.by or above.by:
+                change = change.copy()
+                first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
+                self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
+            lines = run.transform(change).transpose(1, 0, 2)
+            further = self._sort_out(lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
         # a hundred times larger than the rest, and used up
-        return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by
+        return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
+
+    @cached_property
+    def _is_plain(self) -> bool:
+        """Whether the readings are the accelerations at the interfaces, in this order."""
+        body = self.body
+        return (
+            body.rows.shape == body.readings.shape and np.array_equal(body.rows, body.readings) and not body.coordinates
+        )
+
+    @property
+    def _n_starts(self) -> int:
+        """Directions of the start state that the predictor has."""
+        return (4 if self.ground else 2) * self.body.n_slots
 
     def _at_start(self, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
-        """Travel, velocity and offsets of the sensors of all slots at the first sample of a run, and how well known."""
-        body, n_sensors = self.body, self.runs[place].sprung.shape[1]
-        start, std = np.zeros((4, body.n_slots)), np.zeros((4, body.n_slots))
-        start[:2, : body.n_interfaces] = theta[self.n_shared + self._n_own * place :][: self._n_own].reshape(-1, 2).T
-        std[:2, : body.n_interfaces] = 1e-9
-        springs = np.abs(body.rows[body.n_interfaces :]).max(axis=1, initial=0.0) > 0.0
-        std[:2, body.n_interfaces :] = springs * START_RMS * self.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
-        std[2, : body.n_interfaces] = std[3, :n_sensors] = OFFSET_M_PER_S2
+        """State of all slots at the first sample of a run, and how well it is known: what is fitted, exactly."""
+        body, known, n_sensors = self.body, self.settings.runs, len(self.sensors.sprung)
+        n, n_rows = body.n_interfaces, 6 if self.ground else 4
+        start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
+        start[:2, :n] = theta[self.n_shared + self._n_own * place :][: self._n_own].reshape(-1, 2).T
+        std[:2, :n] = 1e-9
+        springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
+        std[:2, n:] = springs * known.start_rms * self.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
+        if self.ground:
+            std[2, :n], std[3, :n] = known.start_displacement_m, known.start_velocity_m_per_s
+        for row, facts in ((-2, self.sensors.unsprung), (-1, self.sensors.sprung)):
+            offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
+            std[row, : n if row == -2 else n_sensors] = offsets
         return start, std
 
     def _sort_out(
@@ -242,85 +377,208 @@ class BodyModel:
         change: ComplexArray,
         slots: Sequence[Interface],
         slopes: Sequence[FloatArray],
-        n_directions: int,
+        by_fault: Sequence[tuple[str, int, FloatArray]],
         place: int,
         by: ComplexArray,
-    ) -> None:
-        """Add the derivatives by what the slots have to those by the entries of the vector."""
-        firsts = np.concatenate([[0], np.cumsum([slot.n_parameters for slot in slots])])
+        candidates: Mapping[int, Sequence[Term]],
+    ) -> ComplexArray:
+        """Add the derivatives by what the slots have to those by the entries of the vector; return the candidates'."""
+        firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+        further: list[ComplexArray] = []
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
+            n_law = group.law.vector.size
+            n_more = sum(len(term.values) for term in candidates.get(number, ()))
+            more = np.zeros((n_more, *change.shape[1:]), dtype=np.complex128)
             for slot in group.slots:
-                by[first : first + 2] += change[firsts[slot] : firsts[slot] + 2]
-                of_law = change[firsts[slot] + 3 : firsts[slot + 1]]
-                by[self.law_places(number)] += of_law * slopes[number][:, np.newaxis, np.newaxis]
-        first_mass = self._first_mass
+                own = change[firsts[slot] : firsts[slot + 1]]
+                by[first : first + group.n_head] += own[: group.n_head]
+                by[self.law_places(number)] += own[3 : 3 + n_law] * slopes[number][:, np.newaxis, np.newaxis]
+                more += own[3 + n_law :]
+            further.append(more)
         for k, (slot, _) in enumerate(self._searched):
-            row = first_mass - 2 * len(self._searched) + 2 * k
+            row = self.first_inside + 2 * k
             by[row : row + 2] += change[firsts[slot] : firsts[slot] + 2]
-        directions = change[firsts[-1] :]
-        by[first_mass : first_mass + n_directions] += directions[:n_directions]
-        n_coordinates = len(self.body.coordinates)
-        by[self.n_shared - n_coordinates : self.n_shared] += directions[n_directions : n_directions + n_coordinates]
+        body, n_coordinates = self.body, len(self.body.coordinates)
+        n_factors = len(body.names) + self.mass_free
+        rest = change[firsts[-1] :]
+        by[self._first_factor : self._first_factor + n_factors] += rest[:n_factors]
+        by[self._first_coordinate : self.n_shared] += rest[n_factors : n_factors + n_coordinates]
         if self.mass_free:
-            row = first_mass + n_directions - 1
-            for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
+            row = self._first_fault - 1
+            for slot, spring in enumerate(body.inside, start=body.n_interfaces):
                 by[row] += (spring.stiffness_n_per_m or 0.0) * change[firsts[slot]]
                 by[row] += (spring.damping_n_s_per_m or 0.0) * change[firsts[slot] + 1]
-        starts, n_slots = directions[n_directions + n_coordinates :], self.body.n_slots
-        row = self.n_shared + self._n_own * place
-        for interface in range(self.body.n_interfaces):
+        rest = rest[n_factors + n_coordinates :]
+        names = [fault.name for fault in self.faults]
+        for row, (name, _, _) in enumerate(by_fault):
+            by[self._first_fault + names.index(name)] += rest[row]
+        starts, row = rest[len(by_fault) :], self.n_shared + self._n_own * place
+        for interface in range(body.n_interfaces):
             by[row + 2 * interface] = starts[interface]
-            by[row + 2 * interface + 1] = starts[n_slots + interface]
+            by[row + 2 * interface + 1] = starts[body.n_slots + interface]
+        return np.concatenate(further)
 
-    def _noise(self, run: BodyRun) -> Noise:
-        """White noise sampled finer has the same density only at a higher level.
+    def _gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The gain of every sensor below the suspensions and on the body."""
+        gains = np.ones(len(self.sensors.unsprung)), np.ones(len(self.sensors.sprung))
+        for k, fault in enumerate(self.faults, start=self._first_fault):
+            if fault.kind == "gain":
+                gains[fault.side == "sprung"][fault.channel] = theta[k]
+        return gains
 
-        Of runs sampled coarser the drive alone is averaged.
+    def _noise_of_readings(self, theta: FloatArray, run: DrivenRun) -> tuple[FloatArray, FloatArray]:
+        """The noise behind the gains, as the run is sampled.
+
+        The noise is that of a reading: a large gain must not make the errors look small. White noise sampled finer has
+        the same density only at a higher level; of runs sampled coarser the drive alone is averaged.
         """
-        below, above = (level * float(np.sqrt(run.finer)) for level in self.noise)
-        below /= float(np.sqrt(run.coarser))
-        n_slots, n_sensors = self.body.n_slots, run.sprung.shape[1]
-        drive = [below] * self.body.n_interfaces + [0.0] * (n_slots - self.body.n_interfaces)
-        return Noise(drive, [above] * n_sensors + [NO_SENSOR_M_PER_S2] * (n_slots - n_sensors))
+        below, above = (side * np.sqrt(run.finer) for side in self.noise)
+        gains = self._gains(theta)
+        return below / gains[0] / np.sqrt(run.stride), above / gains[1]
 
-    def evaluate(self, theta: FloatArray, *, sensitivity: bool = True) -> Errors:
+    def _noise(self, theta: FloatArray, run: DrivenRun) -> Noise:
+        """The noise of all slots; an AC coupling that was undone adds up its own."""
+        levels = self._noise_of_readings(theta, run)
+        values, rows = self.fault_values(theta), []
+        for side, level, n_all, absent in (
+            ("unsprung", levels[0], self.body.n_slots, 0.0),
+            ("sprung", levels[1], self.body.n_slots, _NO_SENSOR_M_PER_S2),
+        ):
+            corners = np.array([facts.corner_hz for facts in self.sensors.facts(side)])  # type: ignore[arg-type]
+            for fault in self.faults:
+                if fault.kind == "corner" and fault.side == side:
+                    corners[fault.channel] = values[fault.name]
+            walk = 2 * np.pi * corners / run.fs * level
+            n_more = n_all - level.size
+            rows.append((np.append(level, [absent] * n_more), np.append(walk, [0.0] * n_more)))
+        return Noise(rows[0][0].tolist(), rows[1][0].tolist(), rows[0][1].tolist(), rows[1][1].tolist())
+
+    def _add_spread(
+        self,
+        change: FloatArray,
+        prediction: Prediction,
+        theta: FloatArray,
+        run: DrivenRun,
+        by_fault: Sequence[tuple[str, int, FloatArray]],
+    ) -> None:
+        """Add what a gain does to the innovations by way of their spread: all gains together change nothing."""
+        kinds = {fault.name: fault for fault in self.faults}
+        n_sensors, gains = len(self.sensors.sprung), self._gains(theta)
+        own = (self._noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
+        for row, (name, channel, _) in enumerate(by_fault):
+            fault = kinds[name]
+            if fault.kind != "gain":
+                continue
+            gain = gains[fault.side == "sprung"][channel]
+            if fault.side == "sprung":
+                change[channel, row] += prediction.innovation[channel] * own[channel] / gain
+            else:
+                change[:, row] += prediction.innovation[:n_sensors] * (1 - own) / gain / len(self.sensors.unsprung)
+
+    def evaluate(
+        self,
+        theta: FloatArray,
+        *,
+        sensitivity: bool = True,
+        candidates: Mapping[int, Sequence[Term]] | None = None,
+    ) -> Errors:
         """Return errors, Jacobian and predictions at a vector; of each run the lines of one sensor after the other.
 
         Args:
             theta: the vector.
             sensitivity: whether the Jacobian is wanted; it is empty otherwise.
+            candidates: further terms by number of the group, too weak to move anything: their derivatives are given.
+
+        Raises:
+            UnboundedResponseError: a suspension that grows without bound.
+            ImpossibleBodyError: a mass matrix that is not positive definite.
         """
-        lines, blocks, predictions = [], [], []
+        lines, predictions = [], []
+        blocks: list[FloatArray] = []
+        further: list[FloatArray] = []
         for place, run in enumerate(self.runs):
-            prediction, by = self.predict(theta, place, sensitivity=sensitivity)
-            lines.append(run.transform(prediction.innovation[: run.sprung.shape[1]]).ravel())
+            prediction, by, more = self._predict(theta, place, sensitivity, candidates)
+            innovation = prediction.innovation[: len(self.sensors.sprung)]
+            lines.append(run.transform(innovation).ravel())
             predictions.append(prediction)
             if sensitivity:
-                blocks.append(by.reshape(len(by), -1).T)
+                blocks += _real_rows(by)
+                further += _real_rows(more)
         departure, by_prior = self._known_before(theta)
         stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
-        jacobian = np.concatenate([part for b in blocks for part in (b.real, b.imag)] + [by_prior])
-        return Errors(stacked, jacobian, tuple(lines), tuple(predictions))
+        jacobian = np.concatenate([*blocks, by_prior if sensitivity else by_prior[:0]])
+        columns = np.concatenate(further) if further else np.empty((0, 0))
+        return Errors(stacked, jacobian, tuple(lines), tuple(predictions), columns)
 
     def _known_before(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What was known before the data: roughly where things are, and how a run begins."""
-        std = [coordinate.std for coordinate in self.body.coordinates]
-        std += [START_RMS * float(rms) for rms in self.motion_rms.ravel()] * len(self.runs)
-        first = theta.size - len(std)
-        jacobian = np.zeros((len(std), theta.size))
-        jacobian[np.arange(len(std)), first + np.arange(len(std))] = 1 / np.array(std)
-        return theta[first:] / np.array(std), jacobian
+        """What was known before the data: faults of sensors, places, and roughly how a run begins."""
+        known = [(fault.nominal, fault.std) for fault in self.faults]
+        known += [(0.0, coordinate.std) for coordinate in self.body.coordinates]
+        start_rms = self.settings.runs.start_rms
+        known += [(0.0, start_rms * float(rms)) for rms in self.motion_rms.ravel()] * len(self.runs)
+        nominal, std = np.array(known).reshape(-1, 2).T
+        first = theta.size - std.size
+        jacobian = np.zeros((std.size, theta.size))
+        jacobian[np.arange(std.size), first + np.arange(std.size)] = 1 / std
+        return (theta[first:] - nominal) / std, jacobian
 
-    def log_likelihood(self, errors: Errors) -> float:
-        """Logarithm of the likelihood of the lines, with the noise level at its estimate, up to a constant.
+    def log_likelihood(self, errors: Errors, theta: FloatArray) -> float:
+        """Return the logarithm of the likelihood of the lines, the noise level at its estimate, up to a constant.
+
+        The spectral density of the readings is that of both noises, the one below passed through the transmissibility
+        T with the mean slopes of the laws: N_s + T N_u T^H.
 
         Args:
             errors: at a vector.
+            theta: the vector.
         """
         n_data = 2 * sum(line.size for line in errors.lines)
         cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
-        spread = sum(
-            run.omega.size * float(np.sum(np.mean(2 * np.log(prediction.spread[: run.sprung.shape[1]]), axis=1)))
-            for run, prediction in zip(self.runs, errors.predictions, strict=True)
-        )
+        spread = 0.0
+        for place, (run, prediction) in enumerate(zip(self.runs, errors.predictions, strict=True)):
+            below, above = self._noise_of_readings(theta, run)
+            ratio = self.transmissibility(theta, place, prediction)
+            density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
+            # of the readings themselves, before their gains were taken out
+            spread += float(np.sum(np.linalg.slogdet(density)[1]))
+            spread += 2 * run.omega.size * float(np.sum(np.log(self._gains(theta)[1])))
         return -0.5 * n_data * float(np.log(cost / n_data)) - spread
+
+    def transmissibility(self, theta: FloatArray, place: int, prediction: Prediction) -> ComplexArray:
+        """Return the acceleration of each sensor over that below each suspension, with the mean slopes of the laws.
+
+        Args:
+            theta: the vector.
+            place: of the run.
+            prediction: of it, for the motion.
+
+        Returns:
+            (n_lines, n_sensors, n_interfaces).
+        """
+        omega, n = self.runs[place].omega, self.body.n_interfaces
+        slots, _ = self.interfaces(theta)
+        moved = self.mobility(theta, place)
+        spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
+        ground = np.array([slot.ground_stiffness for slot in slots])
+        for k, slot in enumerate(slots):
+            by_z, by_v = slot.law.gradient(prediction.travel[:, k], prediction.velocity[:, k])
+            spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
+        square = (omega**2)[:, np.newaxis, np.newaxis]
+        # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
+        system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(slots))
+        driven = -np.eye(len(slots)) + moved.accelerance * ground / square
+        travel = np.linalg.solve(system, driven[:, :, :n])
+        force = (spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
+        return -(moved.reading @ force)[:, : len(self.sensors.sprung)]
+
+
+def _widened(samples: FloatArray, n_slots: int) -> FloatArray:
+    """A column for every slot: nothing drives or reads those behind."""
+    if samples.shape[1] == n_slots:
+        return samples
+    return np.concatenate([samples, np.zeros((len(samples), n_slots - samples.shape[1]))], axis=1)
+
+
+def _real_rows(by: ComplexArray) -> list[FloatArray]:
+    rows = by.reshape(len(by), by.shape[1] * by.shape[2]).T
+    return [rows.real, rows.imag]

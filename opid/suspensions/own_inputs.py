@@ -12,18 +12,18 @@ from opid.mechanics.structure import Structure
 from opid.signals.health import without_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
-from opid.suspensions.candidates import mass_is_told
-from opid.suspensions.equation import HIGH_PASS_HZ, Start
-from opid.suspensions.fit import body_model, first_vector
-from opid.suspensions.model import Group
-from opid.suspensions.one_gear.study import SAME_RATE
-from opid.suspensions.run import BodyRun
-from opid.suspensions.structure import Body
+from opid.suspensions.body import Body
+from opid.suspensions.candidates import Arrays, mass_is_told
+from opid.suspensions.fit import first_vector
+from opid.suspensions.model import Group, Model
+from opid.suspensions.run import DrivenRun
+from opid.suspensions.sensor_facts import ideal_sensors
+from opid.suspensions.settings import Settings
+from opid.suspensions.start import Start
+from opid.suspensions.study import SAME_RATE
 
 
-def channel_arrays(
-    runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]
-) -> list[tuple[FloatArray, FloatArray]]:
+def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]) -> Arrays:
     """Return the accelerations below and on the structure of each run, single spikes mended.
 
     Args:
@@ -32,7 +32,7 @@ def channel_arrays(
         sensors: channel on the structure, by degree of freedom.
 
     Returns:
-        (n, n_interfaces) and (n, n_sensors) of each run, m/s^2.
+        (n, n_interfaces), (n, n_sensors) and (n, 0) of each run, m/s^2.
 
     Raises:
         InputError: no runs or channels, a channel twice, one that is missing or no acceleration, different rates.
@@ -59,7 +59,10 @@ def channel_arrays(
     def samples(run: Recording, names: Sequence[str]) -> FloatArray:
         return np.stack([without_spikes(run.channel(name), fs=run.fs)[0] for name in names], axis=1)
 
-    return [(samples(run, tuple(interfaces.values())), samples(run, tuple(sensors.values()))) for run in runs]
+    return [
+        (samples(run, tuple(interfaces.values())), samples(run, tuple(sensors.values())), np.empty((run.n_samples, 0)))
+        for run in runs
+    ]
 
 
 def loading_matrices(
@@ -91,12 +94,13 @@ def loading_matrices(
 
 def stated_start(
     structure: Structure,
-    runs: Sequence[BodyRun],
+    runs: Sequence[DrivenRun],
     body: Body,
     groups: tuple[Group, ...],
     start: Mapping[str, tuple[float, float]],
     unknown: Sequence[str],
     unknown_mass: Sequence[str],
+    settings: Settings,
 ) -> Start:
     """Return start values from what the user says, where the sensors do not see all degrees of freedom.
 
@@ -108,6 +112,7 @@ def stated_start(
         start: stiffness (N/m) and damping (N s/m) of each suspension, by degree of freedom.
         unknown: names of joints that are to be found.
         unknown_mass: degrees of freedom whose mass is to be found.
+        settings: of the estimator.
 
     Raises:
         InputError: an unknown suspension in `start` or one that is missing, a joint without a stiffness.
@@ -136,7 +141,8 @@ def stated_start(
         replace(group, law=group.law.scaled(1 / reference)) if group.law.terms else group for group in groups
     )
     mass_free = mass_is_told(runs, body)
-    of_ground = [[integrate(u, fs=run.fs, high_pass_hz=HIGH_PASS_HZ) for u in run.unsprung.T] for run in runs]
+    corner_hz = settings.start.high_pass_hz
+    of_ground = [[integrate(u, fs=run.fs, high_pass_hz=corner_hz) for u in run.unsprung.T] for run in runs]
     rms = np.array([[[m.displacement.std(), m.velocity.std()] for m in motions] for motions in of_ground]).mean(axis=0)
     begun = Start(
         scaled,
@@ -145,10 +151,14 @@ def stated_start(
         mass[places[1:]] / reference,
         1 / reference if mass_free else None,
         rms,
-        0.0,
+        ground_stiffness=np.zeros(len(groups)),
+        ground_std=np.ones(len(groups)),
+        stiffness_beside_ground=stiffness[: len(groups)],
     )
     # how far the suspensions move, from a first prediction
-    model = body_model(runs, body, begun, mass_free=mass_free, noise_m_per_s2=(1.0, 1.0))
+    sensors = ideal_sensors(body.n_interfaces, len(body.readings))
+    noise = np.ones(body.n_interfaces), np.ones(len(body.readings))
+    model = Model(tuple(runs), body, begun.groups, sensors, mass_free, noise, rms, settings)
     predictions = model.evaluate(first_vector(model, begun), sensitivity=False).predictions
     moved = [[[p.travel[:, k].std(), p.velocity[:, k].std()] for k in range(len(groups))] for p in predictions]
     return replace(begun, motion_rms=np.mean(moved, axis=0))

@@ -15,23 +15,20 @@ from opid.estimate import Estimate
 from opid.mechanics.laws import LINEAR, Law, default_law
 from opid.mechanics.structure import Structure
 from opid.signals.recording import FloatArray, Recording
-from opid.suspensions.band_lines import BAND_HZ
-from opid.suspensions.candidates import Fitted, fitted
-from opid.suspensions.doubts import WITHOUT_INTERVALS
-from opid.suspensions.fit import EXPLAINS, FASTEST, BodyFit, fastest_rate
+from opid.suspensions.body import own_body
+from opid.suspensions.candidates import Fitted, Task, fitted
+from opid.suspensions.fit import Fit, fastest_rate
 from opid.suspensions.intervals import honest_covariance, mass_of, negative_mass, per_force, suspension_estimates
-from opid.suspensions.levels import (
-    LOOSELY_KNOWN,
-    REFUSED,
-    is_white,
-    level_of,
-    noise_levels,
-    thinned,
-)
+from opid.suspensions.law_search import library
 from opid.suspensions.model import Group
+from opid.suspensions.noise import known_noise
 from opid.suspensions.own_inputs import channel_arrays, loading_matrices, stated_start
-from opid.suspensions.run import body_run
-from opid.suspensions.structure import own_body
+from opid.suspensions.residual import measure_whiteness, sensor_ratio, thinned
+from opid.suspensions.run import driven_run
+from opid.suspensions.search import Question
+from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors
+from opid.suspensions.settings import Settings, Verdicts
+from opid.suspensions.warnings import WITHOUT_INTERVALS
 
 NEGATIVE = (
     "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
@@ -39,7 +36,7 @@ NEGATIVE = (
 )
 
 # a joint is told if with so little of its spring and damper the squared error over its variance grows by this much
-SOFT, LEAST_HOLD = 0.01, 40.0
+_SOFT, _LEAST_HOLD = 0.01, 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +92,7 @@ class StructureIdentification:
     left_out_over_noise: float | None
     warnings: tuple[str, ...]
     not_determined: str | None
-    fit: BodyFit
+    fit: Fit
 
 
 def identify_structure(
@@ -110,7 +107,7 @@ def identify_structure(
     loadings: Sequence[Mapping[str, float]] | None = None,
     start: Mapping[str, tuple[float, float]] | None = None,
     noise_m_per_s2: float | None = None,
-    band_hz: tuple[float, float] = BAND_HZ,
+    settings: Settings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> StructureIdentification:
     """Identify the suspensions of a structure, and the joints and masses of it that are not known.
@@ -131,7 +128,7 @@ def identify_structure(
         start: stiffness (N/m) and damping (N s/m) of each suspension, roughly, by degree of freedom: needed where the
             sensors do not see all degrees of freedom.
         noise_m_per_s2: rms of the white noise of all sensors, m/s^2; estimated where left out.
-        band_hz: lines of the prediction errors that count, Hz.
+        settings: every tuned number of the estimator.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -145,44 +142,49 @@ def identify_structure(
     opid.errors.InputError: there are no runs: give at least one recording
     """
     body = own_body(structure, tuple(interfaces), tuple(sensors), unknown=unknown, unknown_mass=unknown_mass)
-    arrays = channel_arrays(runs, interfaces, sensors)
+    arrays, settings = channel_arrays(runs, interfaces, sensors), settings or Settings()
     masses = loading_matrices(structure, loadings, len(runs))
     fs = runs[0].fs
-    noises = noise_levels(noise_m_per_s2, arrays, fs=fs)
+    facts = IDEAL if noise_m_per_s2 is None else SensorFacts(noise_m_per_s2=noise_m_per_s2)
+    names = (*interfaces, *sensors)[: max(len(interfaces), len(sensors))]
+    known = Sensors((facts,) * len(interfaces), (facts,) * len(sensors), names)
+    pairs = [(below, above) for below, above, _ in arrays]
+    noise = known_noise((known.unsprung, known.sprung), pairs, fs=fs, settings=settings.runs)
     prepared = [
-        body_run(below, above, fs=fs, loading=loading, band_hz=band_hz)
-        for (below, above), loading in zip(arrays, masses, strict=True)
+        driven_run(below, above, fs=fs, loading=loading, settings=settings.runs)
+        for (below, above), loading in zip(pairs, masses, strict=True)
     ]
     kinds = None if law is None else default_law(law)
     groups = tuple(Group(name, (slot,), kinds or LINEAR) for slot, name in enumerate(interfaces))
     begun = None
     if np.linalg.matrix_rank(body.readings) < structure.n_dof:
-        begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass)
-    part = fitted(
-        "own", tuple(range(len(groups))), prepared, body, groups, noises, law=kinds, start=begun, progress=progress
-    )
+        begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass, settings)
+    # what is inside of the structure may rest on the ground: a spring to it is no further unknown
+    question = Question(kinds is not None, ground=False, faults=False, kinds=library())
+    task = Task(None, arrays, known, noise, kinds, question, settings, progress or (lambda step: None))
+    part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise, start=begun)
     return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass))
 
 
 def _answer(
     part: Fitted, sensors: tuple[str, ...], unknown: tuple[str, ...], unknown_mass: tuple[str, ...]
 ) -> StructureIdentification:
-    fit, covariance, ratio = part.found, honest_covariance(part.found), part.residual_over_noise
+    fit, covariance, ratio = part.fit, honest_covariance(part.fit), part.residual_over_noise
     scaled = fit.model.mass_free or fit.model.body.absolute
     masses = _masses(fit, covariance, unknown_mass, per_mass=not scaled)
     # on a reference mass that is none, nothing in N can rest
     per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
-    groups = enumerate(fit.groups())
+    groups = enumerate(fit.groups)
     interfaces = {group.name: _suspension(fit, covariance, number, per_mass) for number, group in groups}
     joints = {name: _joint(fit, covariance, name, per_mass) for name in unknown}
-    reason = _refused_or_unscaled(ratio, scaled) or (
+    reason = _refused_or_unscaled(ratio, scaled, part.settings.verdicts) or (
         NEGATIVE.format(unknown_mass[0])
         if negative_mass(fit, covariance)
-        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit))
+        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit), part.settings.verdicts)
     )
     told = _masses(fit, covariance, unknown_mass, per_mass=per_mass)
     if not part.explains:
-        keep = ratio <= REFUSED
+        keep = ratio <= part.settings.verdicts.refused
         told = {name: _bare(each, keep) for name, each in told.items()}
         interfaces, joints = ({n: _bare_spring(s, keep) for n, s in t.items()} for t in (interfaces, joints))
     return StructureIdentification(
@@ -190,9 +192,9 @@ def _answer(
         interfaces=interfaces,
         joints=joints,
         per_mass=per_mass,
-        noise_m_per_s2=part.noise,
+        noise_m_per_s2=part.level,
         residual_over_noise=ratio,
-        residual_of={name: level_of(fit, slot) / part.noise for slot, name in enumerate(sensors)},
+        residual_of={name: sensor_ratio(fit, slot) * fit.model.level / part.level for slot, name in enumerate(sensors)},
         left_out_over_noise=part.left_out_over_noise,
         warnings=tuple(_warnings(part)),
         not_determined=reason,
@@ -200,9 +202,7 @@ def _answer(
     )
 
 
-def _masses(
-    fit: BodyFit, covariance: FloatArray, unknown_mass: Sequence[str], *, per_mass: bool
-) -> dict[str, Estimate]:
+def _masses(fit: Fit, covariance: FloatArray, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:
     """The masses that were to be found, kg, or over the first of them, which is the reference."""
     found = {name: Estimate(1.0) if per_mass else mass_of(fit, covariance) for name in unknown_mass[:1]}
     for name, factor in zip(unknown_mass[1:], fit.model.body.names, strict=True):
@@ -210,8 +210,8 @@ def _masses(
     return found
 
 
-def _suspension(fit: BodyFit, covariance: FloatArray, number: int, per_mass: bool) -> SpringEstimate:
-    group = fit.groups()[number]
+def _suspension(fit: Fit, covariance: FloatArray, number: int, per_mass: bool) -> SpringEstimate:
+    group = fit.groups[number]
     stiffness, damping, law = suspension_estimates(fit, covariance, number, per_mass=per_mass)
     mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
     found = group.law.scaled(1 / mu) if group.law.terms else LINEAR
@@ -219,22 +219,18 @@ def _suspension(fit: BodyFit, covariance: FloatArray, number: int, per_mass: boo
     return _moved(fit, group.slots[0], SpringEstimate(group.name, stiffness, damping, found, law, none, none))
 
 
-def _joint(fit: BodyFit, covariance: FloatArray, name: str, per_mass: bool) -> SpringEstimate:
-    first = fit.model.names.index(f"stiffness_per_mass[{name}]", fit.model.law_places(len(fit.model.groups) - 1).stop)
+def _joint(fit: Fit, covariance: FloatArray, name: str, per_mass: bool) -> SpringEstimate:
+    first = fit.model.names.index(f"stiffness_per_mass[{name}]", fit.model.first_inside)
     stiffness, damping = (per_force(fit, covariance, place, per_mass=per_mass) for place in (first, first + 1))
     slot = fit.model.body.n_interfaces + [spring.name for spring in fit.model.body.inside].index(name)
     none = np.empty(0)
     return _moved(fit, slot, SpringEstimate(name, stiffness, damping, LINEAR, {}, none, none))
 
 
-def _moved(fit: BodyFit, slot: int, bare: SpringEstimate) -> SpringEstimate:
+def _moved(fit: Fit, slot: int, bare: SpringEstimate) -> SpringEstimate:
     """Return a suspension or joint with its motion."""
-    predictions = fit.errors.predictions
-    return replace(
-        bare,
-        travel=thinned([p.travel[:, slot] for p in predictions]),
-        velocity=thinned([p.velocity[:, slot] for p in predictions]),
-    )
+    travel, velocity = fit.motion(slot)
+    return replace(bare, travel=thinned(travel), velocity=thinned(velocity))
 
 
 def _bare(estimate: Estimate, keep: bool) -> Estimate:
@@ -249,8 +245,8 @@ def _bare_spring(spring: SpringEstimate, keep: bool) -> SpringEstimate:
     )
 
 
-def _refused_or_unscaled(ratio: float, scaled: bool) -> str | None:
-    if ratio > REFUSED:
+def _refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:
+    if ratio > verdicts.refused:
         return (
             f"the structure leaves {ratio:.0f} times the sensors' noise, so every number of it would be a guess: check "
             "channels, masses and loadings, and which joints there are"
@@ -269,13 +265,14 @@ def _untold(
     joints: Mapping[str, SpringEstimate],
     not_held: Sequence[str],
     too_fast: str,
+    verdicts: Verdicts,
 ) -> str | None:
     known = [(f"the mass of {name}", each) for name, each in masses.items()]
     known += [(f"the stiffness of {name}", each.stiffness) for t in (interfaces, joints) for name, each in t.items()]
     loose = [
         name
         for name, each in known
-        if each.std is None or each.value is None or each.std > LOOSELY_KNOWN * abs(each.value)
+        if each.std is None or each.value is None or each.std > verdicts.loosely_known * abs(each.value)
     ]
     loose += [f"the stiffness of {name}" for name in not_held if f"the stiffness of {name}" not in loose]
     # a joint that nothing holds runs to where the steps no longer follow
@@ -286,44 +283,45 @@ def _untold(
     return None
 
 
-def _not_held(fit: BodyFit, unknown: Sequence[str]) -> list[str]:
+def _not_held(fit: Fit, unknown: Sequence[str]) -> list[str]:
     """Joints that might as well be soft: a resonance of its own always finds some noise to explain."""
     found, n = [], fit.n_data
     cost = float(np.sum(fit.errors.stacked[:n] ** 2))
-    behind_laws = fit.model.law_places(len(fit.model.groups) - 1).stop
+    behind_laws = fit.model.first_inside
     for name in unknown:
         theta = fit.theta.copy()
         for what in ("stiffness", "damping"):
-            theta[fit.model.names.index(f"{what}_per_mass[{name}]", behind_laws)] *= SOFT
+            theta[fit.model.names.index(f"{what}_per_mass[{name}]", behind_laws)] *= _SOFT
         softer = fit.model.evaluate(theta, sensitivity=False)
-        if float(np.sum(softer.stacked[:n] ** 2)) - cost < LEAST_HOLD * fit.variance:
+        if float(np.sum(softer.stacked[:n] ** 2)) - cost < _LEAST_HOLD * fit.variance:
             found.append(name)
     return found
 
 
 def _warnings(part: Fitted) -> Iterator[str]:
-    fit, ratio, left_out = part.found, part.residual_over_noise, part.left_out_over_noise
-    if ratio > EXPLAINS:
+    fit, ratio, left_out = part.fit, part.residual_over_noise, part.left_out_over_noise
+    verdicts = part.settings.verdicts
+    if ratio > verdicts.explained:
         yield (
             f"the structure leaves {ratio:.2f} times the sensors' noise: a joint, a mass, a law or a degree of "
             "freedom is not as it is described"
         )
-        if ratio <= REFUSED:
+        if ratio <= verdicts.refused:
             yield WITHOUT_INTERVALS
-    elif left_out is not None and left_out > EXPLAINS:
+    elif left_out is not None and left_out > verdicts.explained:
         yield (
             f"runs that the others predict leave {left_out:.3g} times the sensors' noise: they do not go together, "
             f"check mass and place of the loading of each; {WITHOUT_INTERVALS}"
         )
-    elif not is_white(fit):
+    elif not measure_whiteness(fit).white:
         yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
     if too_fast := _too_fast(fit):
         yield too_fast
 
 
-def _too_fast(fit: BodyFit) -> str:
+def _too_fast(fit: Fit) -> str:
     rate, fs = fastest_rate(fit.model, fit.theta), fit.model.runs[0].fs
-    if rate <= FASTEST * fs:
+    if rate <= fit.model.settings.fit.fastest * fs:
         return ""
     return (
         f"the structure has a motion of {rate / (2 * np.pi):.3g} Hz, too fast for steps of {fs:.4g} Hz: record faster, "

@@ -1,21 +1,73 @@
-"""What an identification of a body on several suspensions found."""
+"""What an identification found: parameters with intervals, the laws, what they rest on, and what to doubt."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from opid.estimate import Estimate
-from opid.mechanics.laws import Law
+from opid.mechanics.laws import LINEAR, Law
 from opid.signals.recording import FloatArray
+from opid.suspensions.faults import Demand
+from opid.suspensions.fit import Fit
+from opid.suspensions.force_surface import ForceSurface
+from opid.suspensions.law_search import LawStep
+from opid.suspensions.limits import GroundImitations
+from opid.suspensions.residual import Whiteness
+from opid.suspensions.settings import Settings
+from opid.suspensions.study import Study
+
+if TYPE_CHECKING:
+    from opid.suspensions.paper.chain import PaperChain
+
+SCHEMA = "opid.identification/1"
+
+GEAR_PARAMETERS = (
+    "sprung_mass_kg",
+    "suspension_stiffness_n_per_m",
+    "suspension_damping_n_s_per_m",
+    "ground_stiffness_n_per_m",
+)
+"""Of one gear, in the reference run."""
+
+GEAR_RATIOS = (
+    "stiffness_per_mass",
+    "damping_per_mass",
+    "ground_stiffness_per_mass",
+    "natural_frequency_hz",
+    "damping_ratio",
+)
+"""Of one gear: 1/s^2, 1/s, 1/s^2, Hz, 1."""
 
 BODY_PARAMETERS = ("sprung_mass_kg", "roll_inertia_kg_m2", "pitch_inertia_kg_m2", "x_cg_m", "y_cg_m")
 """Of a rigid body: inertias about the centre of gravity."""
 
 BODY_RATIOS = ("roll_radius_m", "pitch_radius_m", "x_cg_m", "y_cg_m")
 """What one loading alone gives: radii of gyration, and the centre of gravity."""
+
+
+@dataclass(frozen=True, eq=False)
+class VisitedForce:
+    """An identified restoring force at the places of the plane that the runs visited.
+
+    Args:
+        travel: (n,) z, m.
+        velocity: (n,) z', m/s.
+        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 where the mass is not determined.
+        nonlinear_force: (n,) f(z, z') alone.
+        per_mass: whether the forces are per unit of mass.
+    """
+
+    travel: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    nonlinear_force: FloatArray
+    per_mass: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +79,7 @@ class InterfaceEstimate:
         shared_with: interfaces with the same stiffness, damping and law.
         stiffness: K, N/m; per kg of the body where the mass is not determined (`per_mass` of the identification).
         damping: C, N s/m, likewise.
+        ground_stiffness: of a spring from the body to the ground, N/m, likewise; 0 where the runs do not demand one.
         law: f(z, z') beside them, N, likewise.
         law_estimates: {kind: {parameter: Estimate}} of it.
         travel: (n,) z of all runs, thinned for figures, m.
@@ -38,6 +91,7 @@ class InterfaceEstimate:
     shared_with: tuple[str, ...]
     stiffness: Estimate
     damping: Estimate
+    ground_stiffness: Estimate
     law: Law
     law_estimates: Mapping[str, Mapping[str, Estimate]]
     travel: FloatArray
@@ -100,42 +154,194 @@ class RunResidual:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyIdentification:
-    """The result for a body on several suspensions.
+class Evidence:
+    """What the numbers of one fitted structure rest on.
 
     Args:
-        title: of the study.
-        date: of the runs; None if it is not known.
+        fit: of the model.
+        noise: level known beforehand, m/s^2.
+        ladder: laws that were tried, the chosen one last among those that were kept.
+        alternatives: laws that explain the runs as well, one sentence each.
+        demands: what had to be let in beside the suspensions.
+        whiteness: of the residual, worst sensor and run.
+        std_over_white: of each shared parameter by name, how much wider a coloured residual makes its interval.
+        bootstrap_over_white: the same by resampled blocks of time.
+        surfaces: force without a law beside the law, cell by cell, of each group.
+        ground: how well a spring to the ground is told from nothing and from faults of sensors.
+        limits: what limits the precision, one sentence each.
+        n_starts: ways that were tried.
+    """
+
+    fit: Fit
+    noise: float
+    ladder: tuple[LawStep[Fit], ...]
+    alternatives: tuple[str, ...]
+    demands: tuple[Demand, ...]
+    whiteness: Whiteness
+    std_over_white: Mapping[str, float]
+    bootstrap_over_white: Mapping[str, float]
+    surfaces: Mapping[str, ForceSurface]
+    ground: GroundImitations
+    limits: tuple[str, ...]
+    n_starts: int
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was asked for.
+
+    Args:
+        law: name of the law that was given; None if it was searched.
+        ground: whether springs to the ground were allowed.
+        method_of_law: how laws were searched.
+        kinds: of law that were searched.
+        seed: of the resampling that checks the intervals.
+    """
+
+    law: str | None
+    ground: bool
+    method_of_law: str
+    kinds: tuple[str, ...]
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The result for a body on suspensions that are measured on both sides, a gear alone among them.
+
+    Args:
+        study: that was identified.
         structure: kind of the structure that the numbers belong to.
-        parameters: one `Estimate` for each name in `BODY_PARAMETERS`, of the reference loading.
-        ratios: one `Estimate` for each name in `BODY_RATIOS`.
+        parameters: one `Estimate` for each name in `GEAR_PARAMETERS` of one gear, in `BODY_PARAMETERS` of others.
+        ratios: one `Estimate` for each name in `GEAR_RATIOS` or `BODY_RATIOS`.
         per_mass: whether stiffness, damping and laws are per kg of the body (of what rests on that gear, for gears
             alone): the mass is not determined.
         interfaces: the suspensions, in the order of the study.
-        places: {interface: (x, y, sensor x, sensor y)}, m, as stated.
         place_corrections: {"x_m[left]": Estimate, ...} of coordinates that were stated with a tolerance.
         candidates: structures that were compared; the recommended one says so.
+        why: why this structure.
         runs: what the model leaves of each run.
         noise_m_per_s2: level of the sensors that was known beforehand or estimated from the records.
         residual_over_noise: of the whole fit.
-        diagnostics: what the answer rests on, ready for JSON.
+        evidence: of each fit that makes up the answer.
+        mended_spikes: single samples that were mended, below and on the body.
         warnings: what to doubt, one sentence each.
         not_determined: why there are no absolute values, or no values at all; None if there are.
+        options: what was asked for.
+        settings: of the estimator.
     """
 
-    title: str
-    date: date | None
+    study: Study
     structure: str
     parameters: Mapping[str, Estimate]
     ratios: Mapping[str, Estimate]
     per_mass: bool
     interfaces: tuple[InterfaceEstimate, ...]
-    places: Mapping[str, tuple[float, float, float, float]]
     place_corrections: Mapping[str, Estimate]
     candidates: tuple[Candidate, ...]
+    why: str
     runs: tuple[RunResidual, ...]
     noise_m_per_s2: float
     residual_over_noise: float
-    diagnostics: Mapping[str, Any]
+    evidence: tuple[Evidence, ...]
+    mended_spikes: tuple[int, int]
     warnings: tuple[str, ...]
     not_determined: str | None
+    options: Options
+    settings: Settings
+
+    @property
+    def method(self) -> str:
+        """Of the identification."""
+        return "model"
+
+    @property
+    def title(self) -> str:
+        """Of the study."""
+        return self.study.title
+
+    @property
+    def date(self) -> date | None:
+        """Of the runs; None if it is not known."""
+        return self.study.date
+
+    @property
+    def law(self) -> Law:
+        """The law of the first suspension, N, or per unit of mass."""
+        return self.interfaces[0].law if self.interfaces else LINEAR
+
+    @property
+    def law_estimates(self) -> Mapping[str, Mapping[str, Estimate]]:
+        """Of the first suspension."""
+        return self.interfaces[0].law_estimates if self.interfaces else {}
+
+    @property
+    def places(self) -> dict[str, tuple[float, float, float, float]]:
+        """{interface: (x, y, sensor x, sensor y)}, m, as stated."""
+        return {each.name: (*each.place, *each.sensor_place) for each in self.study.interfaces}
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether no number of the model is told."""
+        return self.interfaces[0].stiffness.value is None
+
+    @cached_property
+    def restoring_force(self) -> VisitedForce:
+        """The force of the first suspension over the visited plane; nothing where it is refused."""
+        first, nothing = self.interfaces[0], np.empty(0)
+        if first.stiffness.value is None or first.damping.value is None:
+            return VisitedForce(nothing, nothing, nothing, nothing, per_mass=self.per_mass)
+        return visited_force(
+            first.travel,
+            first.velocity,
+            first.law,
+            stiffness=first.stiffness.value,
+            damping=first.damping.value,
+            per_mass=self.per_mass,
+        )
+
+    @cached_property
+    def paper_chain(self) -> PaperChain:
+        """The steps of the paper on the runs of one gear, with the law that was found, for figures beside it."""
+        from opid.suspensions.paper.chain import compute_chain
+
+        fit = self.evidence[0].fit
+        return compute_chain(
+            self.study,
+            law_per_mass=fit.laws[fit.model.groups[0].name],
+            inverse_mass=fit.model.inverse_mass(fit.theta) if fit.model.mass_free else 0.0,
+            ground=self.options.ground,
+        )
+
+
+def visited_force(
+    travel: FloatArray,
+    velocity: FloatArray,
+    law: Law,
+    *,
+    stiffness: float,
+    damping: float,
+    per_mass: bool,
+    n_bins: int = 31,
+) -> VisitedForce:
+    """Evaluate an identified restoring force at the visited cells of the plane.
+
+    Args:
+        travel: (n,) where the runs were, m.
+        velocity: (n,) likewise, m/s.
+        law: the nonlinear law.
+        stiffness: K2 (or K2/M2).
+        damping: C2 (or C2/M2).
+        per_mass: whether the three are per unit of mass.
+        n_bins: cells along each axis.
+
+    >>> z, v = np.linspace(-1, 1, 99), np.linspace(-2, 2, 99)
+    >>> force = visited_force(z, v, LINEAR, stiffness=2.0, damping=0.0, per_mass=False)
+    >>> bool(np.allclose(force.force, 2 * force.travel))
+    True
+    """
+    counts, z_edges, v_edges = np.histogram2d(travel, velocity, bins=n_bins)
+    i, j = np.nonzero(counts)
+    z, v = (z_edges[i] + z_edges[i + 1]) / 2, (v_edges[j] + v_edges[j + 1]) / 2
+    nonlinear = law.force(z, v)
+    return VisitedForce(z, v, stiffness * z + damping * v + nonlinear, nonlinear, per_mass)

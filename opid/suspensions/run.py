@@ -1,76 +1,112 @@
-"""One run of a body on several suspensions, as the model takes it."""
+"""One run as the model takes it: what drives the body, what is read on it, and how either moves with sensors' faults.
+
+A sensor of gain g, AC-coupling corner f_c and delay records s; leaks l_k come in from other axes. What it should have
+read is ((s + w_c S) - sum_k a_k (l_k + w_c L_k)) / g at t + delay, with w_c = 2 pi f_c and S, L_k the integrals.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage, signal
+from scipy import fft, integrate, interpolate, ndimage, signal
 
 from opid.errors import InputError
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.band_lines import BAND_HZ, HIGHEST_SHARE, LOWEST_RATE_HZ, at_lines, band_lines
-
-# what steps of a coarse run would take for the band is weakened by this
-STOP_DB = 60.0
+from opid.suspensions.band_lines import at_lines, band_lines, places_of
+from opid.suspensions.sensor_facts import Sensors, Side
+from opid.suspensions.settings import RunSettings
 
 
 @dataclass(frozen=True, eq=False)
-class BodyRun:
+class Corrected:
+    """The channels of one side with the faults of their sensors taken out.
+
+    Args:
+        value: (m, n_channels) m/s^2; at half steps below the suspensions.
+        by: derivatives by the faults: name, number of the channel, (m,) column.
+    """
+
+    value: FloatArray
+    by: tuple[tuple[str, int, FloatArray], ...]
+
+    def directions(self, n_slots: int) -> FloatArray | None:
+        """Return the derivatives as the predictor takes them, (m, n_faults, n_slots); None where there are none.
+
+        Args:
+            n_slots: number of slots of the body.
+        """
+        if not self.by:
+            return None
+        found = np.zeros((len(self.value), len(self.by), n_slots))
+        for place, (_, channel, column) in enumerate(self.by):
+            found[:, place, channel] = column
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenRun:
     """One run, ready for the model.
 
     Args:
-        drive: (2 n - 1, n_interfaces) accelerations below the suspensions at half steps, mean removed, m/s^2.
+        unsprung: (n, n_interfaces) accelerations below the suspensions, mean removed, m/s^2.
         sprung: (n, n_sensors) accelerations of the body, mean removed, m/s^2.
+        leaks: (n, n_leaks) further axes that leak in, mean removed, m/s^2.
         omega: (n_lines,) lines of the residual that count, rad/s.
-        fs: sampling rate, Hz.
+        recorded_fs: rate of these arrays, Hz.
         loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg.
-        finer: how many times finer than recorded the run is sampled, so that a step of the model is short enough.
-        coarser: how many times coarser than recorded, on the way to a fit.
+        finer: how many times finer than recorded the arrays are sampled, so that a step of the model is short enough.
+        stride: samples from one step of the model to the next: 1, or more on the way to a fit.
+        settings: how it was prepared.
     """
 
-    drive: FloatArray
+    unsprung: FloatArray
     sprung: FloatArray
+    leaks: FloatArray
     omega: FloatArray
-    fs: float
+    recorded_fs: float
     loading: FloatArray
-    finer: int = 1
-    coarser: int = 1
+    finer: int
+    stride: int
+    settings: RunSettings
 
     @property
-    def n_samples(self) -> int:
-        """Number of samples."""
-        return self.sprung.shape[0]
-
-    @property
-    def unsprung(self) -> FloatArray:
-        """(n, n_interfaces) accelerations below the suspensions, m/s^2."""
-        return self.drive[::2]
+    def fs(self) -> float:
+        """Steps of the model in a second, Hz."""
+        return self.recorded_fs / self.stride
 
     @cached_property
-    def coarse(self) -> BodyRun:
-        """The run at about `LOWEST_RATE_HZ`, if its lines allow that: it leads near a fit in a fraction of the time.
+    def n_samples(self) -> int:
+        """Number of steps."""
+        n = -(-len(self.sprung) // self.stride)
+        return n if self.stride == 1 else int(fft.prev_fast_len(n, real=True))
+
+    @cached_property
+    def coarse(self) -> DrivenRun:
+        """The run at about the lowest rate, if its lines allow that: it leads near a fit in a fraction of the time.
 
         Fewer readings are compared, unfiltered, so that model and sensors still tell of the same instants; below the
         suspensions the samples between them serve the half steps, without what steps so long take for the band.
         """
         highest_hz = float(self.omega[-1]) / (2 * np.pi)
-        by = int(self.fs / (2 * max(LOWEST_RATE_HZ, highest_hz / HIGHEST_SHARE)))
+        by = int(self.fs / (2 * max(self.settings.lowest_rate_hz, highest_hz / self.settings.highest_fraction)))
         if by < 1:
             return self
-        fs, sprung = self.fs / (2 * by), self.sprung[:: 2 * by]
-        stop_hz, width_hz = fs - highest_hz, 0.1 * fs
-        n_taps, beta = signal.kaiserord(STOP_DB, 2 * width_hz / self.fs)
-        taps = signal.firwin(n_taps | 1, stop_hz - width_hz / 2, window=("kaiser", beta), fs=self.fs)
-        drive = ndimage.convolve1d(self.unsprung, taps, axis=0, mode="nearest")[::by]
-        lines = band_lines(len(sprung), fs=fs, band_hz=(float(self.omega[0]) / (2 * np.pi), highest_hz))
-        n = lines.n_samples
-        drive, sprung = (np.ascontiguousarray(each) for each in (drive[: 2 * n - 1], sprung[:n]))
-        return BodyRun(drive, sprung, lines.omega, fs, self.loading, self.finer, 2 * by)
+        fs, low_hz = self.fs / (2 * by), float(self.omega[0]) / (2 * np.pi)
+        lines = band_lines(
+            -(-len(self.sprung) // (2 * by)), fs=fs, band_hz=(low_hz, highest_hz), settings=self.settings
+        )
+        return replace(self, omega=lines.omega, stride=2 * by)
+
+    @property
+    def lines(self) -> slice:
+        """Places of the lines of the band among all lines of the transform."""
+        return places_of(self.omega, self.n_samples, self.fs)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
         """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts.
@@ -80,36 +116,184 @@ class BodyRun:
         """
         return at_lines(samples, self.omega, self.fs)
 
+    def drive(self, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
+        """Return the accelerations below the suspensions at half steps, (2 n - 1, n_interfaces).
 
-def body_run(
+        Args:
+            sensors: what is known of them.
+            faults: values of their faults by name.
+        """
+        return self._corrected("unsprung", sensors, faults)
+
+    def readings(self, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
+        """Return the accelerations of the body, (n, n_sensors).
+
+        Args:
+            sensors: what is known of them.
+            faults: values of their faults by name.
+        """
+        return self._corrected("sprung", sensors, faults)
+
+    def _corrected(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
+        mine: dict[int, dict[str, tuple[str, int]]] = {}
+        for fault in sensors.faults:
+            if fault.side == side:
+                what = f"leak {fault.leak}" if fault.kind == "leak" else fault.kind
+                mine.setdefault(fault.channel, {})[what] = (fault.name, fault.leak)
+        facts = sensors.facts(side)
+        touched = sorted({*mine, *(k for k, each in enumerate(facts) if each.corner_hz)})
+        whole = self._whole(side)
+        if not touched:
+            return Corrected(whole, ())
+        value, by = whole.copy(), []
+        for channel in touched:
+            own = mine.get(channel, {})
+            column, slopes = self._channel(side, channel, facts[channel].corner_hz, own, faults)
+            value[:, channel] = column
+            by += [(own[what][0], channel, slope) for what, slope in slopes.items()]
+        return Corrected(value, tuple(by))
+
+    def _channel(
+        self,
+        side: Side,
+        channel: int,
+        corner_hz: float,
+        own: Mapping[str, tuple[str, int]],
+        faults: Mapping[str, float],
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """One corrected channel, and its derivatives by its own faults."""
+        gain = faults[own["gain"][0]] if "gain" in own else 1.0
+        lag_s = faults[own["lag"][0]] if "lag" in own else 0.0
+        omega_c = 2 * np.pi * (faults[own["corner"][0]] if "corner" in own else corner_hz)
+
+        def undone(source: tuple[str, int], order: int = 0) -> FloatArray:
+            part = self._part(side, source, 0, lag_s, order)
+            return part + omega_c * self._part(side, source, 1, lag_s, order) if omega_c else part
+
+        signal_of = (side, channel)
+        leaking = {what: ("leaks", place) for what, (_, place) in own.items() if what.startswith("leak")}
+        share = {what: faults[own[what][0]] for what in leaking}
+
+        def total(order: int = 0) -> FloatArray:
+            return (
+                undone(signal_of, order) - sum(share[what] * undone(leak, order) for what, leak in leaking.items())
+            ) / gain
+
+        value, by = total(), {}
+        for what, leak in leaking.items():
+            by[what] = -undone(leak) / gain
+        if "gain" in own:
+            by["gain"] = -value / gain
+        if "corner" in own:
+            integral = self._part(side, signal_of, 1, lag_s, 0)
+            for what, leak in leaking.items():
+                integral = integral - share[what] * self._part(side, leak, 1, lag_s, 0)
+            by["corner"] = 2 * np.pi * integral / gain
+        if "lag" in own:
+            by["lag"] = total(order=1)
+        return value, by
+
+    @cached_property
+    def _parts(self) -> dict[tuple[Side, tuple[str, int], int], FloatArray]:
+        return {}
+
+    @cached_property
+    def _splines(self) -> dict[tuple[tuple[str, int], int], interpolate.BSpline]:
+        return {}
+
+    def _part(self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, order: int) -> FloatArray:
+        """A recorded column or its integral as a side takes it, delayed or differentiated in time."""
+        if lag_s == 0.0 and order == 0:
+            key = (side, source, integrals)
+            if key not in self._parts:
+                self._parts[key] = self._taken(side, self._column(source, integrals))
+            return self._parts[key]
+        time = np.arange(len(self.sprung)) / self.recorded_fs
+        if (source, integrals) not in self._splines:
+            self._splines[source, integrals] = interpolate.make_interp_spline(
+                time, self._column(source, integrals), k=5
+            )
+        delayed = np.clip(time + lag_s, 0.0, time[-1])
+        return self._taken(side, self._splines[source, integrals](delayed, order))
+
+    def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
+        name, place = source
+        column = {"unsprung": self.unsprung, "sprung": self.sprung, "leaks": self.leaks}[name][:, place]
+        if not integrals:
+            return column
+        integral = integrate.cumulative_trapezoid(column, dx=1 / self.recorded_fs, initial=0.0)
+        return np.asarray(integral - integral.mean())
+
+    @cached_property
+    def _whole_sides(self) -> dict[Side, FloatArray]:
+        return {}
+
+    def _whole(self, side: Side) -> FloatArray:
+        if side not in self._whole_sides:
+            self._whole_sides[side] = self._taken(side, self.unsprung if side == "unsprung" else self.sprung)
+        return self._whole_sides[side]
+
+    def _taken(self, side: Side, samples: FloatArray) -> FloatArray:
+        """Samples as the model takes them on a side: at half steps below the suspensions, at steps on the body."""
+        if side == "sprung":
+            return np.ascontiguousarray(samples[:: self.stride][: self.n_samples])
+        if self.stride == 1:
+            return half_steps(samples)
+        highest_hz, width_hz = float(self.omega[-1]) / (2 * np.pi), 0.1 * self.fs
+        n_taps, beta = signal.kaiserord(self.settings.stop_db, 2 * width_hz / self.recorded_fs)
+        stop_hz = self.fs - highest_hz - width_hz / 2
+        taps = signal.firwin(n_taps | 1, stop_hz, window=("kaiser", beta), fs=self.recorded_fs)
+        smooth = ndimage.convolve1d(samples, taps, axis=0, mode="nearest")
+        return np.ascontiguousarray(smooth[:: self.stride // 2][: 2 * self.n_samples - 1])
+
+
+def driven_run(
     unsprung: ArrayLike,
     sprung: ArrayLike,
     *,
     fs: float,
-    loading: FloatArray,
-    band_hz: tuple[float, float] = BAND_HZ,
-) -> BodyRun:
+    loading: ArrayLike = 0.0,
+    leaks: ArrayLike | None = None,
+    band_hz: tuple[float, float] | None = None,
+    settings: RunSettings | None = None,
+) -> DrivenRun:
     """Prepare one run for the model.
 
+    Only the residual is restricted to the band. The drive keeps its slow motion: a nonlinear law needs it.
+
     Args:
-        unsprung: (n, n_interfaces) accelerations below the suspensions, m/s^2.
-        sprung: (n, n_sensors) accelerations of the body, m/s^2.
+        unsprung: (n, n_interfaces) accelerations below the suspensions, m/s^2; (n,) for one.
+        sprung: (n, n_sensors) accelerations of the body, m/s^2; (n,) for one.
         fs: sampling rate, Hz.
-        loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg.
-        band_hz: lowest and highest line to compare, Hz; cut at 0.4 fs.
+        loading: (n_dof, n_dof) mass matrix of what this run carries more than the reference, kg; a number for one gear.
+        leaks: (n, n_leaks) further axes that leak into the sensors, m/s^2.
+        band_hz: lowest and highest line to compare, Hz; cut at 0.4 fs; that of the settings where left out.
+        settings: how runs are prepared.
 
     Raises:
         InputError: arrays of different lengths, or a band that is none or has fewer than 20 lines.
     """
-    lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
-    if lower.ndim != 2 or upper.ndim != 2 or len(lower) != len(upper):
-        raise InputError(f"unsprung has shape {lower.shape} and sprung {upper.shape}: give runs of one length")
-    lines = band_lines(len(lower), fs=fs, band_hz=band_hz)
-    return BodyRun(
-        half_steps(lines.prepared(lower)),
-        lines.prepared(upper),
-        lines.omega,
-        float(fs) * lines.finer,
-        np.asarray(loading, dtype=np.float64),
-        lines.finer,
+    settings = settings or RunSettings()
+    lower, upper = (_columns(samples) for samples in (unsprung, sprung))
+    across = np.empty((len(lower), 0)) if leaks is None else _columns(leaks)
+    if not len(lower) == len(upper) == len(across):
+        raise InputError(
+            f"unsprung has shape {lower.shape}, sprung {upper.shape} and leaks {across.shape}: give runs of one length"
+        )
+    lines = band_lines(len(lower), fs=fs, band_hz=band_hz, settings=settings)
+    return DrivenRun(
+        unsprung=lines.prepared(lower),
+        sprung=lines.prepared(upper),
+        leaks=lines.prepared(across) if across.size else np.empty((lines.n_samples * lines.finer, 0)),
+        omega=lines.omega,
+        recorded_fs=float(fs) * lines.finer,
+        loading=np.atleast_2d(np.asarray(loading, dtype=np.float64)),
+        finer=lines.finer,
+        stride=1,
+        settings=settings,
     )
+
+
+def _columns(samples: ArrayLike) -> FloatArray:
+    array = np.asarray(samples, dtype=np.float64)
+    return array[:, np.newaxis] if array.ndim == 1 else array

@@ -20,7 +20,7 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
-from opid.suspensions.one_gear.study import SAME_RATE, Run
+from opid.suspensions.study import SAME_RATE, Run
 
 REDUCED_ABOVE_HZ, REDUCED_TO_HZ = 1100.0, 500.0
 """Runs sampled faster are reduced: the band that is compared ends at 40 Hz, and time is spent on every sample."""

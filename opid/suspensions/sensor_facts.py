@@ -1,16 +1,18 @@
-"""What is known of the two sensors beforehand, and what of it a fit has to find out."""
+"""What is known of the sensors beforehand, and what of it a fit has to find out."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 from opid.errors import InputError
 
-SIDES = ("sprung", "unsprung")
-# share of the motion across its axis that an accelerometer lets in: data sheets say 1 to 5 %
+Side = Literal["sprung", "unsprung"]
+SIDES: tuple[Side, Side] = ("sprung", "unsprung")
+# fraction of the motion across its axis that an accelerometer lets in: data sheets say 1 to 5 %
 LEAK_TOLERANCE = 0.05
 
 
@@ -58,7 +60,7 @@ class Leak:
     Args:
         channel: name of the recorded channel, an acceleration.
         into: "sprung" or "unsprung", the side that it leaks into.
-        tolerance: standard deviation of the share that leaks in.
+        tolerance: standard deviation of the fraction that leaks in.
 
     Raises:
         InputError: another side, or a tolerance that is not between 0 and 1.
@@ -72,7 +74,7 @@ class Leak:
         if self.into not in SIDES:
             raise InputError(f"a leak goes into {self.into!r}: give 'sprung' or 'unsprung'")
         if not 0.0 < self.tolerance < 1.0:
-            raise InputError(f"the tolerance of a leak is {self.tolerance}: give a share between 0 and 1")
+            raise InputError(f"the tolerance of a leak is {self.tolerance}: give a fraction between 0 and 1")
 
 
 IDEAL = SensorFacts()
@@ -83,8 +85,8 @@ class SensorPair:
     """Both sensors of a suspension and what leaks into them.
 
     Args:
-        unsprung: of the spindle.
-        sprung: of the airframe.
+        unsprung: below the suspension.
+        sprung: on the body.
         leaks: further axes that leak in.
     """
 
@@ -92,58 +94,112 @@ class SensorPair:
     sprung: SensorFacts = IDEAL
     leaks: tuple[Leak, ...] = ()
 
-    @property
-    def nuisances(self) -> tuple[Nuisance, ...]:
-        """What has to be found out beside the parameters of the suspension."""
-        return tuple(_nuisances(self))
-
 
 IDEAL_PAIR = SensorPair()
 
 
 @dataclass(frozen=True)
-class Nuisance:
-    """One property of the sensors that a fit moves.
+class Fault:
+    """One property of a sensor that a fit moves.
 
     Args:
-        name: "gain_sprung", "corner_unsprung_hz", "lag_s", "leak[0]", ...
+        name: "gain_sprung", "corner_unsprung_hz", "lag_s", "leak[0]", ...; with the name of the interface or sensor in
+            brackets where there are several.
         kind: what it is.
         side: the side that it acts on.
+        channel: number of the channel on that side.
         nominal: value before the data.
         std: standard deviation before the data.
-        place: number of the leak.
+        leak: number of the leak.
     """
 
     name: str
     kind: Literal["gain", "corner", "lag", "leak"]
-    side: str
+    side: Side
+    channel: int
     nominal: float
     std: float
-    place: int = 0
+    leak: int = 0
 
 
-def _nuisances(pair: SensorPair) -> Iterator[Nuisance]:
-    for side, facts in (("unsprung", pair.unsprung), ("sprung", pair.sprung)):
-        if facts.gain_tolerance:
-            yield Nuisance(f"gain_{side}", "gain", side, 1.0, facts.gain_tolerance)
-        if facts.corner_tolerance:
-            std = facts.corner_tolerance * facts.corner_hz
-            yield Nuisance(f"corner_{side}_hz", "corner", side, facts.corner_hz, std)
-    # only the delay of one channel against the other can be seen
-    lag_s = math.hypot(pair.unsprung.lag_tolerance_s, pair.sprung.lag_tolerance_s)
-    if lag_s:
-        yield Nuisance("lag_s", "lag", "sprung", 0.0, lag_s)
-    for place, leak in enumerate(pair.leaks):
-        yield Nuisance(f"leak[{place}]", "leak", leak.into, 0.0, leak.tolerance, place)
-
-
-def nuisance_values(names: Sequence[str], values: Iterable[float], pair: SensorPair) -> dict[str, float]:
-    """Return every nuisance of a pair of sensors by name: fitted where it was, else nominal.
+@dataclass(frozen=True)
+class Sensors:
+    """All sensors of a body, in the order of the channels of a run.
 
     Args:
-        names: of the fitted parameters.
-        values: of the fitted parameters, likewise.
-        pair: the sensors.
+        unsprung: below each interface.
+        sprung: on the body: beside each interface, then further ones.
+        names: of interfaces and further sensors; all empty for one gear.
+        leaks: what leaks into which channel: side, number of the channel, tolerance.
     """
-    fitted = dict(zip(names, values, strict=True))
-    return {nuisance.name: float(fitted.get(nuisance.name, nuisance.nominal)) for nuisance in pair.nuisances}
+
+    unsprung: tuple[SensorFacts, ...]
+    sprung: tuple[SensorFacts, ...]
+    names: tuple[str, ...]
+    leaks: tuple[tuple[Side, int, float], ...] = ()
+
+    def facts(self, side: Side) -> tuple[SensorFacts, ...]:
+        """Return what is known of the sensors of a side.
+
+        Args:
+            side: "unsprung" or "sprung".
+        """
+        return self.unsprung if side == "unsprung" else self.sprung
+
+    def changed(self, side: Side, channel: int, **facts: float) -> Sensors:
+        """Return the sensors with other facts of one of them.
+
+        Args:
+            side: of the sensor.
+            channel: its number on that side.
+            facts: fields of `SensorFacts`.
+        """
+        row = list(self.facts(side))
+        row[channel] = replace(row[channel], **facts)  # type: ignore[arg-type]
+        return replace(self, unsprung=tuple(row)) if side == "unsprung" else replace(self, sprung=tuple(row))
+
+    @cached_property
+    def faults(self) -> tuple[Fault, ...]:
+        """What has to be found out beside the parameters of the body."""
+        return tuple(self._faults())
+
+    def _faults(self) -> Iterator[Fault]:
+        for channel in range(len(self.sprung)):
+            for side in SIDES[::-1] if channel < len(self.unsprung) else SIDES[:1]:
+                facts, where = self.facts(side)[channel], self._where(channel)
+                if facts.gain_tolerance:
+                    yield Fault(f"gain_{side}{where}", "gain", side, channel, 1.0, facts.gain_tolerance)
+                if facts.corner_tolerance:
+                    std = facts.corner_tolerance * facts.corner_hz
+                    yield Fault(f"corner_{side}_hz{where}", "corner", side, channel, facts.corner_hz, std)
+        # of the two sensors of an interface only the delay of one against the other is fitted
+        for channel, facts in enumerate(self.sprung):
+            below = self.unsprung[channel].lag_tolerance_s if channel < len(self.unsprung) else 0.0
+            lag_s = math.hypot(below, facts.lag_tolerance_s)
+            if lag_s:
+                yield Fault(f"lag_s{self._where(channel)}", "lag", "sprung", channel, 0.0, lag_s)
+        for number, (side, channel, tolerance) in enumerate(self.leaks):
+            yield Fault(f"leak[{number}]", "leak", side, channel, 0.0, tolerance, number)
+
+    def _where(self, channel: int) -> str:
+        return f"[{self.names[channel]}]" if self.names[channel] else ""
+
+    def values(self, names: Sequence[str], fitted: Iterable[float]) -> dict[str, float]:
+        """Return the value of every fault by its name: fitted where it was, else nominal.
+
+        Args:
+            names: of the fitted parameters.
+            fitted: their values.
+        """
+        known = dict(zip(names, fitted, strict=True))
+        return {fault.name: float(known.get(fault.name, fault.nominal)) for fault in self.faults}
+
+
+def ideal_sensors(n_interfaces: int, n_sensors: int) -> Sensors:
+    """Return sensors without any fault.
+
+    Args:
+        n_interfaces: below suspensions.
+        n_sensors: on the body.
+    """
+    return Sensors((IDEAL,) * n_interfaces, (IDEAL,) * n_sensors, ("",) * max(n_interfaces, n_sensors))

@@ -1,9 +1,9 @@
-"""A study of a body on several suspensions: interfaces with coordinates, and runs with known loadings."""
+"""A study: interfaces that are measured on both sides, and runs with known loadings. A gear is a body with one."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from itertools import combinations
@@ -13,12 +13,21 @@ import numpy as np
 
 from opid.errors import nearest
 from opid.signals.health_result import Finding
-from opid.signals.recording import Recording
+from opid.signals.recording import FloatArray, Recording
 from opid.signals.tables import refuse
-from opid.suspensions.one_gear.study import MINIMUM_SAMPLES, SAME_RATE
+from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")
-"""Structures that a study file may ask for; "auto" compares the others."""
+"""Structures that a study may ask for; "auto" compares the others."""
+
+MINIMUM_SAMPLES = 256
+"""The shortest run taken: a spectrum of fewer samples does not separate a peak from its neighbours."""
+
+LARGEST_CHANGE_KG = 1e5
+"""No single gear carries more: the heaviest aircraft puts 50 t on one."""
+
+SAME_RATE = 1e-5
+"""Relative difference up to which two rates are one: clocks of crystals agree to some parts in a million."""
 
 FARTHEST_M = 200.0
 """No vehicle is larger."""
@@ -45,15 +54,17 @@ class MeasuredInterface:
         y_m: where it acts, to the left.
         sensor_x_m: where the sensor on the body is; at the suspension where left out.
         sensor_y_m: likewise.
+        facts: what is known of its two sensors.
     """
 
     name: str
     sprung: str
     unsprung: str
-    x_m: float
-    y_m: float
+    x_m: float = 0.0
+    y_m: float = 0.0
     sensor_x_m: float | None = None
     sensor_y_m: float | None = None
+    facts: SensorPair = IDEAL_PAIR
 
     @property
     def place(self) -> tuple[float, float]:
@@ -77,11 +88,13 @@ class BodySensor:
         channel: its channel, an acceleration upward.
         x_m: where it is, forward.
         y_m: where it is, to the left.
+        facts: what is known of it.
     """
 
     channel: str
     x_m: float
     y_m: float
+    facts: SensorFacts = IDEAL
 
 
 @dataclass(frozen=True)
@@ -100,25 +113,36 @@ class PointMass:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedRun:
+class Run:
     """One recorded run with a known loading.
 
     Args:
         name: of the run.
         recording: what was measured.
-        loading: what it carries more than the reference; empty for the reference.
-        findings: what is to be said of the logs that it was taken from.
+        loading: what it carries more than the reference, empty for the reference; for one gear a number will do, kg,
+            negative if mass was removed.
+        findings: what is to be said of the logs that it was taken from; of the recording itself that is found later.
     """
 
     name: str
     recording: Recording
-    loading: tuple[PointMass, ...] = ()
+    loading: tuple[PointMass, ...] | float = ()
     findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        if isinstance(self.loading, (int, float)):
+            object.__setattr__(self, "loading", (PointMass(float(self.loading), 0.0, 0.0),) if self.loading else ())
+
+    @property
+    def masses(self) -> tuple[PointMass, ...]:
+        """What it carries more than the reference."""
+        assert not isinstance(self.loading, (int, float))  # no longer
+        return self.loading
 
     @property
     def mass_change_kg(self) -> float:
         """Mass of this run less that of the reference, kg."""
-        return sum(each.mass_kg for each in self.loading)
+        return sum(each.mass_kg for each in self.masses)
 
 
 @dataclass(frozen=True)
@@ -140,8 +164,10 @@ class StructureSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyStudy:
-    """Runs of one body on several suspensions, checked when the study is made.
+class Study:
+    """Runs of one body on suspensions, checked when the study is made.
+
+    The mass that is identified is the one without a loading, whether or not a run was made there.
 
     Args:
         title: of the study.
@@ -153,12 +179,13 @@ class BodyStudy:
         source: the study file, None if the study was made otherwise.
 
     Raises:
-        InputError: everything that is wrong at once.
+        InputError: everything that is wrong at once: a missing channel, another unit than m/s^2, different rates, a run
+            too short, one name twice.
     """
 
     title: str
     interfaces: tuple[MeasuredInterface, ...]
-    runs: tuple[LoadedRun, ...]
+    runs: tuple[Run, ...]
     structure: StructureSettings = field(default_factory=StructureSettings)
     sensors: tuple[BodySensor, ...] = ()
     date: date | None = None
@@ -179,8 +206,94 @@ class BodyStudy:
         """Of the interfaces."""
         return tuple(interface.name for interface in self.interfaces)
 
+    @property
+    def is_one_gear(self) -> bool:
+        """Whether it is about one suspension, read by one sensor on the body."""
+        return len(self.interfaces) == 1 and not self.sensors
 
-def symmetric_pairs(study: BodyStudy) -> list[tuple[int, int]]:
+    def channels(self, side: Side) -> tuple[str, ...]:
+        """Return the channels of the sensors of a side, in the order in which the model takes them.
+
+        Args:
+            side: "unsprung" or "sprung".
+        """
+        if side == "unsprung":
+            return tuple(interface.unsprung for interface in self.interfaces)
+        return (*(interface.sprung for interface in self.interfaces), *(sensor.channel for sensor in self.sensors))
+
+    def leaks(self) -> list[tuple[str, Side, int, float]]:
+        """Return what leaks in: the channel, the side and number of the sensor that lets it in, and the tolerance."""
+        return [
+            (leak.channel, leak.into, place, leak.tolerance)
+            for place, interface in enumerate(self.interfaces)
+            for leak in interface.facts.leaks
+        ]
+
+    def sensor_facts(self) -> Sensors:
+        """Return what is known of all sensors."""
+        names = [*self.names, *(sensor.channel for sensor in self.sensors)]
+        return Sensors(
+            unsprung=tuple(interface.facts.unsprung for interface in self.interfaces),
+            sprung=(*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors)),
+            names=("",) if self.is_one_gear else tuple(names),
+            leaks=tuple((side, place, tolerance) for _, side, place, tolerance in self.leaks()),
+        )
+
+    def accelerations(self, run: Run) -> tuple[FloatArray, FloatArray]:
+        """Return unsprung and sprung acceleration of a run of one gear, each (n_samples,) m/s^2.
+
+        Args:
+            run: of this study.
+        """
+        return run.recording.channel(self.unsprung), run.recording.channel(self.sprung)
+
+    @property
+    def sprung(self) -> str:
+        """Channel on the body of the first interface."""
+        return self.interfaces[0].sprung
+
+    @property
+    def unsprung(self) -> str:
+        """Channel below the first interface."""
+        return self.interfaces[0].unsprung
+
+
+def study_of_gear(
+    title: str,
+    *,
+    sprung: str,
+    unsprung: str,
+    runs: Sequence[Run],
+    sensors: SensorPair = IDEAL_PAIR,
+    date: date | None = None,
+    source: Path | None = None,
+) -> Study:
+    """Return the study of one gear: a body with one interface.
+
+    Args:
+        title: of the study.
+        sprung: name of the channel on the airframe, an acceleration.
+        unsprung: name of the channel on the spindle, an acceleration.
+        runs: one or more.
+        sensors: what is known of the two sensors.
+        date: of the runs; None if it is not known.
+        source: the study file, None if the study was made otherwise.
+
+    Raises:
+        InputError: as `Study`.
+
+    >>> from opid.signals.recording import recording_from_arrays
+    >>> samples, names = np.random.default_rng(0).standard_normal((2, 2, 512)), ["lower_z", "upper_z"]
+    >>> heavy, light = (recording_from_arrays(each, names, fs=512.0) for each in samples)
+    >>> runs = (Run("heavy", heavy), Run("light", light, -220.0))
+    >>> study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs).fs
+    512.0
+    """
+    gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors)
+    return Study(title, (gear,), tuple(runs), date=date, source=source)
+
+
+def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
     """Return places of interfaces that stand left and right of the middle, each in one pair, with its nearest mirror.
 
     Args:
@@ -198,7 +311,7 @@ def symmetric_pairs(study: BodyStudy) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _faults(study: BodyStudy) -> Iterator[str]:
+def _faults(study: Study) -> Iterator[str]:
     yield from _interface_faults(study)
     yield from _structure_faults(study)
     if not study.runs:
@@ -215,11 +328,11 @@ def _faults(study: BodyStudy) -> Iterator[str]:
                 "resample one to the rate of the other"
             )
     for one, other in combinations(study.runs, 2):
-        if one.loading != other.loading and np.array_equal(one.recording.samples, other.recording.samples):
+        if one.masses != other.masses and np.array_equal(one.recording.samples, other.recording.samples):
             yield f"runs {one.name!r} and {other.name!r} hold the same samples, name two logs"
 
 
-def _interface_faults(study: BodyStudy) -> Iterator[str]:
+def _interface_faults(study: Study) -> Iterator[str]:
     names = study.names
     if not names:
         yield "there are no interfaces, give one table [[interfaces]] for each suspension"
@@ -230,7 +343,11 @@ def _interface_faults(study: BodyStudy) -> Iterator[str]:
         for side, channel in (("sprung", interface.sprung), ("unsprung", interface.unsprung)):
             user = f"{side} of {interface.name!r}"
             if channel in users:
-                yield f"the channel {channel!r} is {users[channel]} and {user}: each sensor is one channel"
+                yield (
+                    f"sprung and unsprung are both {channel!r}, name the channels of two sensors"
+                    if interface.sprung == interface.unsprung
+                    else f"the channel {channel!r} is {users[channel]} and {user}: each sensor is one channel"
+                )
             users.setdefault(channel, user)
         for axis in ("x_m", "y_m", "sensor_x_m", "sensor_y_m"):
             value = getattr(interface, axis)
@@ -242,6 +359,8 @@ def _interface_faults(study: BodyStudy) -> Iterator[str]:
         users.setdefault(sensor.channel, "a further sensor")
         if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in (sensor.x_m, sensor.y_m)):
             yield f"the sensor {sensor.channel!r} is at ({sensor.x_m:g}, {sensor.y_m:g}) m, give a place in m"
+    for interface in study.interfaces:
+        yield from _leak_faults(interface)
     for first, second in combinations(study.interfaces, 2):
         if math.dist(first.place, second.place) < ONE_PLACE_M and first.name != second.name:
             yield (
@@ -257,7 +376,16 @@ def _interface_faults(study: BodyStudy) -> Iterator[str]:
             )
 
 
-def _structure_faults(study: BodyStudy) -> Iterator[str]:
+def _leak_faults(interface: MeasuredInterface) -> Iterator[str]:
+    leaks = [(leak.channel, leak.into) for leak in interface.facts.leaks]
+    for channel, into in sorted({leak for leak in leaks if leaks.count(leak) > 1}):
+        yield f"the leak of {channel!r} into the {into} sensor stands twice, give it once"
+    for channel, into in leaks:
+        if channel == (interface.sprung if into == "sprung" else interface.unsprung):
+            yield f"the leak {channel!r} is the {into} channel itself, name another axis"
+
+
+def _structure_faults(study: Study) -> Iterator[str]:
     settings, names = study.structure, study.names
     if settings.kind not in KINDS:
         yield f"the kind of structure is {settings.kind!r}: {nearest(settings.kind, KINDS)}"
@@ -283,7 +411,7 @@ def _structure_faults(study: BodyStudy) -> Iterator[str]:
         yield from rigid_faults(study)
 
 
-def rigid_faults(study: BodyStudy) -> Iterator[str]:
+def rigid_faults(study: Study) -> Iterator[str]:
     """Yield why interfaces or sensors make no rigid body in heave, roll and pitch.
 
     Args:
@@ -308,10 +436,19 @@ def rigid_faults(study: BodyStudy) -> Iterator[str]:
             )
 
 
-def _run_faults(study: BodyStudy, run: LoadedRun) -> Iterator[str]:
-    for each in run.loading:
+def _run_faults(study: Study, run: Run) -> Iterator[str]:
+    for each in run.masses:
         if not all(math.isfinite(value) for value in (each.mass_kg, each.x_m, each.y_m)):
-            yield f"the loading ({each.mass_kg}, {each.x_m}, {each.y_m}) has no number somewhere, give kg and m"
+            yield (
+                f"the mass change is {each.mass_kg} kg, give a number"
+                if study.is_one_gear
+                else f"the loading ({each.mass_kg}, {each.x_m}, {each.y_m}) has no number somewhere, give kg and m"
+            )
+        elif study.is_one_gear and abs(each.mass_kg) > LARGEST_CHANGE_KG:
+            yield (
+                f"the mass change is {each.mass_kg:g} kg, more than any gear carries "
+                f"({LARGEST_CHANGE_KG:g} kg): give it in kg, for this gear alone"
+            )
         elif abs(each.x_m) > FARTHEST_M or abs(each.y_m) > FARTHEST_M:
             yield f"the loading of {each.mass_kg:g} kg is at ({each.x_m:g}, {each.y_m:g}) m, give its place in m"
     if run.recording.n_samples < MINIMUM_SAMPLES:
@@ -320,7 +457,8 @@ def _run_faults(study: BodyStudy, run: LoadedRun) -> Iterator[str]:
             f"{MINIMUM_SAMPLES} are needed, give some tens of seconds"
         )
     wanted = [channel for i in study.interfaces for channel in (i.sprung, i.unsprung)]
-    for name in dict.fromkeys([*wanted, *(sensor.channel for sensor in study.sensors)]):
+    wanted += [*(sensor.channel for sensor in study.sensors), *(channel for channel, *_ in study.leaks())]
+    for name in dict.fromkeys(wanted):
         if name not in run.recording.names:
             yield f"there is no channel {name!r} in its log ({nearest(name, run.recording.names)})"
         elif run.recording.unit(name) != "m/s^2":

@@ -1,18 +1,57 @@
-"""What may stand in the study file of a body on several suspensions, table by table, and what is wrong with one."""
+"""What may stand in a study file, of one gear or of a body on several suspensions, and what is wrong with one."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import date
+from dataclasses import fields
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
 from opid.errors import InputError, nearest
-from opid.signals.tables import CHANNEL, NUMBER, TEXT, Document, Key, maybe, table_faults
-from opid.suspensions.one_gear.study_tables import channel_faults, general_faults
+from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, table_faults
+from opid.suspensions.sensor_facts import SIDES, SensorFacts
 from opid.suspensions.study import KINDS, PointMass
+
+# Keys of the study of a body that one gear has not, and where they belong.
+_OF_A_BODY = {
+    "the study": ("structure", "body_sensors"),
+    "[[runs]]": ("loading",),
+}
+
+# Every key of a study file. A further table is one more row here and one more line in `document_faults`.
+_GEAR_STUDY = {
+    "title": maybe(str, "text in quotes"),
+    "date": maybe(date, "a date without quotes, as 2026-03-01"),
+    "fs_hz": maybe((int, float), "a number"),
+    "log": maybe(dict, "a table [log]"),
+    "channels": Key(dict, "a table [channels]"),
+    "runs": Key(list, "one table [[runs]] for each log"),
+    "sensors": maybe(dict, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"),
+}
+_SENSOR = {field.name: maybe((int, float), "a number") for field in fields(SensorFacts)}
+SENSOR_KEYS = tuple(_SENSOR)
+_CHANNEL = {**CHANNEL, **_SENSOR}
+_SENSORS = {
+    "sprung": maybe(dict, "a table [sensors.sprung]"),
+    "unsprung": maybe(dict, "a table [sensors.unsprung]"),
+    "leak": maybe(list, "one table [[sensors.leak]] for each recorded axis that leaks in"),
+}
+_LEAK = {
+    "channel": TEXT,
+    "into": maybe(str, "'sprung' or 'unsprung'"),
+    "tolerance": maybe((int, float), "a number"),
+}
+_GEAR_RUN = {
+    "name": TEXT,
+    "log": maybe(str, "text in quotes"),
+    "mass_change_kg": NUMBER,
+    "start_s": maybe((int, float), "a number"),
+    "stop_s": maybe((int, float), "a number"),
+    "channels": maybe(dict, "a table [runs.channels]"),
+}
 
 COLUMNS = ("mass_kg", "x_m", "y_m")
 """Of a loading table."""
@@ -54,6 +93,11 @@ _RUN = {
     "stop_s": _NUMBER,
     "channels": maybe(dict, "a table [runs.channels]"),
 }
+_BODY_LEAK = {
+    "channel": TEXT,
+    "into": Key(str, "the name of the channel that lets it in"),
+    "tolerance": _NUMBER,
+}
 
 
 def is_body_study(document: Mapping[str, Any]) -> bool:
@@ -68,23 +112,27 @@ def is_body_study(document: Mapping[str, Any]) -> bool:
     return "interfaces" in document
 
 
-def body_document_faults(document: Document) -> Iterator[str]:
-    """Yield what is wrong with the keys of the study file of a body and the types of their values.
+def document_faults(document: Document) -> Iterator[str]:
+    """Yield what is wrong with the keys of a study file and the types of their values.
 
     Args:
         document: what the file holds.
     """
+    yield from _body_faults(document) if is_body_study(document) else _gear_faults(document)
+
+
+def _body_faults(document: Document) -> Iterator[str]:
+    """Of a study with [[interfaces]]."""
     yield from table_faults("the study", {key: value for key, value in document.items() if key != "sensors"}, _STUDY)
-    yield from general_faults(document)
+    yield from _general_faults(document)
     if isinstance(document.get("sensors"), list):
         yield "[[sensors]] is no table of the study of a body, call further sensors on the body [[body_sensors]]"
+    elif isinstance(document.get("sensors"), dict):
+        yield from _body_sensor_faults(document["sensors"])
     elif "sensors" in document:
-        yield (
-            "[sensors] belongs to the study of one gear, state the noise of all sensors as noise_m_per_s2 in "
-            "[structure]; delays and gains are not fitted beside [[interfaces]]"
-        )
+        yield f"'sensors' in the study is {document['sensors']!r}, give tables [[sensors.leak]]"
     if isinstance(document.get("channels"), dict):
-        yield from channel_faults("channels", document["channels"], CHANNEL)
+        yield from _channel_faults("channels", document["channels"])
     for number, entry in _tables(document, "interfaces"):
         yield from _interface_faults(number, entry)
     for number, entry in _tables(document, "body_sensors"):
@@ -99,7 +147,7 @@ def loading_of(entry: Mapping[str, Any], directory: Path) -> tuple[PointMass, ..
     """Return what a run carries more than the reference.
 
     Args:
-        entry: a table [[runs]], checked by `body_document_faults`.
+        entry: a table [[runs]], checked by `document_faults`.
         directory: where the file of a loading table is looked for.
 
     Raises:
@@ -144,6 +192,22 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
     if faults:
         raise InputError(f"the loading table {path} {'; it '.join(faults)}")
     return tuple(loading)
+
+
+def _body_sensor_faults(sensors: Mapping[str, Any]) -> Iterator[str]:
+    for key in sensors:
+        if key in SIDES:
+            yield (
+                f"[sensors.{key}] belongs to the study of one gear, state what is known of a sensor in the table of "
+                "its channel, [channels.NAME]"
+            )
+        elif key != "leak":
+            yield f"[sensors] has an unknown key {key!r}: {nearest(key, ('leak',))}"
+    leaks = sensors.get("leak", [])
+    if not isinstance(leaks, list):
+        yield "'leak' in [sensors] is no list, give one table [[sensors.leak]] for each recorded axis that leaks in"
+    for number, entry in enumerate(leaks if isinstance(leaks, list) else [], start=1):
+        yield from table_faults(f"[[sensors.leak]] number {number}", entry, _BODY_LEAK)
 
 
 def _tables(document: Document, name: str) -> Iterator[tuple[int, Any]]:
@@ -201,7 +265,8 @@ def _run_faults(number: int, entry: Any) -> Iterator[str]:
     if isinstance(entry.get("loading"), list):
         yield from _loading_faults(where, entry["loading"])
     if isinstance(entry.get("channels"), dict):
-        yield from channel_faults("runs.channels", entry["channels"], CHANNEL)
+        yield from _channel_faults("runs.channels", entry["channels"])
+        yield from _useless_facts("runs.channels", entry["channels"], ())
 
 
 def _loading_faults(where: str, rows: Sequence[Any]) -> Iterator[str]:
@@ -224,3 +289,84 @@ def _number(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
+
+
+def _gear_faults(document: Document) -> Iterator[str]:
+    """Of a study with [channels] sprung and unsprung."""
+    yield from table_faults("the study", _without(document, _OF_A_BODY["the study"]), _GEAR_STUDY)
+    yield from _facts_of_a_body(document)
+    yield from _general_faults(document)
+    if isinstance(document.get("channels"), dict):
+        for side in SIDES:
+            if side not in document["channels"]:
+                hint = nearest(side, document["channels"])
+                yield f"[channels] lacks {side!r}, give the name of a channel or a table ({hint})"
+        yield from _channel_faults("channels", document["channels"])
+        yield from _useless_facts("channels", document["channels"], SIDES)
+    if isinstance(document.get("runs"), list):
+        for number, entry in enumerate(document["runs"], start=1):
+            yield from table_faults(f"[[runs]] number {number}", _without(entry, _OF_A_BODY["[[runs]]"]), _GEAR_RUN)
+            if isinstance(entry, dict) and isinstance(entry.get("channels"), dict):
+                yield from _channel_faults("runs.channels", entry["channels"])
+                yield from _useless_facts("runs.channels", entry["channels"], ())
+    if isinstance(document.get("sensors"), dict):
+        yield from _sensor_faults(document["sensors"])
+
+
+def _without(table: object, names: Sequence[str]) -> object:
+    """A table without what is said of it in other words."""
+    return {name: value for name, value in table.items() if name not in names} if isinstance(table, dict) else table
+
+
+def _facts_of_a_body(document: Document) -> Iterator[str]:
+    """Keys that only the study of a body has."""
+    runs = document.get("runs")
+    entries = runs if isinstance(runs, list) else []
+    tables = {"the study": [document], "[[runs]]": [run for run in entries if isinstance(run, dict)]}
+    for where, names in _OF_A_BODY.items():
+        for name in names:
+            if any(name in table for table in tables[where]):
+                yield (
+                    f"{where} has {name!r}, which belongs to a body on several suspensions: describe each suspension "
+                    "in [[interfaces]] (name, sprung, unsprung, x_m, y_m), or leave it out for one gear"
+                )
+
+
+def _general_faults(document: Document) -> Iterator[str]:
+    """Of the keys that every study file may have: date, rate, [log]."""
+    # a date with a time is a date to Python
+    if isinstance(document.get("date"), datetime):
+        yield f"'date' in the study is {document['date']}, give the day alone, as {document['date'].date()}"
+    if isinstance(document.get("log"), dict):
+        yield from table_faults("[log]", document["log"], LOG)
+    fs_hz = document.get("fs_hz", 1.0)
+    if isinstance(fs_hz, (int, float)) and not (math.isfinite(fs_hz) and fs_hz > 0):
+        yield f"'fs_hz' in the study is {fs_hz}, give a positive rate in Hz"
+
+
+def _channel_faults(where: str, entries: Mapping[str, Any]) -> Iterator[str]:
+    """Of the entries of [channels], or of [runs.channels]."""
+    for name, entry in entries.items():
+        if isinstance(entry, dict):
+            yield from table_faults(f"[{where}.{name}]", entry, _CHANNEL)
+            if isinstance(entry.get("log"), dict):
+                yield from table_faults(f"[{where}.{name}.log]", entry["log"], LOG)
+        elif not isinstance(entry, (str, int)) or isinstance(entry, bool):
+            yield f"{name!r} in [{where}] is {entry!r}, give the name of a channel, its number or a table"
+
+
+def _useless_facts(where: str, entries: Mapping[str, Any], known: Sequence[str]) -> Iterator[str]:
+    """Facts of sensors where nothing would come of them."""
+    for name, entry in entries.items():
+        for key in SENSOR_KEYS if isinstance(entry, dict) and name not in known else ():
+            if key in entry:
+                yield f"{key!r} stands in [{where}.{name}], give it in [channels.sprung] or [channels.unsprung]"
+
+
+def _sensor_faults(sensors: Mapping[str, Any]) -> Iterator[str]:
+    yield from table_faults("[sensors]", sensors, _SENSORS)
+    for side in SIDES:
+        if isinstance(sensors.get(side), dict):
+            yield from table_faults(f"[sensors.{side}]", sensors[side], _SENSOR)
+    for number, entry in enumerate(sensors.get("leak", []) if isinstance(sensors.get("leak"), list) else [], 1):
+        yield from table_faults(f"[[sensors.leak]] number {number}", entry, _LEAK)

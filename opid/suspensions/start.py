@@ -16,21 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.kinds import Parameter
-from opid.mechanics.laws import LAWS, LINEAR, Law, Term
+from opid.mechanics.laws import LINEAR, Law, Term
 from opid.signals.motion import filter_like, integrate
 from opid.signals.recording import FloatArray
+from opid.suspensions.body import Body
+from opid.suspensions.law_parameters import offered_terms
 from opid.suspensions.model import Group
-from opid.suspensions.run import BodyRun
-from opid.suspensions.structure import Body
-
-BAND_HZ = (0.5, 12.0)
-HIGH_PASS_HZ = 0.3
-# inner scales that are tried, over the rms motion
-SCALES = (0.05, 0.15, 0.4, 1.0, 2.5)
-# a term must take at least this share of what is left
-LEAST_SHARE = 0.08
-MOST_TERMS = 2
+from opid.suspensions.run import DrivenRun
+from opid.suspensions.settings import StartSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +37,10 @@ class Start:
         factors: (n_parts,) of the mass matrix.
         inverse_mass: one over the reference mass, 1/kg; None where the runs do not tell it.
         motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s).
-        explained: share of the inertia forces that the equation explains.
+        ground_stiffness: of a spring to the ground at each group, per unit of the reference mass, 1/s^2; as if it were
+            there.
+        ground_std: roughly how well it is known.
+        stiffness_beside_ground: of each group with these springs, likewise.
     """
 
     groups: tuple[Group, ...]
@@ -53,27 +49,41 @@ class Start:
     factors: FloatArray
     inverse_mass: float | None
     motion_rms: FloatArray
-    explained: float
+    ground_stiffness: FloatArray
+    ground_std: FloatArray
+    stiffness_beside_ground: FloatArray
+
+    def demands_ground(self, number: int, settings: StartSettings) -> bool:
+        """Return whether the equation asks for a ground spring that a sensor's fault would hardly feign.
+
+        Args:
+            number: of the group.
+            settings: what is strong.
+        """
+        value, std = abs(self.ground_stiffness[number]), self.ground_std[number]
+        beside = abs(self.stiffness_beside_ground[number])
+        return bool(value > settings.ground_std * std and value > settings.ground_fraction * beside)
 
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What one run says of the motion: travel and velocity (n_slots, n) and acceleration (n_dof, n)."""
+    """What one run says of the motion: travel, velocity and place (n_slots, n) and acceleration (n_dof, n)."""
 
     travel: FloatArray
     velocity: FloatArray
+    place: FloatArray
     acceleration: FloatArray
     inside: slice
 
 
 def start_values(
-    runs: Sequence[BodyRun],
+    runs: Sequence[DrivenRun],
     body: Body,
     groups: Sequence[Group],
     *,
     mass_free: bool,
     kinds: Sequence[str] = (),
-    band_hz: tuple[float, float] = BAND_HZ,
+    settings: StartSettings | None = None,
 ) -> Start:
     """Return start values for the fit of a body.
 
@@ -83,7 +93,7 @@ def start_values(
         groups: which interfaces share what; a law that they have is kept, with its inner values.
         mass_free: whether one over the reference mass is to be found.
         kinds: of law to try, one after the other, where a group has none.
-        band_hz: of the equation, Hz.
+        settings: of the equation.
 
     Raises:
         InputError: sensors that do not see all degrees of freedom of the body.
@@ -94,24 +104,28 @@ def start_values(
             f"the sensors on the body see {rank} of its {len(body.dof)} degrees of freedom ({', '.join(body.dof)}): "
             "measure at more places, or take a body with fewer"
         )
-    equation = _Equation(tuple(_motion(run, body) for run in runs), tuple(runs), body, mass_free, band_hz)
-    found = tuple(groups)
+    settings = settings or StartSettings()
+    motions = tuple(_motion(run, body, settings) for run in runs)
+    equation = _Equation(motions, tuple(runs), body, mass_free, settings)
+    found = tuple(replace(group, ground=False) for group in groups)
     if kinds:
         found = _with_laws(equation, found, kinds)
-    value, left = equation.solve(found)
-    return _start(equation, found, value, 1 - left)
+    return _start(equation, found)
 
 
-def _motion(run: BodyRun, body: Body) -> _Motion:
+def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
     """Motion of the slots, all through the same high-pass."""
-    n, fs = run.n_samples, run.fs
+    n, fs = len(run.sprung), run.recorded_fs
     accelerations = np.linalg.lstsq(body.readings, run.sprung.T, rcond=None)[0]
-    relative = body.rows @ accelerations
+    own = body.rows @ accelerations
+    relative = own.copy()
     relative[: body.n_interfaces] -= run.unsprung.T
-    motions = [integrate(each, fs=fs, high_pass_hz=HIGH_PASS_HZ) for each in relative]
+    motions = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz) for each in relative]
+    places = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz).displacement for each in own]
     return _Motion(
         np.array([motion.displacement for motion in motions]),
         np.array([motion.velocity for motion in motions]),
+        np.array(places),
         np.array([filter_like(each, motions[0]) for each in accelerations]),
         motions[0].settled if motions[0].settled.stop - motions[0].settled.start > n // 2 else slice(0, n),
     )
@@ -122,10 +136,10 @@ class _Equation:
     """Columns and target of the least squares."""
 
     motions: tuple[_Motion, ...]
-    runs: tuple[BodyRun, ...]
+    runs: tuple[DrivenRun, ...]
     body: Body
     mass_free: bool
-    band_hz: tuple[float, float]
+    settings: StartSettings
 
     @property
     def rms(self) -> FloatArray:
@@ -146,8 +160,9 @@ class _Equation:
             n = inner.shape[1]
             # the equation holds at every instant: under a window it needs no end terms
             lines = np.fft.rfft(inner * np.hanning(n) * scale[:, np.newaxis])
-            frequency_hz = np.fft.rfftfreq(n, 1 / run.fs)
-            lines = lines[:, (frequency_hz >= self.band_hz[0]) & (frequency_hz <= self.band_hz[1])].ravel()
+            frequency_hz = np.fft.rfftfreq(n, 1 / run.recorded_fs)
+            low_hz, high_hz = self.settings.band_hz
+            lines = lines[:, (frequency_hz >= low_hz) & (frequency_hz <= high_hz)].ravel()
             parts += [lines.real, lines.imag]
         return np.concatenate(parts)
 
@@ -201,15 +216,19 @@ class _Equation:
         columns += [self.column([part @ m.acceleration for m in self.motions]) for part in parts]
         return [*columns, *([self._known] if self.mass_free else [])]
 
-    def solve(self, groups: Sequence[Group]) -> tuple[FloatArray, float]:
-        """Values of the columns, those of the terms last, and the share of the target that they leave."""
+    def solve(self, groups: Sequence[Group], *, ground: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Values of the columns and how well they are known; last those of the terms, then springs to the ground."""
         columns = self.linear(groups)
         columns += [self.of_term(group, term) for group in groups for term in group.law.terms]
+        if ground:
+            columns += [self.of_slots(group.slots, [m.place for m in self.motions]) for group in groups]
         matrix, target = np.stack(columns, axis=1), self.target
         size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
         value = np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0] / size
         left = target - matrix @ value
-        return value, float(left @ left / (target @ target))
+        inverse = np.linalg.pinv((matrix / size).T @ (matrix / size), rcond=1e-12, hermitian=True)
+        std = np.sqrt(np.maximum(np.diag(inverse), 0.0) * float(left @ left) / left.size) / size
+        return value, std
 
 
 def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[str]) -> tuple[Group, ...]:
@@ -219,20 +238,21 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         (k, term, equation.of_term(groups[k], term))
         for k in open_groups
         for kind in kinds
-        for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0))
+        for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings.n_scales)
     ]
+    most_terms = equation.settings.most_terms
     matrix, target = np.stack(equation.linear(groups), axis=1), equation.target
-    for _ in range(MOST_TERMS * len(open_groups)):
+    for _ in range(most_terms * len(open_groups)):
         basis = np.linalg.qr(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300))[0]
         left = target - basis @ (basis.T @ target)
         gains = []
         for k, term, column in offered:
-            taken = term.name in groups[k].law.parameters or len(groups[k].law.terms) >= MOST_TERMS
+            taken = term.name in groups[k].law.parameters or len(groups[k].law.terms) >= most_terms
             rest = column - basis @ (basis.T @ column)
             size = float(rest @ rest)
             gains.append(float(rest @ left) ** 2 / size if not taken and size > 1e-8 * float(column @ column) else 0.0)
         best = int(np.argmax(gains))
-        if gains[best] < LEAST_SHARE * float(left @ left):
+        if gains[best] < equation.settings.least_fraction * float(left @ left):
             break
         k, term, column = offered[best]
         groups = tuple(
@@ -243,24 +263,16 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
     return groups
 
 
-def _candidates(kind: str, rms: FloatArray) -> Iterator[Term]:
+def _candidates(kind: str, rms: FloatArray, n_scales: int) -> list[Term]:
     """Terms of unit amplitude of a kind, at some inner scales."""
-    inner = LAWS[kind].parameters[1:]
-    for share in SCALES if any(parameter.role == "scale" for parameter in inner) else (1.0,):
-        yield Term(kind, (1.0, *(_inner(parameter, share, rms) for parameter in inner)))
+    return offered_terms(kind, travel_rms=float(rms[0]), velocity_rms=float(rms[1]), n_scales=n_scales)
 
 
-def _inner(parameter: Parameter, share: float, rms: FloatArray) -> float:
-    """An inner value of a term: a scale is a share of the rms motion."""
-    if parameter.role != "scale":
-        return parameter.default
-    return share * float(rms[1] if parameter.unit == "m/s" else rms[0])
-
-
-def _start(equation: _Equation, groups: tuple[Group, ...], value: FloatArray, explained: float) -> Start:
+def _start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
     body, n_springs = equation.body, len(groups) + len(list(equation.searched()))
+    value, _ = equation.solve(groups)
     springs, rest = value[: 2 * n_springs].reshape(-1, 2), value[2 * n_springs :]
-    n_parts = len(body.parts)
+    n_parts, n = len(body.parts), body.n_interfaces
     # the product of two factors is fitted as a factor of its own, and forgotten
     factors, rest = rest[:n_parts], rest[n_parts + (body.product is not None) :]
     mu, rest = (float(rest[0]), rest[1:]) if equation.mass_free else (None, rest)
@@ -271,5 +283,15 @@ def _start(equation: _Equation, groups: tuple[Group, ...], value: FloatArray, ex
         else replace(group, law=LINEAR)
         for group in groups
     )
-    n = body.n_interfaces
-    return Start(with_laws, springs[:, 0], springs[:, 1], factors, mu, equation.rms[:n], explained)
+    beside, std = equation.solve(groups, ground=True)
+    return Start(
+        groups=with_laws,
+        stiffness=springs[:, 0],
+        damping=springs[:, 1],
+        factors=factors,
+        inverse_mass=mu,
+        motion_rms=equation.rms[:n],
+        ground_stiffness=beside[-len(groups) :],
+        ground_std=std[-len(groups) :],
+        stiffness_beside_ground=beside[: 2 * len(groups) : 2],
+    )

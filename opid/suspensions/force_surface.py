@@ -6,22 +6,31 @@ standard errors, shows what no term of the library can: a memory, a stop, a law 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
-from opid.suspensions.one_gear.driven_run import DrivenRun
-from opid.suspensions.one_gear.model_fit import ModelFit
-from opid.suspensions.one_gear.sparse_road import ForcePoints, force_points
+from opid.suspensions.fit import Fit
+from opid.suspensions.settings import SurfaceSettings
 
-N_CELLS = 16
-# cells reach this many rms motions; fewer samples than this tell nothing
-REACH_RMS, LEAST_COUNT = 3.0, 20
-# a section holds the motion within this many rms of the other coordinate
-SECTION_RMS = 0.3
+
+@dataclass(frozen=True, eq=False)
+class ForcePoints:
+    """Force of a suspension over the motion that a fitted model reconstructs, samples of all runs.
+
+    Args:
+        travel: (n,) z, m.
+        velocity: (n,) z', m/s.
+        force_per_mass: (n,) on the body, per unit of reference mass, m/s^2.
+        fitted: (n,) what the fitted stiffness, damping and law make of it, m/s^2.
+    """
+
+    travel: FloatArray
+    velocity: FloatArray
+    force_per_mass: FloatArray
+    fitted: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,51 +90,78 @@ class ForceSurface:
         return (self.mean - self.law) / self.standard_error
 
 
-def force_surface(runs: Sequence[DrivenRun], fit: ModelFit, *, n_cells: int = N_CELLS) -> ForceSurface:
-    """Return the force over the reconstructed motion, cell by cell, beside the law.
+def force_points(fit: Fit, slot: int) -> ForcePoints:
+    """Return the measured force of one suspension per unit of reference mass on the reconstructed motion.
+
+    What the sensors read beyond the prediction, less its mean, is shared out over the suspensions as forces that would
+    make it; a sensor that sees one suspension alone gives the force of that one.
 
     Args:
-        runs: one `DrivenRun` a run.
-        fit: the model fitted to them.
-        n_cells: cells along each coordinate.
+        fit: a fitted model.
+        slot: of the interface.
+    """
+    model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if slot in group.slots)
+    law, (z, v) = list(fit.laws.values())[number], fit.motion(slot)
+    first = model.first_of_group[number]
+    fitted = fit.theta[first] * z + fit.theta[first + 1] * v + law.force(z, v)
+    missed = []
+    for place, prediction in enumerate(fit.errors.predictions):
+        read = model.corrected(fit.theta, place)[1].value
+        apart = read - prediction.acceleration[:, : read.shape[1]]
+        solved = np.linalg.pinv(model.mobility(fit.theta, place).reading[: read.shape[1], : model.body.n_interfaces])
+        missed.append((apart - apart.mean(axis=0)) @ solved[slot])
+    return ForcePoints(z, v, fitted - np.concatenate(missed), fitted)
+
+
+def force_surface(fit: Fit, slot: int) -> ForceSurface:
+    """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law.
+
+    Args:
+        fit: a fitted model.
+        slot: of the interface.
     """
     from scipy import stats
 
-    points = force_points(runs, fit)
-    edges = [np.linspace(-1, 1, n_cells + 1) * REACH_RMS * x.std() for x in (points.travel, points.velocity)]
+    settings = fit.model.settings.surface
+    n_cells = settings.n_cells
+    law = next(law for group, law in zip(fit.groups, fit.laws.values(), strict=True) if slot in group.slots)
+    points = force_points(fit, slot)
+    edges = [np.linspace(-1, 1, n_cells + 1) * settings.reach_rms * x.std() for x in (points.travel, points.velocity)]
     place = [np.digitize(x, e) - 1 for x, e in zip((points.travel, points.velocity), edges, strict=True)]
     inside = np.all([(p >= 0) & (p < n_cells) for p in place], axis=0)
     cell = np.where(inside, place[0] * n_cells + place[1], -1)
     # second differences hold the noise and nothing that a law could have missed
     noise = float(np.std(np.diff(points.force_per_mass - points.fitted, 2)) / np.sqrt(6))
-    count, mean, error, law = (x.reshape(n_cells, n_cells) for x in _averages(points, cell, n_cells**2, noise))
-    departure = (mean - law) / error
+    count, mean, error, fitted = (
+        x.reshape(n_cells, n_cells) for x in _averages(points, cell, n_cells**2, noise, settings)
+    )
+    departure = (mean - fitted) / error
     known = np.isfinite(departure)
     rms = float(np.sqrt(np.mean(points.force_per_mass**2)))
-    seen = known & (np.abs(departure) > 3)
+    seen = known & (np.abs(departure) > settings.seen_std)
     return ForceSurface(
-        law_name=fit.law.name,
+        law_name=law.name,
         travel_edges=edges[0],
         velocity_edges=edges[1],
         count=count.astype(np.int64),
         mean=mean,
         standard_error=error,
-        law=law,
-        along_travel=_section(points, fit.law, 0, edges[0], noise),
-        along_velocity=_section(points, fit.law, 1, edges[1], noise),
+        law=fitted,
+        along_travel=_section(points, law, 0, edges[0], noise, settings),
+        along_velocity=_section(points, law, 1, edges[1], noise, settings),
         largest_standard_errors=float(np.max(np.abs(departure[known]), initial=0.0)),
-        largest_percent=100 * float(np.max(np.abs((mean - law)[seen]), initial=0.0)) / rms,
+        largest_percent=100 * float(np.max(np.abs((mean - fitted)[seen]), initial=0.0)) / rms,
         expected_standard_errors=float(stats.norm.isf(0.5 * (1 - 0.95 ** (1 / max(int(known.sum()), 1))))),
     )
 
 
 def _averages(
-    points: ForcePoints, cell: np.ndarray, n_cells: int, noise: float
+    points: ForcePoints, cell: np.ndarray, n_cells: int, noise: float, settings: SurfaceSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Count, mean force, standard error and mean law of each cell."""
     inside = cell >= 0
     number = np.bincount(cell[inside], minlength=n_cells).astype(np.float64)
-    divisor = np.where(number >= LEAST_COUNT, number, np.nan)
+    divisor = np.where(number >= settings.least_count, number, np.nan)
 
     def mean_of(values: FloatArray) -> FloatArray:
         return np.bincount(cell[inside], weights=values[inside], minlength=n_cells) / divisor
@@ -133,12 +169,14 @@ def _averages(
     return number, mean_of(points.force_per_mass), noise / np.sqrt(divisor), mean_of(points.fitted)
 
 
-def _section(points: ForcePoints, law: Law, axis: int, edges: FloatArray, noise: float) -> ForceSection:
+def _section(
+    points: ForcePoints, law: Law, axis: int, edges: FloatArray, noise: float, settings: SurfaceSettings
+) -> ForceSection:
     along, across = (points.travel, points.velocity)[:: 1 if axis == 0 else -1]
     n = edges.size - 1
     place = np.digitize(along, edges) - 1
-    near = (np.abs(across) < SECTION_RMS * across.std()) & (place >= 0) & (place < n)
-    _, mean, error, fitted = _averages(points, np.where(near, place, -1), n, noise)
+    near = (np.abs(across) < settings.section_rms * across.std()) & (place >= 0) & (place < n)
+    _, mean, error, fitted = _averages(points, np.where(near, place, -1), n, noise, settings)
     position = 0.5 * (edges[1:] + edges[:-1])
     zero = np.zeros(n)
     of_law = law.force(position, zero) if axis == 0 else law.force(zero, position)

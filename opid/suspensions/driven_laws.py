@@ -1,0 +1,102 @@
+"""The laws of a driven model as the search takes them: candidates beside a fit, other laws fitted, runs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws import Law, Term
+from opid.signals.recording import FloatArray
+from opid.suspensions.fit import Fit, left_out_ratio, refit
+from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
+from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.settings import SearchSettings
+
+
+@dataclass(frozen=True)
+class DrivenLaws:
+    """A `LawProblem` of fits of a driven model.
+
+    Args:
+        settings: of the search.
+        least_promise: a fit ends when the next step promises less; None for that of the settings of the fit.
+    """
+
+    settings: SearchSettings
+    least_promise: float | None = None
+
+    def dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+        """Return the candidates beside a fit, all of them simulated at once.
+
+        Args:
+            fit: the model to depart from.
+            kinds: that may enter; those of the fitted laws are there in any case.
+        """
+        model, offered = fit.model, {}
+        for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
+            new = [kind for kind in kinds if kind not in law.parameters]
+            offered[number] = [term for kind in new for term in self._faint(kind, fit, group.slots)]
+        try:
+            errors = model.evaluate(fit.theta, candidates=offered)
+        except UnboundedResponseError:
+            # a model so near its bounds has no neighbours to offer
+            return {}
+        no_prior = np.zeros((errors.stacked.size - fit.n_data, errors.candidates.shape[1]))
+        columns, place, found = np.concatenate([errors.candidates, no_prior]), 0, {}
+        for number, (name, law) in enumerate(fit.laws.items()):
+            nodes: dict[str, list[Node]] = {}
+            for term in offered[number]:
+                nodes.setdefault(term.name, []).append(_node(term, columns[:, place : place + len(term.values)]))
+                place += len(term.values)
+            own = np.arange(errors.jacobian.shape[1])[model.law_places(number)]
+            by_law, others = errors.jacobian[:, own], np.delete(errors.jacobian, own, axis=1)
+            found[name] = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
+        if fit.ratio > self.settings.hopeless:
+            # no law mends what a wrong structure leaves
+            least = min(each.left_by_all() for each in found.values())
+            if least > (1 - self.settings.good_fraction) * float(errors.stacked @ errors.stacked):
+                return {}
+        return found
+
+    def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
+        """Fit other laws from where a fit stands.
+
+        Args:
+            fit: where to start.
+            laws: by the name of the group.
+        """
+        return refit(fit, dict(laws), least_promise=self.least_promise)
+
+    def left_out(self, fit: Fit) -> float | None:
+        """Return what is left of each run as a fit of the others predicts it, m/s^2.
+
+        Args:
+            fit: of all runs.
+        """
+        ratio = left_out_ratio(fit)
+        return None if ratio is None else fit.model.level * ratio
+
+    def _faint(self, kind: str, fit: Fit, slots: Sequence[int]) -> list[Term]:
+        """Terms too weak to move anything."""
+        travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
+        found = []
+        for term in offered_terms(
+            kind,
+            travel_rms=float(travel.std()),
+            velocity_rms=float(velocity.std()),
+            n_scales=self.settings.n_scales,
+        ):
+            force = Law((term,)).force(travel[::7], velocity[::7])
+            amplitude = self.settings.faint * fit.model.level / max(float(np.sqrt(np.mean(force**2))), 1e-300)
+            found.append(Term(kind, (amplitude, *term.inner)))
+        return found
+
+
+def _node(term: Term, columns: FloatArray) -> Node:
+    has_scale = [parameter.role for parameter in term.kind.parameters[1:]] == ["scale"]
+    # by the logarithm of the scale, for unit amplitude
+    slope = columns[:, 1] * term.inner[0] / term.amplitude if has_scale else None
+    return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)

@@ -1,0 +1,302 @@
+"""What the runs demand beside the suspensions: springs to the ground, or faults of the sensors that nobody stated.
+
+All are first tried by score tests, one simulation together. What would lower the error most is fitted, and kept if the
+information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
+spring, say): all that explain the runs about as well as the one that was let in are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.signals.recording import FloatArray
+from opid.suspensions.fit import NO_FIT, Fit, carried_over, fit_model
+from opid.suspensions.model import Model
+from opid.suspensions.sensor_facts import Sensors, Side
+from opid.suspensions.settings import FaultSettings
+from opid.suspensions.start import Start
+
+GROUND = "ground_stiffness_per_mass"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Something that the model may lack.
+
+    Args:
+        words: what it is.
+        ground: whether it is springs to the ground.
+        changes: else what makes faults of sensors free: side, number and facts of each sensor.
+    """
+
+    words: str
+    ground: bool = False
+    changes: tuple[tuple[Side, int, tuple[tuple[str, float], ...]], ...] = ()
+
+    def added_to(self, model: Model) -> Model:
+        """The model with it."""
+        if self.ground:
+            return replace(model, groups=tuple(replace(group, ground=True) for group in model.groups))
+        sensors = model.sensors
+        for side, channel, facts in self.changes:
+            sensors = sensors.changed(side, channel, **dict(facts))
+        return replace(model, sensors=sensors)
+
+    def taken_from(self, model: Model) -> Model:
+        """The model without it."""
+        if self.ground:
+            return replace(model, groups=tuple(replace(group, ground=False) for group in model.groups))
+        sensors = model.sensors
+        for side, channel, facts in self.changes:
+            sensors = sensors.changed(side, channel, **dict.fromkeys(dict(facts), 0.0))
+        return replace(model, sensors=sensors)
+
+    def names(self, model: Model) -> tuple[str, ...]:
+        """Its parameters."""
+        before, after = self.taken_from(model).names, self.added_to(model).names
+        return tuple(name for name in after if name not in before)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A parameter that was let into the model because the runs demand it.
+
+    Args:
+        name: of the parameter, "ground_stiffness_per_mass" or a fault of the sensors.
+        words: what it is.
+        value: its estimate.
+        std: its standard deviation.
+        error_before: error without it, m/s^2.
+        error_after: error with it, m/s^2.
+        alike: what would explain the runs as well.
+        hypothesis: what made it free.
+    """
+
+    name: str
+    words: str
+    value: float
+    std: float
+    error_before: float
+    error_after: float
+    alike: tuple[str, ...]
+    hypothesis: Hypothesis
+
+    def updated(self, fit: Fit) -> Demand:
+        """Return the demand with its value in a later fit.
+
+        Args:
+            fit: a fit that has it.
+        """
+        std = float(fit.std[fit.model.names.index(self.name)])
+        return replace(self, value=fit.value(self.name), std=std, error_after=fit.noise_m_per_s2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    fit: Fit
+    demands: tuple[Demand, ...]
+
+
+def let_in(
+    fit: Fit,
+    before: tuple[Demand, ...] = (),
+    *,
+    ground: bool,
+    start: Start | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Fit, tuple[Demand, ...]]:
+    """Return the fit with what the runs demand beside the suspensions, and what that is.
+
+    Args:
+        fit: the model without it.
+        before: what was let into it already; taken out again where the runs no longer demand it.
+        ground: whether springs to the ground may be let in.
+        start: start values, for those of such springs.
+        progress: called with the name of each step as it begins.
+    """
+    say, known = progress or (lambda step: None), fit.model.settings.faults
+    standing = now = _Standing(fit, tuple(demand.updated(fit) for demand in before))
+    # faults that explain the runs only together are let in together: what stands is the last that explains something
+    for _ in range(known.most):
+        tried = []
+        for hypothesis in _promising(now.fit, ground, start):
+            say(hypothesis.words)
+            grown = _grown(now.fit, hypothesis, start)
+            if grown is not None and _is_plausible(grown, hypothesis):
+                tried.append((grown, hypothesis))
+        if not tried:
+            break
+        best, hypothesis = min(tried, key=lambda entry: entry[0].bic)
+        if not _is_better(best, now.fit, known):
+            break
+        alike = tuple(h.words for other, h in tried if h is not hypothesis and other.bic < best.bic + known.alike_bic)
+        new = tuple(_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
+        helps = now is standing and best.noise_m_per_s2 < (1 - known.helps_fraction) * now.fit.noise_m_per_s2
+        now = _Standing(best, (*now.demands, *new))
+        if helps or best.ratio < known.explained:
+            standing = now
+    standing = _without_the_useless(standing, known)
+    return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
+
+
+def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[float]:
+    """Return how far more free parameters would lower the squared whitened error, to first order.
+
+    Args:
+        fit: without them.
+        model: with all of them.
+        groups: names that would be free together.
+
+    Returns:
+        The gain of each group: of the one among its names that gains most, the others of the group being adapted.
+    """
+    errors = model.evaluate(carried_over(fit, model))
+    # what was known before is left out
+    jacobian, stacked = errors.jacobian[: fit.n_data], errors.stacked[: fit.n_data]
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    gram, along = (jacobian / size).T @ (jacobian / size), (jacobian / size).T @ stacked
+    place = {name: k for k, name in enumerate(model.names)}
+    new = {place[name] for group in groups for name in group}
+    fitted = [k for k in range(size.size) if k not in new]
+    return [
+        max(_gain(gram, along, [*fitted, *(place[n] for n in group if n != name)], place[name]) for name in group)
+        for group in groups
+    ]
+
+
+def with_ground(fit: Fit, start: Start) -> Fit | None:
+    """Return the fit with springs to the ground, from afar; None where there is no such body.
+
+    Args:
+        fit: without them.
+        start: with values of theirs.
+    """
+    return _grown(fit, Hypothesis("a spring to the ground", ground=True), start)
+
+
+def _gain(gram: FloatArray, along: FloatArray, others: list[int], new: int) -> float:
+    """What a step along one column gains once all others are adapted."""
+    cross = gram[new, others] @ np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
+    size = 1.0 - float(cross @ gram[others, new])
+    return float(along[new] - cross @ along[others]) ** 2 / size if size > 1e-10 else 0.0
+
+
+def _is_better(fit: Fit, than: Fit, known: FaultSettings) -> bool:
+    falls = fit.noise_m_per_s2 < (1 - known.error_margin) * than.noise_m_per_s2
+    return fit.bic < than.bic - known.bic_margin and falls
+
+
+def _is_plausible(fit: Fit, hypothesis: Hypothesis) -> bool:
+    """A fault that lies far beyond what such sensors do stands in for something else."""
+    farthest, names = fit.model.settings.faults.plausible_std, hypothesis.names(fit.model)
+    new = [fault for fault in fit.model.faults if fault.name in names]
+    return all(abs(fit.value(each.name) - each.nominal) < farthest * each.std for each in new)
+
+
+def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, ...]) -> Iterator[Demand]:
+    for name in hypothesis.names(fit.model):
+        yield Demand(name, hypothesis.words, 0.0, 0.0, before, 0.0, alike, hypothesis).updated(fit)
+
+
+def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing:
+    """Take out again what something else made useless, the ground springs first."""
+    fit, demands = standing.fit, standing.demands
+    hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
+    for hypothesis in sorted(hypotheses, key=lambda each: not each.ground):
+        smaller = hypothesis.taken_from(fit.model)
+        try:
+            without = fit_model(smaller, carried_over(fit, smaller))
+        except NO_FIT:
+            continue
+        if not _is_better(fit, without, known):
+            gone = hypothesis.names(fit.model)
+            fit, demands = without, tuple(demand for demand in demands if demand.name not in gone)
+    return _Standing(fit, demands)
+
+
+def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
+    """What a score test speaks for, the best first; a strong spring is beyond it, so the equation speaks for that."""
+    known = fit.model.settings.faults
+    hypotheses = list(_hypotheses(fit.model, ground, known))
+    if not hypotheses:
+        return []
+    model = fit.model
+    for hypothesis in hypotheses:
+        model = hypothesis.added_to(model)
+    model = replace(model, sensors=_slight(fit.model.sensors, model.sensors, known))
+    try:
+        gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
+    except NO_FIT:
+        return []
+    found, search = [], fit.model.settings.search
+    for gain, hypothesis in zip(gains, hypotheses, strict=True):
+        score = gain / fit.variance
+        if fit.ratio > search.hopeless and score < search.good_fraction * fit.n_data:
+            continue
+        if hypothesis.ground and start is not None:
+            score = max(score, float(np.max((start.ground_stiffness / start.ground_std) ** 2)))
+        found.append((score, hypothesis))
+    found = sorted((entry for entry in found if entry[0] > known.least_score), key=lambda entry: -entry[0])
+    return [hypothesis for _, hypothesis in found[: known.looked_at]]
+
+
+def _slight(before: Sensors, after: Sensors, known: FaultSettings) -> Sensors:
+    """The sensors with a new AC coupling next to none: a score is taken where the fault begins."""
+    for side in ("unsprung", "sprung"):
+        for channel, (was, now) in enumerate(zip(before.facts(side), after.facts(side), strict=True)):  # type: ignore[arg-type]
+            if now.corner_hz and not was.corner_hz:
+                after = after.changed(side, channel, corner_hz=known.slight_corner_hz)  # type: ignore[arg-type]
+    return after
+
+
+def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hypothesis]:
+    """What is not in the model yet, with what is known of such faults in general."""
+    below, above, names = model.sensors.unsprung, model.sensors.sprung, model.sensors.names
+    if ground and not model.ground:
+        yield Hypothesis("a spring to the ground" if len(model.groups) == 1 else "springs to the ground", ground=True)
+    gain = (("gain_tolerance", known.gain_tolerance),)
+    lag = (("lag_tolerance_s", known.lag_samples * model.runs[0].finer / model.runs[0].recorded_fs),)
+    if len(above) == 1:
+        if not (below[0].gain_tolerance or above[0].gain_tolerance):
+            yield Hypothesis("a gain error between the sensors", changes=(("sprung", 0, gain),))
+        if not (below[0].lag_tolerance_s or above[0].lag_tolerance_s):
+            yield Hypothesis("a lag between the channels", changes=(("sprung", 0, lag),))
+    else:
+        for side, facts in (("sprung", above), ("unsprung", below)):
+            for channel, each in enumerate(facts):
+                if not each.gain_tolerance:
+                    words = f"a gain error of the {side} sensor of {names[channel]!r}"
+                    yield Hypothesis(words, changes=((side, channel, gain),))  # type: ignore[arg-type]
+        for channel, each in enumerate(above):
+            if not each.lag_tolerance_s and not (channel < len(below) and below[channel].lag_tolerance_s):
+                words = f"a lag of the sprung sensor of {names[channel]!r}"
+                yield Hypothesis(words, changes=(("sprung", channel, lag),))
+    if not any(each.corner_hz for each in (*below, *above)):
+        coupled = (("corner_hz", known.corner_hz), ("corner_tolerance", known.corner_tolerance))
+        sides: tuple[tuple[Side, int], ...] = (("unsprung", len(below)), ("sprung", len(above)))
+        changes = tuple((side, channel, coupled) for side, n in sides for channel in range(n))
+        yield Hypothesis("AC coupling of the sensors", changes=changes)
+
+
+def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
+    """The fit with something more, or None where it grows without bound."""
+    model = hypothesis.added_to(fit.model)
+    values: dict[str, float] = {}
+    if hypothesis.ground and start is not None:
+        # a ground spring changes stiffness, too: both start where it was free
+        for group, ground, beside in zip(
+            model.groups, start.ground_stiffness, start.stiffness_beside_ground, strict=True
+        ):
+            values |= {group.called(GROUND): float(ground), group.called("stiffness_per_mass"): float(beside)}
+    theta = carried_over(fit, model, values)
+    noisier = model.settings.fit.noisier[-1] if values else ()
+    if values:
+        # the starts of a fit without the spring are as wrong as it is
+        theta[model.n_shared :] = 0.0
+    try:
+        return fit_model(model, theta, noisier=noisier)
+    except NO_FIT:
+        return None

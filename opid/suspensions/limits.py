@@ -1,0 +1,158 @@
+"""What limits the precision of an answer, what would better it, and which faults pass for a spring to the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.mechanics.driven import UnboundedResponseError
+from opid.signals.recording import FloatArray
+from opid.suspensions.faults import GROUND
+from opid.suspensions.fit import Fit, carried_over
+from opid.suspensions.model import Model
+
+_WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
+
+# a fault of the sensors of the first interface, how it is said, its usual size
+_USUAL = (
+    ("gain_sprung", "1 % of gain error between the sensors", 0.01),
+    ("corner_sprung_hz", "an AC coupling at 0.1 Hz of the sprung sensor alone", 0.1),
+    ("corner_unsprung_hz", "an AC coupling at 0.1 Hz of the unsprung sensor alone", 0.1),
+    ("lag_s", "a lag of 1 ms between the channels", 1e-3),
+)
+
+
+@dataclass(frozen=True)
+class GroundImitations:
+    """How well a spring to the ground is told from nothing, and from faults of the sensors.
+
+    Args:
+        std_per_mass: standard deviation that K3/M2 has, or would have if it were free, 1/s^2, of each group; None where
+            it cannot be said.
+        sentences: the faults that pass for a ground spring, one sentence each.
+    """
+
+    std_per_mass: tuple[float | None, ...]
+    sentences: tuple[str, ...]
+
+
+def limits(fit: Fit, covariance: FloatArray, mass_changes_kg: Sequence[float], duration_s: float) -> Iterator[str]:
+    """Yield what limits the mass and the laws, one sentence each.
+
+    Args:
+        fit: of all runs.
+        covariance: (n_shared, n_shared) of the shared parameters.
+        mass_changes_kg: of the runs, kg.
+        duration_s: of all runs together, s.
+    """
+    names = fit.model.names
+    if fit.model.mass_free and fit.value("inverse_mass") > 0:
+        place, mu = names.index("inverse_mass"), fit.value("inverse_mass")
+        mass, std = 1 / mu, float(np.sqrt(max(covariance[place, place], 0.0))) / mu**2
+        fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass
+        if fraction > 0:
+            yield (
+                f"the mass is known to {196 * std / mass:.2g} %: the mass change, {100 * fraction:.0f} % of the mass, "
+                f"multiplies what the sensors' noise does by {1 / fraction:.0f}; doubling it, or four times the "
+                f"{duration_s:.0f} s of running, would halve the interval"
+            )
+        yield from _named(fit, covariance, place, "the mass")
+    for number in range(len(fit.model.groups)):
+        places = fit.model.law_places(number)
+        for place in range(places.start, places.stop):
+            sentences = list(_named(fit, covariance, place, "the law"))
+            if sentences:
+                yield sentences[0]
+                return
+
+
+def _named(fit: Fit, covariance: FloatArray, place: int, what: str) -> Iterator[str]:
+    """The fault of the sensors without which the interval would be narrower by most."""
+    faults, own = fit.model.faults, covariance[place, place]
+    if not faults or own <= 0:
+        return
+    # the variance that is left once a fault is known: Schur complement
+    left = []
+    for fault in faults:
+        k = fit.model.names.index(fault.name)
+        left.append(own - covariance[place, k] ** 2 / max(covariance[k, k], 1e-300))
+    best = int(np.argmin(left))
+    widening = float(np.sqrt(own / max(left[best], 1e-300)))
+    if widening > fit.model.settings.intervals.widening_named:
+        fault = faults[best]
+        side = "" if fault.kind in ("lag", "leak") else f" of the {fault.side} sensor"
+        name = fit.model.sensors.names[fault.channel]
+        where = f" at {name!r}" if name else ""
+        times = f"{widening:.1f} times" if widening < 10 else "more than ten times"
+        yield (
+            f"{what} is limited by the {_WORDS[fault.kind]}{side}{where}, which widens its interval {times}: calibrate "
+            "it and state a smaller tolerance"
+        )
+
+
+def ground_imitations(fit: Fit) -> GroundImitations:
+    """Return how well springs to the ground are told from nothing and, of one gear, from faults of the sensors.
+
+    The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
+    fitted is taken out of both.
+
+    Args:
+        fit: of the runs.
+    """
+    model = replace(fit.model, groups=tuple(replace(group, ground=True) for group in fit.model.groups))
+    is_one = len(fit.model.sensors.sprung) == 1
+    values: dict[str, float] = {}
+    if is_one:
+        model, values = _with_usual_faults(model, fit)
+    try:
+        errors = model.evaluate(carried_over(fit, model, values))
+    except UnboundedResponseError:
+        return GroundImitations((None,) * len(model.groups), ())
+    n = fit.n_data
+    size = np.maximum(np.linalg.norm(errors.jacobian[:n], axis=0), 1e-300)
+    gram = (errors.jacobian[:n] / size).T @ (errors.jacobian[:n] / size)
+    names = list(model.names)
+    springs = [names.index(group.called(GROUND)) for group in model.groups]
+    fitted = [names.index(name) for name in fit.model.names] + list(range(len(names), size.size))
+    std = []
+    for spring in springs:
+        beside = [k for k in fitted if k != spring]
+        alone = _schur(gram, beside, [spring])[0, 0]
+        std.append(float(np.sqrt(fit.variance / max(alone, 1e-300))) / float(size[spring]))
+    sentences = tuple(_sentences(gram, size, names, springs[0], fit)) if is_one else ()
+    return GroundImitations(tuple(std), sentences)
+
+
+def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]:
+    """The model of one gear in which all usual faults are free, and values of those that cannot stay as they are."""
+    slight_hz, sensors, values = 1e-3, model.sensors, dict[str, float]()
+    for side in ("unsprung", "sprung"):
+        corner_hz = sensors.facts(side)[0].corner_hz or slight_hz  # type: ignore[arg-type]
+        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=0.5)  # type: ignore[arg-type]
+    sensors = sensors.changed("unsprung", 0, gain_tolerance=0.0)
+    sensors = sensors.changed("sprung", 0, gain_tolerance=0.01, lag_tolerance_s=1e-3)
+    if "gain_unsprung" in fit.model.names:
+        # only the ratio of the gains is seen
+        values["gain_sprung"] = (fit.value("gain_sprung") or 1.0) / fit.value("gain_unsprung")
+    return replace(model, sensors=sensors), values
+
+
+def _schur(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
+    """Products of columns once what others do is taken out of them."""
+    cross = gram[np.ix_(kept, others)]
+    inverse = np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
+    return np.asarray(gram[np.ix_(kept, kept)] - cross @ inverse @ cross.T)
+
+
+def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
+    places = [spring, *(names.index(name) for name, _, _ in _USUAL)]
+    others = [k for k in range(size.size) if k not in places]
+    left = _schur(gram, others, places) * np.outer(size[places], size[places])
+    stiffness = float(fit.theta[0])
+    for k, (_, words, usual) in enumerate(_USUAL, start=1):
+        cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)
+        feigned = usual * left[0, k] / max(left[0, 0], 1e-300) / stiffness
+        if abs(cosine) > fit.model.settings.intervals.alike_cosine:
+            yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"

@@ -1,0 +1,299 @@
+"""The way from start values to a fitted model: from afar, among laws and faults of sensors, then with all readings.
+
+Until laws are found runs are taken at a coarse rate, where its steps follow the body and nothing that the model does
+not predict would fold into the band. Where neither laws nor faults promise to mend what is left, the search ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from opid.mechanics.laws import LINEAR
+from opid.signals.recording import FloatArray
+from opid.suspensions.driven_laws import DrivenLaws
+from opid.suspensions.faults import Demand, let_in, with_ground
+from opid.suspensions.fit import NO_FIT, Fit, fastest_rate, first_vector, fit_model, refit, with_laws
+from opid.suspensions.law_search import (
+    LawStep,
+    add_neighbours,
+    chosen,
+    judge_by_left_out,
+    library,
+    n_terms,
+    search_laws,
+)
+from opid.suspensions.model import Model
+from opid.suspensions.run import DrivenRun
+from opid.suspensions.start import Start
+
+Say = Callable[[str], None]
+Ladder = tuple[LawStep[Fit], ...]
+METHODS_OF_LAW = ("pursuit", "sparse regression", "both")
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a search ended.
+
+    Args:
+        fit: of the model.
+        ladder: laws that were tried, the chosen one last among those that were kept.
+        demands: what was let in beside the suspensions.
+        n_starts: ways that were tried.
+    """
+
+    fit: Fit
+    ladder: Ladder
+    demands: tuple[Demand, ...] = ()
+    n_starts: int = 1
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a search may try.
+
+    Args:
+        law_is_given: whether the laws of the model are those asked for; else laws are searched.
+        ground: whether springs to the ground may be let in.
+        faults: whether unstated faults of sensors may be let in.
+        method_of_law: one of `METHODS_OF_LAW`: how laws are searched.
+        kinds: of law that may enter.
+    """
+
+    law_is_given: bool = False
+    ground: bool = True
+    faults: bool = True
+    method_of_law: str = "pursuit"
+    kinds: tuple[str, ...] = ()
+
+
+def find_model(model: Model, start: Start, question: Question, *, progress: Say | None = None) -> Found:
+    """Fit a model from start values, with laws and faults of sensors as the runs demand them.
+
+    Args:
+        model: the body, its runs and first laws.
+        start: where to begin.
+        question: what may be tried.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        UnboundedResponseError: the start values make a suspension that grows without bound.
+        ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
+    """
+    question = replace(question, kinds=question.kinds or library())
+    search = _Search(start, question, progress or (lambda step: None))
+    theta = first_vector(model, start)
+    coarse = _at_coarse_rate(model, theta)
+    try:
+        found = search.ways(coarse, theta)
+        lost = fastest_rate(found.fit.model, found.fit.theta) > model.settings.fit.fastest * coarse.runs[0].fs
+    except NO_FIT:
+        if coarse is model:
+            raise
+        lost = True
+    if lost and coarse is not model:
+        # the way leads where long steps do not
+        found = search.ways(model, theta)
+    return search.with_all_readings(found, model.runs)
+
+
+def is_hopeless(fit: Fit) -> bool:
+    """Return whether a fit leaves what is beyond the mending of laws.
+
+    Args:
+        fit: of any laws.
+    """
+    return fit.ratio > fit.model.settings.search.hopeless
+
+
+class _Search:
+    def __init__(self, start: Start, question: Question, say: Say) -> None:
+        self.start, self.question, self.say = start, question, say
+
+    def ways(self, model: Model, theta: FloatArray) -> Found:
+        """The first way, and others while what is left is more than noise: minima differ from way to way."""
+        noisier, explained = model.settings.fit.noisier, model.settings.verdicts.explained
+        bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
+        searched = not self.question.law_is_given
+        ways: list[Callable[[], Found]] = [lambda: self._way(model, theta, noisier[0])]
+        if searched and any(group.law.terms for group in model.groups):
+            ways.append(lambda: self._way(bare, _without_laws(model, theta), noisier[0]))
+        n_sure = len(ways)
+        ways += [lambda each=each: self._way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
+        ways += [lambda: self._way(model, theta, noisier[0], faults_first=True)] * self.question.faults
+        best: Found | None = None
+        failed: Exception | None = None
+        n_starts = 0
+        for way in ways:
+            if best is not None and (best.fit.ratio <= explained or (n_starts >= n_sure and is_hopeless(best.fit))):
+                break
+            n_starts += 1
+            try:
+                found = way()
+            except NO_FIT as error:
+                failed = failed or error
+                continue
+            best = found if best is None or found.fit.bic < best.fit.bic else best
+        if best is None:
+            assert failed is not None  # no way without a fit or an error
+            raise failed
+        return replace(best, n_starts=n_starts)
+
+    def _way(
+        self,
+        model: Model,
+        theta: FloatArray,
+        noisier: Sequence[float],
+        *,
+        hold_places: bool = True,
+        faults_first: bool = False,
+    ) -> Found:
+        """One way from start values to a fit, with the laws and faults that were tried on it."""
+        promise = model.settings.fit.promise_in_search
+        fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
+        fit = self._with_strong_ground(fit)
+        demands: tuple[Demand, ...] = ()
+        more: tuple[Demand, ...] = ()
+        if faults_first:
+            fit, demands = self._let_in(fit)
+        ladder = self._laws(fit)
+        fit = chosen(ladder).fit
+        if fit.ratio > model.settings.verdicts.explained:
+            fit, more = self._let_in(fit)
+        if more:
+            # what was wrong with the sensors may have been taken for a term of the law
+            ladder = (*ladder, *self._laws(fit))
+            fit = chosen(ladder).fit
+        return Found(fit, ladder, (*demands, *more))
+
+    def _with_strong_ground(self, fit: Fit) -> Fit:
+        """The fit with springs to the ground where the equation already asks for strong ones."""
+        known, groups = fit.model.settings, fit.model.groups
+        asked = any(self.start.demands_ground(k, known.start) for k in range(len(groups)))
+        if not (self.question.ground and asked) or fit.model.ground or fit.ratio <= known.verdicts.explained:
+            return fit
+        grown = with_ground(fit, self.start)
+        return grown if grown is not None and grown.bic < fit.bic - known.faults.bic_margin else fit
+
+    def _laws(self, fit: Fit, method: str = "equation") -> Ladder:
+        if self.question.law_is_given:
+            return (LawStep(fit, True, "given"),)
+        problem = DrivenLaws(fit.model.settings.search, fit.model.settings.fit.promise_in_search)
+        ladder: Ladder = ()
+        if self.question.method_of_law != "sparse regression":
+            ladder = search_laws(problem, fit, kinds=self.question.kinds, method=method, progress=self.say)
+        if self.question.method_of_law != "pursuit":
+            # two seconds to import, so only here
+            from opid.suspensions.sparse_regression import search_by_regression
+
+            begun = chosen(ladder).fit if ladder else fit
+            method = ladder[-1].method if ladder else method
+            more = search_by_regression(problem, begun, kinds=self.question.kinds, method=method, progress=self.say)
+            ladder = (*ladder, *more)
+        return ladder
+
+    def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
+        """The fit with what the runs demand, and without what they demanded before and no longer do."""
+        if not self.question.faults:
+            return fit, ()
+        return let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
+
+    def with_all_readings(self, found: Found, runs: tuple[DrivenRun, ...]) -> Found:
+        """A fit at a coarse rate, and the laws that were tried, with all readings."""
+        fit, ladder, demands = found.fit, found.ladder, found.demands
+        whole, promise = replace(fit.model, runs=runs), fit.model.settings.fit.promise_from_afar
+        is_coarse = fit.model.runs is not runs
+        if is_hopeless(fit):
+            return replace(found, fit=fit_model(whole, fit.theta, least_promise=promise)) if is_coarse else found
+        fit, late = fit_model(whole, fit.theta), bool(demands)
+        for _ in range(2):
+            # what only all readings together show
+            if not self.question.law_is_given and (is_coarse or late):
+                more = self._laws(fit, "pursuit")
+                ladder = (*ladder, *more)
+                fit = chosen(more).fit
+                fit = fit if fit is more[0].fit else fit_model(fit.model, fit.theta)
+            before = demands
+            fit, demands = self._let_in(fit, demands)
+            late = {demand.name for demand in demands} != {demand.name for demand in before}
+            if not late:
+                break
+        return replace(found, fit=fit, ladder=ladder, demands=demands)
+
+
+def judged(found: Found, question: Question) -> Found:
+    """Return where a search ended, its choice judged by runs left out, with the laws that come closest to it.
+
+    The laws are compared at a coarse rate, where all of them were fitted.
+
+    Args:
+        found: of `find_model`.
+        question: what was tried.
+    """
+    fit = found.fit
+    if is_hopeless(fit):
+        return found
+    settings = fit.model.settings
+    problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
+    model = fit.model.coarse
+    coarse = fit if model is fit.model else fit_model(model, fit.theta, least_promise=settings.fit.promise_in_search)
+    method = next((step.method for step in reversed(found.ladder) if step.fit.law_name == fit.law_name), "pursuit")
+    ladder: Ladder = (LawStep(coarse, True, method),)
+    if not question.law_is_given:
+        smaller = [step for step in found.ladder if n_terms(step.fit) < n_terms(fit)]
+        # criteria at one rate compare
+        smaller = [step for step in smaller if step.fit.model.runs[0].fs == model.runs[0].fs]
+        if smaller:
+            best = min(smaller, key=lambda step: step.fit.bic)
+            again = refit(coarse, best.fit.laws, least_promise=settings.fit.promise_in_search)
+            ladder = (*([] if again is None else [LawStep(again, False, best.method)]), *ladder)
+        ladder = add_neighbours(problem, ladder, kinds=question.kinds or library())
+    ladder = judge_by_left_out(problem, ladder)
+    best_fit = chosen(ladder).fit
+    if best_fit.law_name != fit.law_name:
+        changed, theta = with_laws(fit, best_fit.laws)
+        fit = fit_model(changed, theta)
+    # the whole story, told at one rate
+    told = {step.fit.law_name for step in ladder}
+    tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in told]
+    story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
+    return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _without_laws(model: Model, theta: FloatArray) -> FloatArray:
+    """The vector without the laws."""
+    gone = [np.arange(theta.size)[model.law_places(number)] for number in range(len(model.groups))]
+    return np.delete(theta, np.concatenate(gone))
+
+
+def _at_coarse_rate(model: Model, theta: FloatArray) -> Model:
+    """The model at a coarse rate; as it is where that would mislead."""
+    coarse, known = model.coarse, model.settings.fit
+    if coarse is model or fastest_rate(model, theta) > known.fastest * coarse.runs[0].fs:
+        return model
+    predictions = model.evaluate(theta, sensitivity=False).predictions
+    n_sensors = len(model.sensors.sprung)
+    folded = [
+        folded_power(prediction.innovation[:n_sensors], run, thinned)
+        for prediction, run, thinned in zip(predictions, model.runs, coarse.runs, strict=True)
+    ]
+    return coarse if max(folded) < known.most_folded else model
+
+
+def folded_power(innovation: FloatArray, run: DrivenRun, thinned: DrivenRun) -> float:
+    """Return what a thinned run folds into its band of what the model does not predict, over the noise.
+
+    Args:
+        innovation: (n_sensors, n) white errors of the run.
+        run: the run.
+        thinned: the same at a coarse rate.
+    """
+    frequency_hz = fft.rfftfreq(run.n_samples, 1 / run.fs)
+    into_hz = np.abs(frequency_hz - thinned.fs * np.round(frequency_hz / thinned.fs))
+    folds = (frequency_hz > thinned.fs / 2) & (into_hz <= thinned.omega[-1] / (2 * np.pi))
+    power = np.abs(fft.rfft(innovation)[:, folds]) ** 2 / run.n_samples
+    return float(power.mean(axis=1).max())

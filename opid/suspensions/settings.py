@@ -1,0 +1,282 @@
+"""Every number of the estimator that somebody tuned, with its reason: pass another `Settings` to change one.
+
+The values are printed in each result, so that an answer can be traced to them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """House-wide thresholds, on a residual over the noise that is known beforehand unless something else is said.
+
+    Args:
+        explained: up to here the model explains the runs; estimated noise floors scatter by a tenth.
+        noted: above this a single gear's residual is worth a warning.
+        doubtful: above this what the model lacks rules the answer, and intervals are widened or withheld.
+        refused: above this no number is told.
+        refused_fraction: a doubtful model is refused, too, where it leaves more than this fraction of the body's rms
+            acceleration.
+        loosely_known: a value whose standard deviation is a larger fraction of it is not determined.
+    """
+
+    explained: float = 1.2
+    noted: float = 1.5
+    doubtful: float = 3.0
+    refused: float = 20.0
+    refused_fraction: float = 0.25
+    loosely_known: float = 0.25
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How runs are prepared and what is known of them beforehand.
+
+    Args:
+        band_hz: lines of the prediction errors that are compared: below, sensors drift; above, struts answer little.
+        highest_fraction: lines above this fraction of the rate are not compared: filters of loggers end there.
+        lowest_rate_hz: below, a step of the model a sample is too coarse; such runs are sampled finer.
+        least_lines: a band of fewer lines tells nothing.
+        stop_db: what the steps of a coarse run would fold into the band is weakened by this.
+        least_noise_fraction: no model of a strut is better than this fraction of the motion, however quiet the sensor.
+        offset_m_per_s2: offset that is left in an acceleration once its mean is removed.
+        offset_ac_m_per_s2: the same of an AC-coupled sensor, which forgets more.
+        start_rms: a record may begin this many rms motions from rest, one standard deviation.
+        start_displacement_m: the body itself above the mean of the ground at the start, one standard deviation.
+        start_velocity_m_per_s: its velocity, likewise.
+        least_s: three periods of the slowest motion that is compared.
+    """
+
+    band_hz: tuple[float, float] = (0.3, 40.0)
+    highest_fraction: float = 0.4
+    lowest_rate_hz: float = 250.0
+    least_lines: int = 20
+    stop_db: float = 60.0
+    least_noise_fraction: float = 0.003
+    offset_m_per_s2: float = 0.03
+    offset_ac_m_per_s2: float = 0.1
+    start_rms: float = 2.0
+    start_displacement_m: float = 0.05
+    start_velocity_m_per_s: float = 0.3
+    least_s: float = 10.0
+
+
+@dataclass(frozen=True)
+class StartSettings:
+    """The equation of motion on integrated accelerations that start values come from.
+
+    Args:
+        band_hz: of the equation: integration is sound there, and a suspension answers.
+        high_pass_hz: corner of the integration.
+        least_fraction: a term must explain this fraction of what is left.
+        most_terms: of a law that the fit begins with.
+        n_scales: inner scales at which a term is tried.
+        ground_fraction: a fit begins with a ground spring where the equation finds one above this fraction of K ...
+        ground_std: ... and above this many standard deviations.
+    """
+
+    band_hz: tuple[float, float] = (0.5, 12.0)
+    high_pass_hz: float = 0.3
+    least_fraction: float = 0.08
+    most_terms: int = 2
+    n_scales: int = 5
+    ground_fraction: float = 0.03
+    ground_std: float = 5.0
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How the vector is moved until the prediction errors are least.
+
+    Args:
+        noisier: falling factors on the noise below the suspensions by which a fit comes nearer from afar: the readings
+            then hold the motion to the truth while the parameters are still wrong. The second way is taken where the
+            first leaves too much, for minima beside the right one differ from way to way.
+        most_evaluations: predictions of all runs in a fit from start values.
+        most_refit_evaluations: in a fit that begins near its end.
+        least_promise: a fit ends when the next step promises less of the squared error over its variance.
+        promise_in_search: the same while laws are searched, and in fits of all runs but one.
+        promise_from_afar: the same while the noise is exaggerated.
+        largest_log_step: how far the logarithm of a positive entry moves in a step.
+        farthest_std: coordinates and faults of sensors are not looked for farther from what is known of them.
+        held_fraction: while a fit comes from afar, tolerances of coordinates are multiplied by this: places are not to
+            make up for what is still wrong.
+        fastest: a motion of this rate times its length is put off by two parts in a thousand by a step.
+        most_folded: power over that of the noise that a coarse rate may fold into the band.
+    """
+
+    noisier: tuple[tuple[float, ...], ...] = ((100.0, 20.0, 4.0), (30.0, 5.0))
+    most_evaluations: int = 50
+    most_refit_evaluations: int = 15
+    least_promise: float = 1e-2
+    promise_in_search: float = 1.0
+    promise_from_afar: float = 10.0
+    largest_log_step: float = 1.0
+    farthest_std: float = 8.0
+    held_fraction: float = 1e-3
+    fastest: float = 0.7
+    most_folded: float = 2.0
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Which law.
+
+    Args:
+        n_scales: scales at which a kind is simulated, evenly in their logarithm over the range where it can be seen.
+        n_between: columns between two simulated scales, by interpolation.
+        faint: force of a candidate in the simulation, over the noise: too weak to move anything.
+        largest_log_step: a scale is moved along its derivative by so much at most, about the way to the next one.
+        nearly_parallel: a direction that others make up to this fraction of its square adds nothing.
+        bic_margin: a larger law must lower the information criterion by this.
+        error_margin: and the error by this fraction, shared out over the interfaces: below, a term mends what sensors
+            did.
+        n_refitted: laws fitted in a round.
+        n_rounds: rounds.
+        most_terms: of the law of one suspension.
+        most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
+        n_neighbours: rejected laws that are fitted for the reader.
+        alike_bic: criteria that are closer do not tell two laws apart.
+        hopeless: residual over noise above which laws or faults are tried only if they promise a good fraction: none
+            mends what a wrong structure leaves.
+        good_fraction: of the squared error that all candidates together must then explain, to first order.
+    """
+
+    n_scales: int = 4
+    n_between: int = 4
+    faint: float = 1e-5
+    largest_log_step: float = 0.5
+    nearly_parallel: float = 1e-7
+    bic_margin: float = 10.0
+    error_margin: float = 0.005
+    n_refitted: int = 3
+    n_rounds: int = 8
+    most_terms: int = 3
+    most_exchanged: int = 2
+    n_neighbours: int = 2
+    alike_bic: float = 10.0
+    hopeless: float = 20.0
+    good_fraction: float = 0.2
+
+
+@dataclass(frozen=True)
+class FaultSettings:
+    """What the runs may demand beside the suspension: a spring to the ground, or faults of sensors nobody stated.
+
+    Args:
+        least_score: a score, chi-square of one degree of freedom under a sound model, below this is not looked at.
+        bic_margin: the criterion must fall by this.
+        error_margin: and the error by this fraction.
+        alike_bic: explanations whose criterion is this close to the best one cannot be told from it.
+        gain_tolerance: of a sensor nobody calibrated, relative.
+        lag_samples: delay between channels of a multiplexing logger.
+        corner_hz: of a usual AC coupling.
+        corner_tolerance: of it, relative.
+        slight_corner_hz: where a score for an AC coupling is taken: next to none.
+        plausible_std: a fault that lies farther from what such sensors do stands in for something else.
+        helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
+        explained: residual over noise below which the runs are explained.
+        most: faults let in.
+        looked_at: hypotheses fitted in a round, those with the largest scores.
+        contradicted_std: a stated fact that the fit moves by more standard deviations is contradicted by the runs.
+    """
+
+    least_score: float = 30.0
+    bic_margin: float = 20.0
+    error_margin: float = 0.002
+    alike_bic: float = 10.0
+    gain_tolerance: float = 0.03
+    lag_samples: float = 2.0
+    corner_hz: float = 0.25
+    corner_tolerance: float = 0.5
+    slight_corner_hz: float = 2e-4
+    plausible_std: float = 5.0
+    helps_fraction: float = 0.3
+    explained: float = 2.0
+    most: int = 3
+    looked_at: int = 4
+    contradicted_std: float = 3.0
+
+
+@dataclass(frozen=True)
+class IntervalSettings:
+    """How well the parameters are known, and what is said of it.
+
+    Args:
+        lines_per_cell: neighbouring lines that may be correlated: a mode of some per cent damping is so many lines of
+            a 40 s run wide.
+        white_below: Kolmogorov's statistic of the cumulative periodogram (Bartlett 1955) that white noise exceeds in
+            1 of 1000 runs.
+        n_bands: of the band in which a residual is looked at for where it stands out.
+        bootstrap_s: blocks of time that are resampled.
+        n_bootstrap: resamples.
+        equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
+        largest_noise_ratio: the noise below and on the body differs at most so much.
+        least_noise_gain: equal noise is kept unless another ratio raises the log likelihood by this.
+        noise_probe: the logarithm of the ratio is moved by this to see whether another one would.
+        widening_named: a fault of a sensor that widens an interval by this factor is named.
+        alike_cosine: cosine between what two causes do to the errors above which one passes for the other.
+        least_motion: a motion of less than this times the noise does not tell its inertia.
+        far_std: a coordinate that moves by more standard deviations of its tolerance is named.
+        negligible_ground: a ground spring below this fraction of K is not worth a warning.
+        same_frequency: runs of one mass whose natural frequencies differ by more than this fraction are unlike.
+        least_remainder: a run that keeps less than this fraction of the mass is a slip of the pen.
+    """
+
+    lines_per_cell: int = 16
+    white_below: float = 1.95
+    n_bands: int = 10
+    bootstrap_s: float = 0.5
+    n_bootstrap: int = 100
+    equal_gains: float = 0.001
+    largest_noise_ratio: float = 10.0
+    least_noise_gain: float = 4.0
+    noise_probe: float = 0.3
+    widening_named: float = 1.2
+    alike_cosine: float = 0.7
+    least_motion: float = 2.0
+    far_std: float = 3.5
+    negligible_ground: float = 0.002
+    same_frequency: float = 0.01
+    least_remainder: float = 0.2
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """The force without a law, cell by cell.
+
+    Args:
+        n_cells: along each coordinate.
+        reach_rms: cells reach this many rms motions.
+        least_count: fewer samples than this tell nothing.
+        section_rms: a section holds the motion within this many rms of the other coordinate.
+        seen_std: a departure of more standard errors is seen.
+    """
+
+    n_cells: int = 16
+    reach_rms: float = 3.0
+    least_count: int = 20
+    section_rms: float = 0.3
+    seen_std: float = 3.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All of them.
+
+    >>> from dataclasses import replace
+    >>> stricter = replace(Settings(), verdicts=Verdicts(refused=10.0))
+    >>> stricter.verdicts.refused, stricter.fit == Settings().fit
+    (10.0, True)
+    """
+
+    verdicts: Verdicts = field(default_factory=Verdicts)
+    runs: RunSettings = field(default_factory=RunSettings)
+    start: StartSettings = field(default_factory=StartSettings)
+    fit: FitSettings = field(default_factory=FitSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    faults: FaultSettings = field(default_factory=FaultSettings)
+    intervals: IntervalSettings = field(default_factory=IntervalSettings)
+    surface: SurfaceSettings = field(default_factory=SurfaceSettings)

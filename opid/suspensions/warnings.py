@@ -1,0 +1,561 @@
+"""What the runs do not tell, and what to doubt of what they tell: one sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.mechanics.laws import LAWS
+from opid.signals.recording import FloatArray
+from opid.suspensions.candidates import Fitted
+from opid.suspensions.faults import GROUND
+from opid.suspensions.fit import NO_FIT, Fit, fit_model
+from opid.suspensions.intervals import mass_of, negative_mass
+from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
+from opid.suspensions.result import Evidence
+from opid.suspensions.settings import Verdicts
+from opid.suspensions.study import Run, Study, rigid_faults
+
+WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
+
+# a scale that rests on less, or gives less, may be in another unit
+_LEAST_LOADING_KG, _LEAST_MASS_KG = 5.0, 50.0
+
+
+@dataclass(frozen=True)
+class StraightTerm:
+    """A term of a law that the motion did not bend: it trades with a linear one.
+
+    Args:
+        group: name of the group of interfaces.
+        kind: of the term.
+        unit: of its scale, "m/s" or "m".
+        scale: its inner scale.
+        motion_rms: rms of that motion, in the same unit.
+    """
+
+    group: str
+    kind: str
+    unit: str
+    scale: float
+    motion_rms: float
+
+
+def straight_terms(fit: Fit, covariance: FloatArray, verdicts: Verdicts) -> list[StraightTerm]:
+    """Return the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name.
+
+    Args:
+        fit: a fitted model.
+        covariance: (n_shared, n_shared) of the shared parameters.
+        verdicts: what is loosely known.
+    """
+    found = []
+    for number, (group, law) in enumerate(zip(fit.groups, fit.laws.values(), strict=True)):
+        place = fit.model.law_places(number).start
+        travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
+        for term in law.terms:
+            std = float(np.sqrt(max(covariance[place, place], 0.0)))
+            place += len(term.values)
+            for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
+                # a kind whose scale may be long by nature bends within it all the same
+                if parameter.role != "scale" or parameter.over_rms[1] > 3.0:
+                    continue
+                rms = float((velocity if parameter.unit == "m/s" else travel).std())
+                if value > 2 * rms and std > verdicts.loosely_known * abs(term.amplitude):
+                    found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
+    return found
+
+
+def why_no_mass(study: Study, parts: Sequence[Fitted], covariances: Sequence[FloatArray], ratio: float) -> str | None:
+    """Return why the runs do not tell the mass of some part of the answer; None if they tell all.
+
+    Args:
+        study: the study.
+        parts: fits that make up the answer.
+        covariances: of their shared parameters.
+        ratio: residual over noise of the worst of them.
+    """
+    verdicts = parts[0].settings.verdicts
+    untold = [part for part in parts if not part.fit.model.mass_free]
+    changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
+    if len(untold) == len(parts):
+        return _why_no_scale(study)
+    if untold:
+        return (
+            f"the loading ({changes}) does not rest on {_names(study, untold)}: only ratios to the mass can be told; "
+            "change it there, too"
+        )
+    pairs = list(zip(parts, covariances, strict=True))
+    loose = [part for part, covariance in pairs if _is_loose(mass_of(part.fit, covariance), verdicts)]
+    if study.is_one_gear:
+        return _why_no_mass_of_gear(study, parts[0].fit, covariances[0], bool(loose))
+    if not loose:
+        return None
+    if ratio > verdicts.doubtful:
+        return (
+            f"the structure leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs"
+            f"{worst_sensor(study, parts)}: check places, signs and masses of the loadings first"
+        )
+    negative = [part for part, covariance in pairs if negative_mass(part.fit, covariance)]
+    if negative:
+        where = "" if len(parts) == 1 else f" on {_names(study, negative)}"
+        return (
+            f"the mass{where} would be negative: check the sign of the loading ({changes}), or whether two runs are "
+            "exchanged"
+        )
+    return (
+        f"the change of loading ({changes}) moves too little of what the sensors see to give the mass"
+        f"{'' if len(parts) == 1 else ' on ' + _names(study, loose)}: change it more, or at a place that moves more"
+    )
+
+
+def _why_no_scale(study: Study) -> str:
+    if study.is_one_gear:
+        return (
+            "all runs have the same sprung mass (mass_change_kg), so only ratios to the mass are determined: add a run "
+            "at another mass"
+        )
+    if len(study.runs) == 1:
+        return (
+            "one run gives ratios to the mass alone: record a second one with a known mass more or less, and give its "
+            "`loading`"
+        )
+    return (
+        "all runs have the same loading: only ratios to the mass can be told; give `loading` to the runs that carried "
+        "more or less"
+    )
+
+
+def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loose: bool) -> str | None:
+    changes = [run.mass_change_kg for run in study.runs]
+    place, mu = fit.model.names.index("inverse_mass"), fit.value("inverse_mass")
+    std, largest = float(np.sqrt(max(covariance[place, place], 0.0))), max(changes) - min(changes)
+    if mu < -1.96 * std and is_loose:
+        return (
+            f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "
+            "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"
+        )
+    if is_loose:
+        upper = mu + 1.96 * std
+        bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the change even acts in the opposite sense"
+        return (
+            f"the mass change of {largest:g} kg does not show in the runs, so the sprung mass is not determined "
+            f"({bound}, 95 %): use a larger mass change or longer runs; the ratios to the mass are given"
+        )
+    if 1 + mu * min(changes) < fit.model.settings.intervals.least_remainder:
+        return (
+            f"the fit gives a sprung mass of {1 / mu:.0f} kg and a run is said to be {-min(changes):g} kg lighter, "
+            "which would leave next to nothing: check mass_change_kg (kg, of the mass on this gear)"
+        )
+    return None
+
+
+def why_refused(study: Study, parts: Sequence[Fitted], ratio: float) -> str | None:
+    """Return why there are no numbers at all; None if there are.
+
+    Args:
+        study: the study.
+        parts: fits that make up the answer.
+        ratio: residual over noise of the worst of them.
+    """
+    verdicts = parts[0].settings.verdicts
+    if study.is_one_gear:
+        return _why_gear_refused(study, parts[0], ratio)
+    if ratio <= verdicts.refused:
+        return None
+    return (
+        f"every number would be a guess, for the structure leaves {over_noise(ratio)} times the sensors' noise"
+        f"{worst_sensor(study, parts)}: {_instead(study, parts)}"
+    )
+
+
+def _why_gear_refused(study: Study, part: Fitted, ratio: float) -> str | None:
+    fit, verdicts = part.fit, part.settings.verdicts
+    if ratio <= verdicts.doubtful:
+        return None
+    frequencies = natural_frequencies(fit)
+    if (
+        len(study.runs) > 1
+        and len({run.mass_change_kg for run in study.runs}) == 1
+        and max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
+    ):
+        return (
+            "all runs are said to have the same sprung mass, so only ratios to it could be determined, and they do not "
+            f"even behave alike (natural frequencies {min(frequencies):.3f} to {max(frequencies):.3f} Hz): check "
+            "mass_change_kg"
+        )
+    signal = float(np.sqrt(np.mean([np.mean(run.sprung**2) for run in fit.model.runs])))
+    if ratio <= verdicts.refused and fit.noise_m_per_s2 <= verdicts.refused_fraction * signal:
+        return None
+    return (
+        f"the fitted model leaves {ratio:.0f} times the sensor noise unexplained, so every number of it would be a "
+        "guess: check the channels (swapped, upside down, in another unit) and the mass changes, let the law be "
+        "searched, or take another band; or this gear is not alone on its body, which rolls and pitches on others: "
+        "then describe all of them in [[interfaces]]"
+    )
+
+
+def natural_frequencies(fit: Fit) -> list[float]:
+    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz.
+
+    Args:
+        fit: of all runs.
+    """
+    model, found = fit.model, []
+    n_own = 2 * model.body.n_interfaces
+    shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(-1, n_own)
+    if model.mass_free:
+        shared = np.delete(shared, model.names.index("inverse_mass"))
+    for run, begun in zip(model.runs, own, strict=True):
+        alone = replace(model, runs=(run,), mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta)).coarse
+        try:
+            one = fit_model(alone, np.concatenate([shared, begun]), least_promise=model.settings.fit.promise_from_afar)
+        except NO_FIT:
+            continue
+        square = one.theta[0] + one.value(model.groups[0].called(GROUND))
+        share = 1 + model.inverse_mass(fit.theta) * float(run.loading[0, 0])
+        found.append(float(np.sqrt(max(square / share, 0.0))) / (2 * np.pi))
+    return found or [0.0]
+
+
+def _instead(study: Study, parts: Sequence[Fitted]) -> str:
+    """What to do where a structure is refused."""
+    faults = list(rigid_faults(study))
+    if any(part.kind == "rigid_body" for part in parts):
+        return (
+            "check channels (exchanged, upside down, in another unit), coordinates and loadings, or describe the "
+            "structure by its own matrices"
+        )
+    if faults:
+        return f"these gears do not move alone, and one rigid body cannot be tried: {'; '.join(faults)}"
+    if study.structure.kind == "auto":
+        return "check channels (exchanged, upside down, in another unit), coordinates and loadings"
+    return 'these gears do not move alone: try kind = "auto" or "rigid_body"'
+
+
+def worst_sensor(study: Study, parts: Sequence[Fitted]) -> str:
+    """Return which sensor on the body the answer leaves most of, as the end of a sentence; "" where there is one alone.
+
+    Args:
+        study: the study.
+        parts: fits that make up the answer.
+    """
+    levels: list[tuple[float, str]] = []
+    for part in parts:
+        names = list(study.channels("sprung"))
+        if part.kind != "rigid_body":
+            names = [" and ".join(names[k] for k in part.interfaces)]
+        levels += [(sensor_ratio(part.fit, channel), name) for channel, name in enumerate(names)]
+    if len(levels) < 2:
+        return ""
+    *others, (most, name) = sorted(levels)
+    least, next_to_it = over_noise(others[0][0]), over_noise(others[-1][0])
+    others_leave = least if least == next_to_it else f"{least} to {next_to_it}"
+    return f"; most at {name!r}: {over_noise(most)}, the others {others_leave}"
+
+
+def loose_motions(
+    fit: Fit, parameters: Mapping[str, Estimate], ratios: Mapping[str, Estimate], verdicts: Verdicts
+) -> list[str]:
+    """Return "roll", "pitch" or both: motions of a rigid body whose inertia the runs hardly tell.
+
+    A motion that is noise alone gives an inertia that explains noise, with an interval as sharp as it is wrong.
+
+    Args:
+        fit: of the rigid body.
+        parameters: of the body; empty where the mass is not determined.
+        ratios: of the body, intervals included.
+        verdicts: what is loosely known.
+    """
+    loose, moved = [], motion_over_noise(fit)
+    for motion in ("roll", "pitch"):
+        radius, inertia = ratios[f"{motion}_radius_m"], parameters[f"{motion}_inertia_kg_m2"]
+        # of the square, as of the inertia
+        square = Estimate(radius.value, None if radius.std is None else 2 * radius.std)
+        if (
+            moved[motion] < fit.model.settings.intervals.least_motion
+            or _is_loose(square, verdicts)
+            or (inertia.value is not None and _is_loose(inertia, verdicts))
+        ):
+            loose.append(motion)
+    return loose
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What warnings are about.
+
+    Args:
+        study: the study.
+        tried: all fits.
+        parts: those that make up the answer.
+        covariances: of their shared parameters.
+        evidence: of the parts.
+        why: sentence of the choice of the structure.
+        ratio: residual over noise of the worst part.
+        mass: that was found.
+        stiffness: K of the first interface.
+        ground: of the first interface.
+        loose: motions whose inertia is hardly told.
+        is_refused: whether no number is told.
+        mended_spikes: below and on the body.
+    """
+
+    study: Study
+    tried: Sequence[Fitted]
+    parts: Sequence[Fitted]
+    covariances: Sequence[FloatArray]
+    evidence: Sequence[Evidence]
+    why: str
+    ratio: float
+    mass: Estimate
+    stiffness: Estimate
+    ground: Estimate
+    loose: Sequence[str]
+    is_refused: bool
+    mended_spikes: tuple[int, int]
+
+    @property
+    def verdicts(self) -> Verdicts:
+        """House-wide thresholds."""
+        return self.parts[0].settings.verdicts
+
+
+def collect_warnings(answer: Answer) -> Iterator[str]:
+    """Yield what to doubt of an answer, one sentence each.
+
+    Args:
+        answer: what was found.
+    """
+    study = answer.study
+    for run in study.runs:
+        yield from _of_the_log(run)
+    if sum(answer.mended_spikes):
+        below, above = answer.mended_spikes
+        yield (
+            f"{below + above} spike(s) of one sample were mended ({below} on the unsprung, {above} on the sprung "
+            "channel)"
+        )
+    yield from _of_the_record(answer)
+    if study.is_one_gear:
+        yield from _of_the_residual(answer)
+    else:
+        yield from _of_the_structure(answer)
+    if not answer.is_refused:
+        for part in answer.parts:
+            yield from _of_the_demands(part)
+            yield from _of_stated_facts(part)
+        yield from _of_the_ground(answer)
+    yield from _of_the_scale(answer)
+    for motion in answer.loose:
+        yield _untold_motion(motion)
+    # of a structure that is refused, places are no more than what the search came to
+    for part in answer.parts if not answer.is_refused else ():
+        for coordinate, value, more in _far(part):
+            yield (
+                f"{coordinate} would have to be {100 * value:+.1f} cm{' or more' if more else ''} from where it is "
+                "stated to be: check the drawing, and the places of the loadings"
+            )
+    for part, covariance in zip(answer.parts, answer.covariances, strict=True) if not answer.is_refused else ():
+        for term in straight_terms(part.fit, covariance, answer.verdicts):
+            partner, where = "damping" if term.unit == "m/s" else "stiffness", f" at {term.group!r}" * bool(term.group)
+            yield (
+                f"{term.kind}{where} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, "
+                f"motion {term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over "
+                "scale is determined, and the intervals of both are withheld"
+            )
+
+
+def _of_the_log(run: Run) -> Iterator[str]:
+    for finding in run.findings:
+        if finding.severity != "note":
+            channel = f", {finding.channel!r}" if finding.channel else ""
+            yield f"run {run.name!r}{channel}: {finding.message}"
+
+
+def _of_the_record(answer: Answer) -> Iterator[str]:
+    """What neither a structure nor a law can mend."""
+    study, settings = answer.study, answer.parts[0].settings.runs
+    if study.structure.noise_m_per_s2 is None and not study.is_one_gear:
+        yield (
+            f"the noise of the sensors, {1e3 * max(part.level for part in answer.parts):.2g} mm/s^2, is taken from "
+            "their quietest spectra, a bound from above: state `noise_m_per_s2` if you know it"
+        )
+    highest = settings.highest_fraction
+    if highest * study.fs < settings.band_hz[1] and not study.is_one_gear:
+        yield (
+            f"the runs are sampled at {study.fs:g} Hz, and compared up to {highest * study.fs:g} Hz: what moves "
+            f"faster is not in them, or folded; record at {settings.band_hz[1] / highest:g} Hz or more"
+        )
+
+
+def _of_the_residual(answer: Answer) -> Iterator[str]:
+    """Of one gear: how large, and what usually leaves such a residual."""
+    (part,), (evidence,), ratio = answer.parts, answer.evidence, answer.ratio
+    found, verdicts = evidence.whiteness, answer.verdicts
+    left_out = part.left_out_over_noise
+    if left_out is not None and ratio <= verdicts.noted and left_out > max(verdicts.noted, 1.2 * ratio):
+        yield (
+            f"runs that the others predict leave {over_noise(left_out)} times the noise of the sensors: a mass change "
+            "may not be as stated, or something has changed between the runs"
+        )
+    if found.white and ratio < verdicts.noted:
+        return
+    stands_out = (
+        f"it stands out most from {found.band_hz[0]:.2g} to {found.band_hz[1]:.2g} Hz ({found.excess:.1f} times its "
+        f"mean level): {_reason(part.fit, found.band_hz)}"
+    )
+    if ratio > verdicts.noted:
+        wider = f"; the intervals are widened by {ratio / verdicts.doubtful:.1f}"
+        grown = wider if ratio > verdicts.doubtful and not answer.is_refused else ""
+        yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}{grown}"
+    else:
+        size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
+        yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
+
+
+def _reason(fit: Fit, band_hz: tuple[float, float]) -> str:
+    """What usually leaves a residual in such a band."""
+    square = fit.theta[0] + fit.value(fit.model.groups[0].called(GROUND))
+    resonance_hz = float(np.sqrt(max(square, 0.0))) / (2 * np.pi)
+    if band_hz[1] < 0.6 * resonance_hz:
+        return "AC coupling, a drifting sensor or a law of the travel outside the library make such slow motion"
+    if band_hz[0] > 2.5 * resonance_hz:
+        return "a second resonance (a roll, pitch or bending mode, a loose bracket) or a lag between the channels"
+    return (
+        "a gear on a body that rolls or pitches is no gear alone, a law outside the library, memory in the strut or "
+        "motion across the axis leave such a residual"
+    )
+
+
+def _of_the_structure(answer: Answer) -> Iterator[str]:
+    study, parts, ratio, verdicts = answer.study, answer.parts, answer.ratio, answer.verdicts
+    lack = max(part.lack for part in parts)
+    if lack > verdicts.explained:
+        named = verdicts.explained < ratio <= verdicts.refused
+        yield answer.why + (worst_sensor(study, parts) if named else "")
+        if ratio <= verdicts.explained or (lack > 1.1 * ratio and ratio <= verdicts.refused):
+            yield (
+                f"runs that the others predict leave {over_noise(lack)} times the noise: a loading may have another "
+                "mass or stand elsewhere than stated, or something has changed between the runs"
+            )
+        if ratio <= verdicts.refused:
+            yield WITHOUT_INTERVALS
+    elif not all(each.whiteness.white for each in answer.evidence):
+        yield (
+            "what the structure leaves is not white, though little: a law or a coordinate may be missing; intervals "
+            "allow for its colour"
+        )
+    if len(study.runs) > 1 and any(part.left_out_over_noise is None and not part.is_hopeless for part in parts):
+        yield (
+            "the model cannot follow the runs without one of them: nothing is said of runs that the others predict; "
+            "check the loading of each run"
+        )
+    rigid = [part for part in answer.tried if part.kind == "rigid_body"]
+    if study.structure.kind == "auto" and len(study.interfaces) > 1 and not rigid:
+        yield f"one rigid body was not tried: {'; '.join(rigid_faults(study))}"
+    for part in rigid:
+        if part.has_fit and not part.explains and part not in parts:
+            yield (
+                f"one rigid body leaves {over_noise(part.residual_over_noise)} times the noise"
+                f"{worst_sensor(study, [part])}: look at that sensor first"
+            )
+
+
+def _of_the_demands(part: Fitted) -> Iterator[str]:
+    for words in dict.fromkeys(demand.words for demand in part.demands):
+        mine = [demand for demand in part.demands if demand.words == words]
+        values = ", ".join(f"{each.name} = {each.value:.4g} +- {each.std:.1g}" for each in mine)
+        also = f"; {' and '.join(mine[0].alike)} would explain the runs as well" if mine[0].alike else ""
+        yield (
+            f"the runs demand {words}, which nobody stated ({values}): without it the error is "
+            f"{1e3 * mine[0].error_before:.3g} instead of {1e3 * mine[0].error_after:.3g} mm/s^2{also}"
+        )
+
+
+def _of_stated_facts(part: Fitted) -> Iterator[str]:
+    """A fact of a sensor that the fit contradicts: it is wrong, or stands in for something else."""
+    demanded = {demand.name for demand in part.demands}
+    what = {"gain": "gain", "corner": "corner of the AC coupling", "lag": "delay", "leak": "cross-axis leak"}
+    units = {"corner": " Hz", "lag": " s"}
+    for fault in part.fit.model.faults:
+        value = part.fit.value(fault.name)
+        off = abs(value - fault.nominal) / fault.std
+        if fault.name in demanded or off <= part.settings.faults.contradicted_std:
+            continue
+        unit = units.get(fault.kind, "")
+        name = part.fit.model.sensors.names[fault.channel]
+        yield (
+            f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
+            f"{fault.nominal:.3g} +- {fault.std:.2g}{unit}, contradicts the runs, which show {value:.3g}{unit} "
+            f"({off:.1f} standard deviations off): check the data sheet, or state a wider tolerance"
+        )
+
+
+def _of_the_ground(answer: Answer) -> Iterator[str]:
+    ground, stiffness = answer.ground, answer.stiffness
+    if (
+        not answer.study.is_one_gear
+        or ground.value is None
+        or stiffness.value is None
+        or abs(ground.value) <= answer.parts[0].settings.intervals.negligible_ground * abs(stiffness.value)
+        or ground.holds(0.0)
+    ):
+        return
+    sentences = answer.evidence[0].ground.sentences
+    imitations = "; ".join(sentences) or "none of the usual faults of the sensors looks much like it"
+    yield (
+        f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: faults of the "
+        f"sensors were tried beside it and explain the runs less well; for comparison, {imitations}"
+    )
+
+
+def _of_the_scale(answer: Answer) -> Iterator[str]:
+    """A loading in tonnes scales everything, and is seen by nobody."""
+    study, mass = answer.study, answer.mass
+    if mass.value is None:
+        return
+    if study.is_one_gear:
+        changes = [run.mass_change_kg for run in study.runs]
+        fraction = (max(changes) - min(changes)) / mass.value
+        if mass.std is not None and mass.std / mass.value > 0.02:
+            yield (
+                f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by "
+                f"about {1 / fraction:.0f}: doubling it would halve the interval of the mass"
+            )
+        return
+    largest = max((each for run in study.runs for each in run.masses), key=lambda each: abs(each.mass_kg))
+    if abs(largest.mass_kg) < _LEAST_LOADING_KG or mass.value < _LEAST_MASS_KG:
+        yield (
+            f"the scale rests on {largest.mass_kg:+g} kg at ({largest.x_m:g}, {largest.y_m:g}) m, which makes the mass "
+            f"{mass.value:.3g} kg: loadings are in kg"
+        )
+
+
+def _untold_motion(motion: str) -> str:
+    one, other, side = ("left", "right", "side") if motion == "roll" else ("front", "rear", "end")
+    return (
+        f"these runs do not tell the inertia in {motion}: the body hardly moves in it, or places are too roughly "
+        f"known; let {one} and {other} run over different ground, load one {side}, or measure the coordinates better"
+    )
+
+
+def _is_loose(estimate: Estimate, verdicts: Verdicts) -> bool:
+    value, std = estimate.value, estimate.std
+    return value is None or std is None or std > verdicts.loosely_known * value
+
+
+def _names(study: Study, parts: Sequence[Fitted]) -> str:
+    return ", ".join(study.names[k] for part in parts for k in part.interfaces)
+
+
+def _far(part: Fitted) -> Iterator[tuple[str, float, bool]]:
+    """Coordinates that moved far, how far, and whether as far as they are looked for."""
+    settings = part.settings
+    for coordinate in part.fit.model.body.coordinates:
+        value = part.fit.value(coordinate.name)
+        if abs(value) > settings.intervals.far_std * coordinate.std:
+            yield coordinate.name, value, abs(value) > 0.999 * settings.fit.farthest_std * coordinate.std
