@@ -26,10 +26,10 @@ class SpikeSettings:
     Args:
         least_sigma: robust standard deviations by which a spike departs from its neighbours' mean. Gaussian noise
             never does.
-        most_left: what the five departures around a spike may differ by from those of a lone sample, over its height.
-            Between 0.5, where a jump between two samples is taken for a spike, and 3 / least_sigma, where noise
-            begins to hide spikes that stand out just enough: at 0.35 noise hides 1 of 1000 of these, and of
-            14 million samples of dry friction behind a sharp anti-alias filter none is a spike.
+        most_left: what the two departures on either side of a spike may differ by from those beside a lone sample,
+            over its height. It lies between 3 / least_sigma, below which noise hides spikes that just stand out, and
+            0.5, where a jump between two samples is taken for a spike. At 0.35 noise hides 1 of 1000 of the former,
+            and of 14 million samples of dry friction behind a sharp anti-alias filter none is called a spike.
         block_s: stretch over which the usual departure is taken, s, so that the loud begin of a braking run does not
             look like spikes.
         quiet_ratio: a stretch that is quieter than this part of the whole run is taken to be as loud as that, because
