@@ -131,9 +131,3 @@ def test_values_that_a_bus_lost_on_a_real_axle_are_found(name, column, row):
     indices = without_spikes(samples, fs=117.0)[1]
     assert row in indices
     assert indices.size <= 4
-
-
-@MEASURED
-def test_the_force_of_a_real_damper_has_no_spikes():
-    with np.load(SHARED / "mr_damper" / "random_first_half.npz") as record:
-        assert without_spikes(record["F"].ravel(), fs=3004.8)[1].size == 0

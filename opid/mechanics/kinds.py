@@ -31,12 +31,14 @@ class Parameter:
     """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
 
     The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` any number.
+    `over_rms` says where, in rms motions, a scale can be seen.
     """
 
     name: str
     unit: str
     role: Literal["amplitude", "scale", "exponent", "lag"]
     default: float
+    over_rms: tuple[float, float] = (0.01, 3.0)
 
 
 @dataclass(frozen=True)
@@ -325,7 +327,11 @@ BUILT_IN = (
     Kind(
         "gas_spring",
         r"F_0 (1 - (1 + z / h)^{-1.3} - 1.3 z / h)",
-        (Parameter("static_force_n", "N", "amplitude", 1.8e4), Parameter("gas_length_m", "m", "scale", 0.1)),
+        (
+            Parameter("static_force_n", "N", "amplitude", 1.8e4),
+            # a strut moves by less than its gas column is long
+            Parameter("gas_length_m", "m", "scale", 0.1, over_rms=(3.0, 300.0)),
+        ),
         _gas_spring,
     ),
 )
