@@ -137,7 +137,8 @@ class ChannelHealth:
         quantisation_step: the step of which the values are multiples, None where none is visible.
         clipped_fraction: part of the samples that sit at an extreme value, three or more in a row.
         longest_flat_s: longest time for which the value does not change, s.
-        spikes: single samples that depart from both neighbours by 10 robust standard deviations.
+        spikes: single samples that depart from their neighbours by 10 robust standard deviations, and nothing else
+            there does.
         mute: whether the channel shows nothing.
         number: of the channel in its log, counted from 1, whatever of it was asked for; 0 where unknown.
         missing: values that are not there (NaN).

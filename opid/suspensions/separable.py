@@ -14,11 +14,13 @@ import numpy as np
 from opid.mechanics.laws import Law, Parameter, Term
 from opid.signals.recording import FloatArray
 
-# a scale below 1/100 of the rms motion is a step, one above 30 times of it a straight line
-SCALE_RANGE = (0.01, 30.0)
+# a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the largest: there a
+# friction is a straight line and a gas spring a parabola
+BEYOND_SEEN = 10.0
 EXPONENT_RANGE = (0.1, 6.0)
-# shares of the rms motion from which a scale is searched
-START_SHARES = (0.1, 0.4, 1.5)
+# fractions of the largest scale that can be seen from which a scale is searched: of a friction 0.1, 0.4 and 1.5 rms
+# velocities, of a gas column 10, 40 and 150 rms travels
+START_SHARES = (1 / 30, 2 / 15, 1 / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,18 +130,19 @@ def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
 
 
 def started(law: Law, z: FloatArray, v: FloatArray, share: float) -> Law:
-    """Return the law with each scale at a share of the rms motion, and each lag at their ratio.
+    """Return the law with each scale at a fraction of the largest that the motion shows, and each lag at the rms ratio.
 
     Args:
         law: any law.
         z: (n,) travel, m.
         v: (n,) velocity, m/s.
-        share: of the rms motion.
+        share: fraction of the largest scale that can be seen.
     """
     vector = law.vector.copy()
     for k in inner_indices(law):
         parameter = law.parameter_list[k]
-        vector[k] = share * _reference(parameter, z, v) if _positive(parameter) else _reference(parameter, z, v)
+        reference = _reference(parameter, z, v)
+        vector[k] = share * parameter.over_rms[1] * reference if _positive(parameter) else reference
     return law.with_vector(vector)
 
 
@@ -247,7 +250,8 @@ def _search_bounds(law: Law, free: list[int], z: FloatArray, v: FloatArray) -> t
     for k in free:
         parameter = law.parameter_list[k]
         reference = 1.0 if parameter.role == "exponent" else _reference(parameter, z, v)
-        least, most = EXPONENT_RANGE if parameter.role == "exponent" else SCALE_RANGE
+        seen = (parameter.over_rms[0], BEYOND_SEEN * parameter.over_rms[1])
+        least, most = EXPONENT_RANGE if parameter.role == "exponent" else seen
         lower.append(np.log(least * reference) if _positive(parameter) else -most * reference)
         upper.append(np.log(most * reference) if _positive(parameter) else most * reference)
     return np.array(lower), np.array(upper)

@@ -179,12 +179,41 @@ def _estimates(bench: Bench, fit: SeparableFit, n_independent: float) -> tuple[l
     # few cells: Student's interval instead of the normal one
     wide = float(special.stdtrit(max(int(cells[-1]) + 1 - values.size, 1), 0.975))
     bound = (*(False,) * len(STRAIGHT), *fit.at_bound)
-    return [
+    estimates = [
         Estimate(float(value))
         if at_bound or not np.isfinite(error)
         else Estimate(float(value), float(error), (float(value - wide * error), float(value + wide * error)))
         for value, error, at_bound in zip(values, std, bound, strict=True)
-    ], length / bench.fs
+    ]
+    first = len(STRAIGHT)
+    for term in fit.law.terms:
+        last = first + len(LAWS[term.name].parameters)
+        if _has_long_scale(term.name):
+            estimates[first:last] = _long_scaled(estimates[first:last])
+        first = last
+    return estimates, length / bench.fs
+
+
+def _has_long_scale(kind: str) -> bool:
+    """Whether the scale of a kind is longer than the motion, as the column of a gas spring is."""
+    return any(p.role == "scale" and p.over_rms[0] > 1 for p in LAWS[kind].parameters)
+
+
+def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
+    """Return amplitude A and scale h of a force that is a parabola, A z^2 / h^2, unless the motion comes near h.
+
+    What the motion shows are the parabola and, by 1/h, its skewness: the error of 1/h is nearly normal, that of h is
+    not. The intervals are therefore symmetric in 1/h and in A^(-1/2). Where that of 1/h reaches zero, any longer h with
+    a larger A fits as well, and neither has an interval.
+    """
+    intervals = []
+    for estimate, power in zip(estimates, (2, 1), strict=True):
+        value, ends = estimate.value, estimate.interval95
+        if value is None or ends is None or not (part := (ends[1] - ends[0]) / (2 * power * abs(value))) < 1:
+            return [Estimate(each.value) for each in estimates]
+        low, high = sorted((value / (1 + part) ** power, value / (1 - part) ** power))
+        intervals.append((low, high))
+    return [Estimate(each.value, each.std, ends) for each, ends in zip(estimates, intervals, strict=True)]
 
 
 def _law_estimates(fit: SeparableFit, estimates: list[Estimate]) -> dict[str, dict[str, Estimate]]:
@@ -243,9 +272,17 @@ def _warnings(result: BenchLaw, fit: SeparableFit, rivals: list[tuple[str, str]]
         alike = " or ".join(other for term, other in rivals if term == name and not _contains(other, name))
         if alike:
             found.append(f"over the visited range {name} cannot be told from {alike}")
+    for term in fit.law.terms:
+        amplitude, *inner = LAWS[term.name].parameters
+        if _has_long_scale(term.name) and result.law_estimates[term.name][inner[0].name].interval95 is None:
+            found.append(
+                f"the motion is too small beside {inner[0].name} of {term.name} to tell it from {amplitude.name}: only "
+                f"{amplitude.name} / {inner[0].name}^2 = {term.amplitude / term.inner[0] ** 2:.3g} is determined, and "
+                "neither has an interval; record larger strokes"
+            )
     names = [(term.name, p.name) for term in fit.law.terms for p in LAWS[term.name].parameters]
     for (kind, parameter), at_bound in zip(names, fit.at_bound, strict=True):
-        if at_bound:
+        if at_bound and not _has_long_scale(kind):
             found.append(f"{parameter} of {kind} stands at the end of what this motion can show: it has no interval")
     return tuple(found)
 

@@ -1,0 +1,133 @@
+"""A jump of dry friction is no spike, a lone sample is one, in a whole run and in a log that is read once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from opid.mechanics.landing_gear import LandingGear, taxi_run
+from opid.mechanics.laws import law
+from opid.mechanics.sensors import Sensor
+from opid.signals.health import inspect
+from opid.signals.recording import recording_from_arrays
+from opid.signals.spikes import SPIKES, without_spikes
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+MEASURED = pytest.mark.skipif(not SHARED.is_dir(), reason="the measured logs lie beside the project, not in it")
+
+
+def stick_slip(seed, duration_s=8.0):
+    """A run of dry friction that is drawn at random: its force, scale, rate, road and the noise of the sensors."""
+    rng = np.random.default_rng(seed)
+    amplitude_n, scale_m_per_s = 10 ** rng.uniform(2.0, np.log10(3000.0)), 10 ** rng.uniform(np.log10(5e-4), -1.3)
+    kind = str(rng.choice(["arctan_velocity", "coulomb_friction"]))
+    gear = LandingGear(law=law(kind, amplitude_n=amplitude_n, scale_m_per_s=scale_m_per_s))
+    sensor = Sensor(noise_m_per_s2=10 ** rng.uniform(-3.5, -1.0))
+    return taxi_run(
+        gear,
+        rng=rng,
+        fs=float(rng.choice([256.0, 512.0, 1000.0, 2000.0])),
+        duration_s=duration_s,
+        road_class=str(rng.choice(list("ABCD"))),
+        lower_sensor=sensor,
+        upper_sensor=sensor,
+        # the rate at which steep friction brings the wheel to a halt is amplitude / (scale * mass)
+        lowest_step_rate_hz=max(4096.0, 2 * amplitude_n / (scale_m_per_s * gear.unsprung_mass_kg)),
+    ).recording
+
+
+def resonance(seed, n=20_000, fs=512.0):
+    pole = np.exp((-0.1 + 1j) * 2 * np.pi * 15.0 / fs)
+    noise = np.random.default_rng(seed).standard_normal(n)
+    return signal.lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], noise)
+
+
+def random_indices(rng, n, every=400):
+    """Indices at random, never closer than ten samples."""
+    return np.sort(rng.choice(np.arange(10, n - 10, 10), size=n // every, replace=False))
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_clean_dry_friction_loses_no_sample(seed):
+    recording = stick_slip(seed)
+    for samples in recording.samples.T:
+        mended, indices = without_spikes(samples, fs=recording.fs)
+        assert indices.size == 0
+        np.testing.assert_array_equal(mended, samples)
+    assert [channel.spikes for channel in inspect(recording).channels] == [0, 0]
+
+
+@pytest.mark.parametrize("height", [5.0, 20.0, 100.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_spikes_among_dry_friction_are_mended(seed, height):
+    rng, recording = np.random.default_rng(seed), stick_slip(seed)
+    for samples in recording.samples.T:
+        planted = random_indices(rng, samples.size)
+        spiky = samples.copy()
+        spiky[planted] += height * samples.std() * rng.choice([-1.0, 1.0], planted.size)
+        mended, indices = without_spikes(spiky, fs=recording.fs)
+        assert set(indices) <= set(planted)
+        # one at a reversal of the friction may be missed
+        assert indices.size >= planted.size - 1
+        assert np.abs(mended - samples)[indices].max() < 3 * samples.std()
+
+
+@pytest.mark.parametrize("noise", ["white", "resonance"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_spike_that_just_stands_out_is_mended(seed, noise):
+    rng = np.random.default_rng(seed)
+    samples = rng.standard_normal(20_000) if noise == "white" else resonance(seed)
+    departure = np.convolve(samples, [-0.5, 1.0, -0.5], mode="valid")
+    planted = random_indices(rng, samples.size)
+    spiky = samples.copy()
+    # noise takes away four standard deviations of the departure at the most, and the limit has an error of its own
+    spiky[planted] += (SPIKES.least_sigma + 5) * departure.std() * rng.choice([-1.0, 1.0], planted.size)
+    assert without_spikes(spiky, fs=512.0)[1].tolist() == planted.tolist()
+
+
+@pytest.mark.parametrize("order", [None, 2, 4])
+@pytest.mark.parametrize("factor", [4, 16])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_jump_is_no_spike_behind_any_usual_filter(seed, factor, order):
+    rng = np.random.default_rng(seed)
+    jumps = np.cumsum((rng.random(80_000) < 1e-3) * rng.standard_normal(80_000))
+    filtered = jumps if order is None else signal.sosfilt(signal.butter(order, 0.8 / factor, output="sos"), jumps)
+    samples = filtered[::factor] + 0.001 * rng.standard_normal(80_000 // factor)
+    # two jumps within two samples of a recorder without a filter are a spike to anybody
+    assert without_spikes(samples, fs=512.0)[1].size <= (order is None) * 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_spikes_beside_the_border_of_chunks_are_counted_once(seed):
+    rng = np.random.default_rng(seed)
+    samples = rng.standard_normal(1_100_000)
+    borders = np.array([2**18, 2**19, 2**20])
+    planted = np.concatenate([border + 13 * np.arange(-5, 5) + seed for border in borders])
+    samples[planted] += 50.0
+    assert without_spikes(samples, fs=512.0)[1].tolist() == planted.tolist()
+    (channel,) = inspect(recording_from_arrays([samples], ["a"], fs=512.0)).channels
+    assert channel.spikes == planted.size
+
+
+@MEASURED
+@pytest.mark.parametrize(
+    ("name", "column", "row"),
+    [
+        ("20211027T145614", 3, 2912),
+        ("20211027T145614", 10, 991),
+        ("20211027T145614", 11, 991),
+        ("20211027T145614", 12, 991),
+        ("20211027T145614", 12, 2424),
+        ("20211029T125712", 12, 644),
+        ("20211029T125712", 21, 3154),
+        ("20211029T125712", 24, 4446),
+    ],
+)
+def test_values_that_a_bus_lost_on_a_real_axle_are_found(name, column, row):
+    # single readings of 0 or -1028 (two equal bytes) amid others
+    samples = np.loadtxt(SHARED / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",", usecols=column)
+    assert samples[row] in (0.0, -1028.0)
+    indices = without_spikes(samples, fs=117.0)[1]
+    assert row in indices
+    assert indices.size <= 4
