@@ -33,11 +33,10 @@ from opid.signals.spectra import ComplexArray
 from opid.suspensions.covariance import clustered_covariance
 from opid.suspensions.law_parameters import free_bounds, from_free, positive, to_free
 from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.settings import PaperSettings
 
 # real coefficients of the end terms: displacement and velocity at both ends need two, sampling of the rest one more
-N_END_TERMS = 3
-# neighbouring lines are taken together when the covariance is formed, Hz
-CLUSTER_HZ = 0.25
+_N_END_TERMS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ class EquationLines:
 
     @property
     def lines(self) -> slice:
-        """Places of the lines of the band among all lines of the transform."""
+        """Indices of the lines of the band among all lines of the transform."""
         first = round(float(self.omega[0]) / (2 * np.pi) * self.travel.size / self.fs)
         return slice(first, first + self.omega.size)
 
@@ -82,8 +81,8 @@ def equation_lines(
     sprung: ArrayLike,
     *,
     fs: float,
-    band_hz: tuple[float, float] = (0.5, 12.0),
-    high_pass_hz: float = 0.3,
+    band_hz: tuple[float, float] = PaperSettings.band_hz,
+    high_pass_hz: float = PaperSettings.high_pass_hz,
     mass_change_kg: float = 0.0,
 ) -> EquationLines:
     """Transform one run, without a window, after cutting the ends in which the motion has not settled.
@@ -139,6 +138,7 @@ def fit_equation(
     damping_per_mass: float,
     ground: bool = True,
     inverse_mass: float | None = None,
+    cluster_hz: float = PaperSettings.cluster_hz,
 ) -> JointFit:
     """Fit the equation to all runs at once by weighted nonlinear least squares.
 
@@ -153,6 +153,7 @@ def fit_equation(
         damping_per_mass: start value of C2/M2, 1/s.
         ground: whether the ground spring K3 is free (else it is 0).
         inverse_mass: start value of mu, 1/kg, or None to fit ratios only.
+        cluster_hz: width of neighbouring lines that are taken together in the covariance, Hz.
 
     Raises:
         InputError: no run, or a free mass although all mass changes are equal.
@@ -177,10 +178,10 @@ def fit_equation(
         ftol=1e-10,
     )
     residual = tuple(model.residuals(solution.x))
-    n_data = sum(2 * r.size - N_END_TERMS for r in residual)
+    n_data = sum(2 * r.size - _N_END_TERMS for r in residual)
     variance = 2 * solution.cost / max(n_data - solution.x.size, 1)
     value, slope = model.decode(solution.x)
-    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs)) * np.outer(slope, slope)
+    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs, cluster_hz)) * np.outer(slope, slope)
     return JointFit(
         names=model.names,
         value=value,
@@ -280,18 +281,18 @@ class _Model:
 
 def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatArray) -> ComplexArray:
     """Project a polynomial in j omega with real coefficients out of a residual."""
-    columns = weight[:, np.newaxis] * (1j * omega[:, np.newaxis] / omega[-1]) ** np.arange(N_END_TERMS)
+    columns = weight[:, np.newaxis] * (1j * omega[:, np.newaxis] / omega[-1]) ** np.arange(_N_END_TERMS)
     basis, _ = np.linalg.qr(np.concatenate([columns.real, columns.imag]))
     flat = np.concatenate([residual.real, residual.imag])
     flat = flat - basis @ (basis.T @ flat)
     return flat[: residual.size] + 1j * flat[residual.size :]
 
 
-def _cells(runs: Sequence[EquationLines]) -> NDArray[np.int64]:
+def _cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
     """The cell of neighbouring lines of one run to which each real number of the residual belongs."""
     cells = []
-    for place, run in enumerate(runs):
-        cell = np.floor(run.omega / (2 * np.pi * CLUSTER_HZ)).astype(np.int64) + 1_000_000 * place
+    for index, run in enumerate(runs):
+        cell = np.floor(run.omega / (2 * np.pi * width_hz)).astype(np.int64) + 1_000_000 * index
         cells += [cell, cell]
     return np.concatenate(cells)
 
