@@ -59,21 +59,21 @@ class RunEvidence(PreparedRun):
     spectral_fit: DirectParameters
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PeakPair:
     """A matched pair of peaks with the masses that the paper's formula makes of it.
 
     Args:
         run_name: the run with the changed mass.
         match: the pair and whether it is credible.
-        as_printed: from magnitudes; None for equal masses.
-        sign_restored: from T = -|T|; None likewise.
+        as_printed: from magnitudes.
+        sign_restored: from T = -|T|.
     """
 
     run_name: str
     match: PeakMatch
-    as_printed: TwoPeakMass | None
-    sign_restored: TwoPeakMass | None
+    as_printed: TwoPeakMass
+    sign_restored: TwoPeakMass
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,25 +26,19 @@ class DirectParameters:
     """Ratios to the sprung mass of one run.
 
     Args:
-        method: "complex_least_squares" or "errors_in_variables".
         value: (3,) K2/M2 (1/s^2), C2/M2 (1/s), K3/M2 (1/s^2), as in `NAMES`.
         covariance: (3, 3).
         law: nonlinear law per unit of mass that was fitted beside them.
         residual_rms: rms of the residual: of T for complex least squares, of white noise on the channels (m/s^2) for
             errors in variables.
         n_lines: spectral lines used.
-        n_averages: independent averages behind each line.
-        band_hz: lowest and highest line, Hz.
     """
 
-    method: str
     value: FloatArray
     covariance: FloatArray
     law: Law
     residual_rms: float
     n_lines: int
-    n_averages: float
-    band_hz: tuple[float, float]
 
     @property
     def std(self) -> FloatArray:
@@ -132,18 +126,15 @@ def complex_least_squares(
     # a window smears neighbouring lines: there are fewer independent ones, by its equivalent noise bandwidth
     variance *= _noise_bandwidth(T)
     covariance = variance * np.linalg.pinv((left / scale).T @ (left / scale)) / np.outer(scale, scale)
-    k, c, g = np.pad(solution / scale, (0, 3 - solution.size))
-    modelled = (k + 1j * omega * c) / (k + g - omega**2 + 1j * omega * c)
     pad = 3 - solution.size
+    k, c, g = np.pad(solution / scale, (0, pad))
+    modelled = (k + 1j * omega * c) / (k + g - omega**2 + 1j * omega * c)
     return DirectParameters(
-        "complex_least_squares",
         np.array([k, c, g]),
         np.pad(covariance, (0, pad)),
         Law(),
         float(np.sqrt(np.mean(np.abs(modelled - ratio) ** 2))),
         int(inside.sum()),
-        T.spectra.n_averages,
-        (float(band_hz[0]), float(band_hz[1])),
     )
 
 
@@ -183,12 +174,9 @@ def errors_in_variables(
     indices = [fit.names.index(name) for name in NAMES if name in fit.names]
     pad = 3 - len(indices)
     return DirectParameters(
-        "errors_in_variables",
         np.array([fit[name] for name in NAMES]),
         np.pad(fit.covariance[np.ix_(indices, indices)], (0, pad)),
         fit.law,
         fit.noise_m_per_s2,
         run.omega.size,
-        1.0,
-        run.band_hz,
     )

@@ -147,22 +147,10 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
         law, law_std = added.law, added.std[4:]
         parameters = parameters_of(added, gain=gain, equal_gains=settings.equal_gains)
         stiffness, damping = added["suspension_stiffness_n_per_m"], added["suspension_damping_n_s_per_m"]
-    result = replace(
-        result,
-        parameters=parameters,
-        ratios=ratios,
-        law=law,
-        law_estimates=law_estimates_of(law, law_std),
-        restoring_force=visited_force(
-            [run.surface for run in result.chain.runs],
-            law,
-            stiffness=stiffness,
-            damping=damping,
-            per_mass=added is None,
-            n_cells=settings.force_cells,
-        ),
-    )
-    return _withheld(replace(result, warnings=tuple(warnings_of(result))))
+    laws = law_estimates_of(law, law_std)
+    result = replace(result, parameters=parameters, ratios=ratios, law=law, law_estimates=laws)
+    force = _force_of(result, stiffness, damping, per_mass=added is None)
+    return _withheld(replace(result, restoring_force=force, warnings=tuple(warnings_of(result))))
 
 
 def _widened(result: PaperIdentification) -> PaperIdentification:
@@ -208,40 +196,38 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
 
 def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
     """Give what the printed formula makes of the strongest pair of peaks: no damping and no intervals."""
-    pair, law, parameters, ratios = result.chain.strongest_pair, result.law, result.parameters, result.ratios
-    has_two_masses = len({run.mass_change_kg for run in result.chain.runs}) > 1
-    reason = None if has_two_masses else result.not_determined
-    stiffness, is_absolute = 0.0, False
-    if pair is None or pair.as_printed is None:
-        reason = reason or "the runs have no peak of |T| in common, and the printed formula needs one pair"
-    else:
-        mass, k2, k3 = (
-            pair.as_printed.sprung_mass_kg,
-            pair.as_printed.stiffness_n_per_m,
-            pair.as_printed.ground_stiffness_n_per_m,
-        )
-        ratios = dict(ratios) | {NAMES[0]: Estimate(k2 / mass), NAMES[2]: Estimate(k3 / mass)}
-        is_absolute = mass > 0
-        stiffness = k2 if is_absolute else k2 / mass
-        if is_absolute:
-            values = (Estimate(mass), Estimate(k2), Estimate(), Estimate(k3))
-            parameters, law = dict(zip(PARAMETERS, values, strict=True)), law.scaled(mass)
-        else:
-            reason = f"the printed formula gives a sprung mass of {mass:.0f} kg: {pair.match.reason}"
+    pair = result.chain.strongest_pair
     warnings = [
         "the printed formula ignores damping and the sign of T above resonance: it is shown for comparison, and it "
         "has no intervals; use --method classical for an answer"
     ]
-    warnings += [pair.match.reason] if pair is not None and not pair.match.credible else []
-    surfaces, n_cells = [run.surface for run in result.chain.runs], result.settings.force_cells
-    return replace(
-        result,
-        parameters=parameters,
-        ratios=ratios,
-        law=law,
-        restoring_force=visited_force(
-            surfaces, law, stiffness=stiffness, damping=0.0, per_mass=not is_absolute, n_cells=n_cells
-        ),
-        warnings=tuple(warnings),
-        not_determined=reason,
+    if pair is None:
+        has_one_mass = len({run.mass_change_kg for run in result.chain.runs}) == 1
+        reason = "the runs have no peak of |T| in common, and the printed formula needs one pair"
+        result = replace(result, not_determined=result.not_determined if has_one_mass else reason)
+        return replace(result, warnings=tuple(warnings), restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
+    found, per_mass = pair.as_printed, pair.as_printed.sprung_mass_kg <= 0
+    mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
+    ratios = dict(result.ratios) | {NAMES[0]: Estimate(stiffness / mass), NAMES[2]: Estimate(ground / mass)}
+    if per_mass:
+        reason = f"the printed formula gives a sprung mass of {mass:.0f} kg: {pair.match.reason}"
+        result = replace(result, not_determined=reason)
+    else:
+        values = (Estimate(mass), Estimate(stiffness), Estimate(), Estimate(ground))
+        parameters = dict(zip(PARAMETERS, values, strict=True))
+        result = replace(result, parameters=parameters, law=result.law.scaled(mass), not_determined=None)
+    if not pair.match.credible:
+        warnings.append(pair.match.reason)
+    force = _force_of(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
+    return replace(result, ratios=ratios, restoring_force=force, warnings=tuple(warnings))
+
+
+def _force_of(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
+    return visited_force(
+        [run.surface for run in result.chain.runs],
+        result.law,
+        stiffness=stiffness,
+        damping=damping,
+        per_mass=per_mass,
+        n_cells=result.settings.force_cells,
     )
