@@ -223,18 +223,18 @@ def _judge(reference: Peak, changed: Peak, mass_change_kg: float, largest_fracti
     slack = 0.5 * (reference.resolution_hz + changed.resolution_hz) / reference.frequency_hz
     removed = -mass_change_kg if mass_change_kg else 0.0
     direction = "up" if shift > 1 else "down"
-    said = f"the peak moves {direction} from {reference.frequency_hz:.3g} to {changed.frequency_hz:.3g} Hz"
+    moves = f"the peak moves {direction} from {reference.frequency_hz:.3g} to {changed.frequency_hz:.3g} Hz"
     if removed == 0:
-        return False, f"{said}, but the two runs have the same mass"
+        return False, f"{moves}, but the two runs have the same mass"
     if (shift - 1) * np.sign(removed) < -slack:
-        return False, f"{said}, and {'removing' if removed > 0 else 'adding'} mass cannot do that"
+        return False, f"{moves}, and {'removing' if removed > 0 else 'adding'} mass cannot do that"
     fraction = 1 - shift**-2 if removed > 0 else shift**-2 - 1
     if fraction > largest_fraction:
         done = "removed" if removed > 0 else "added"
-        return False, f"{said}: at least {100 * fraction:.0f} % of the sprung mass would have to be {done}"
+        return False, f"{moves}: at least {100 * fraction:.0f} % of the sprung mass would have to be {done}"
     if abs(shift - 1) <= slack:
-        return False, f"{said}: less than the spacing of the lines, so nothing can be learned from the shift"
-    return True, f"{said}, as {100 * fraction:.0f} % of the sprung mass would move it"
+        return False, f"{moves}: less than the spacing of the lines, so nothing can be learned from the shift"
+    return True, f"{moves}, as {100 * fraction:.0f} % of the sprung mass would move it"
 
 
 def _unseen(mu: float, mu_std: float, largest: float, opposite: bool) -> str:

@@ -1,4 +1,4 @@
-"""What a fit of all runs found, whichever way the equation was solved."""
+"""What a fit of all runs found, whatever method solved the equation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class JointFit:
         residual: one complex array (n_lines,) a run, what the fit leaves over, as the white noise on each
             channel that would make it, m/s^2 (its mean square is `noise_m_per_s2` squared).
         noise_m_per_s2: white noise on each channel that would explain the residual, m/s^2.
-        log_likelihood: up to a constant, with the noise level at its estimate.
+        log_likelihood: up to a constant, with the noise at its estimate.
         n_data: real numbers fitted, end terms subtracted.
         n_evaluations: evaluations of the residual.
         band_hz: lowest and highest line, Hz.

@@ -47,7 +47,7 @@ class PaperSettings:
         gain_like: a ground spring below this fraction of K2 is what a gain error of a per cent or two looks like.
         negligible_ground: a ground spring below this fraction of K2 is no news.
         straight_above: a term whose scale exceeds this multiple of the rms motion is a straight line.
-        loosely_known: relative standard deviation of the mass above which a larger mass change is advised.
+        loose_mass: relative standard deviation of the mass above which a larger mass change is advised.
     """
 
     law: str | None = None
@@ -98,7 +98,7 @@ class PaperSettings:
     gain_like: float = 0.05
     negligible_ground: float = 0.002
     straight_above: float = 2.0
-    loosely_known: float = 0.02
+    loose_mass: float = 0.02
 
     def band_at(self, fs: float) -> tuple[float, float]:
         """Return the band that a sampling rate leaves of `band_hz`, Hz.

@@ -82,7 +82,7 @@ def _mass_change(result: PaperIdentification) -> Iterator[str]:
         return
     changes = [run.mass_change_kg for run in result.chain.runs]
     fraction = (max(changes) - min(changes)) / mass.value
-    if mass.std / mass.value > result.settings.loosely_known:
+    if mass.std / mass.value > result.settings.loose_mass:
         yield (
             f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by about "
             f"{1 / fraction:.0f}: doubling it would halve the interval of the mass"
