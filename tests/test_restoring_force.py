@@ -50,7 +50,7 @@ def test_bins_hold_every_point_once_and_their_means(run):
 def test_slices_lie_near_their_axis():
     z, v = np.random.default_rng(2).standard_normal((2, 20_000))
     points = RestoringForce(z, v, 2 * z + 5 * v, 100.0, "spectral", 0.3)
-    stiffness, damping = (slice_curve(points, along=along, share=0.1) for along in ("travel", "velocity"))
+    stiffness, damping = (slice_curve(points, along=along, half_width_std=0.1) for along in ("travel", "velocity"))
     assert np.abs(v[stiffness.sample]).max() <= stiffness.half_width
     np.testing.assert_allclose(np.polyfit(stiffness.position, stiffness.force_per_mass, 1)[0], 2, rtol=0.05)
     np.testing.assert_allclose(np.polyfit(damping.position, damping.force_per_mass, 1)[0], 5, rtol=0.05)
@@ -64,7 +64,7 @@ def test_bad_input_is_named(run):
     with pytest.raises(InputError, match="'travel' or 'velocity'"):
         slice_curve(surface, along="speed")
     with pytest.raises(InputError, match="widen it"):
-        slice_curve(surface, along="travel", share=1e-6)
+        slice_curve(surface, along="travel", half_width_std=1e-6)
     with pytest.raises(InputError, match="2 x 2"):
         binned_surface(surface, n_travel=1)
     with pytest.raises(InputError, match="moved as one"):

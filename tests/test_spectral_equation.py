@@ -10,6 +10,7 @@ from opid.mechanics.sensors import Sensor
 from opid.suspensions.paper.joint_fit import chosen
 from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.restoring_force import restoring_force
+from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
 
 QUIET = Sensor(noise_m_per_s2=0.0)
@@ -129,8 +130,9 @@ def test_bad_input_is_named():
     lines = equation_lines(*x, fs=256)
     with pytest.raises(InputError, match="same mass change"):
         fit_equation([lines, lines], Law(), **START, inverse_mass=1e-3)
+    unknown = PaperSettings(candidates=("cubic_stifness",))
     with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
-        search_law([lines], [restoring_force(*x, fs=256)], inverse_mass=None, candidates=["cubic_stifness"])
+        search_law([lines], [restoring_force(*x, fs=256)], inverse_mass=None, settings=unknown)
 
 
 def test_a_law_weighs_its_own_noise():

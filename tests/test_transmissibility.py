@@ -32,10 +32,10 @@ def test_conditioning_finds_the_linear_suspension_and_subtraction_does_not(run):
     force = force / run.gear.sprung_mass_kg
     settings = {"fs": 256, "nperseg": 256 * 16}
     error = {}
-    for way in ("conditioned", "subtracted"):
-        T = transmissibility_without_force(x1, x2, force, way=way, **settings)
+    for method in ("conditioned", "subtracted"):
+        T = transmissibility_without_force(x1, x2, force, method=method, **settings)
         inside = (T.frequency_hz > 1) & (T.frequency_hz < 8)
-        error[way] = np.median(np.abs(T.value - _true(T, run.gear))[inside] / np.abs(_true(T, run.gear))[inside])
+        error[method] = np.median(np.abs(T.value - _true(T, run.gear))[inside] / np.abs(_true(T, run.gear))[inside])
     raw = transmissibility(x1, x2, **settings)
     error["raw"] = np.median(np.abs(raw.value - _true(raw, run.gear))[inside] / np.abs(_true(raw, run.gear))[inside])
     assert error["conditioned"] < 0.02
@@ -82,4 +82,4 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match="one length"):
         transmissibility_without_force(np.zeros(10), np.zeros(10), np.zeros(11), fs=1.0)
     with pytest.raises(InputError, match="'conditioned' or 'subtracted'"):
-        transmissibility_without_force(*np.zeros((3, 100)), fs=1.0, way="minus")
+        transmissibility_without_force(*np.zeros((3, 100)), fs=1.0, method="minus")

@@ -16,14 +16,8 @@ from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.paper.direct_parameters import mass_over_stiffness
 from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.transmissibility import Peak
-
-# a change of more than half of the mass is another machine, not a perturbation
-LARGEST_CHANGE = 0.5
-# a run that keeps less than this share of the sprung mass is a slip of the pen
-LEAST_REMAINDER = 0.2
-# 1/M2 must stand this many standard deviations from zero
-MASS_SEEN_ABOVE = 4.0
 
 
 @dataclass(frozen=True)
@@ -126,7 +120,13 @@ def two_peak_mass(
     return TwoPeakMass(mass_ratio, mass, stiffness, stiffness * (1 / static_transmissibility - 1))
 
 
-def match_peaks(reference: Sequence[Peak], changed: Sequence[Peak], *, mass_change_kg: float) -> tuple[PeakMatch, ...]:
+def match_peaks(
+    reference: Sequence[Peak],
+    changed: Sequence[Peak],
+    *,
+    mass_change_kg: float,
+    largest_mass_fraction: float = PaperSettings.largest_mass_fraction,
+) -> tuple[PeakMatch, ...]:
     """Pair the peaks of two runs by nearest frequency ratio and judge each pair.
 
     A frequency that the sprung mass alone governs moves by sqrt(M2/(M2 + dM)), any other one by less; so removing mass
@@ -136,6 +136,7 @@ def match_peaks(reference: Sequence[Peak], changed: Sequence[Peak], *, mass_chan
         reference: peaks of the reference run.
         changed: peaks of the run with the changed mass.
         mass_change_kg: negative where mass was removed, kg.
+        largest_mass_fraction: a shift that asks for a larger change of the mass is not credible.
 
     >>> match_peaks([Peak(1.812, 0.49)], [Peak(6.406, 0.122)], mass_change_kg=-220.0)[0].credible
     False
@@ -149,10 +150,12 @@ def match_peaks(reference: Sequence[Peak], changed: Sequence[Peak], *, mass_chan
     )
     rows, columns = linear_sum_assignment(distance)
     pairs = [(reference[i], changed[j]) for i, j in zip(rows, columns, strict=True)]
-    return tuple(PeakMatch(a, b, *_judge(a, b, mass_change_kg)) for a, b in pairs)
+    return tuple(PeakMatch(a, b, *_judge(a, b, mass_change_kg, largest_mass_fraction)) for a, b in pairs)
 
 
-def absolute_parameters(fit: JointFit, mass_changes_kg: Sequence[float]) -> AddedMass:
+def absolute_parameters(
+    fit: JointFit, mass_changes_kg: Sequence[float], *, settings: PaperSettings = DEFAULTS
+) -> AddedMass:
     """Scale a joint fit of several runs by the mass that it found.
 
     The unknown of the fit is mu = 1/M2: it may pass through zero, so that runs without information on the mass show it.
@@ -160,6 +163,7 @@ def absolute_parameters(fit: JointFit, mass_changes_kg: Sequence[float]) -> Adde
     Args:
         fit: a fit of all runs with a free `inverse_mass`.
         mass_changes_kg: of the runs, kg.
+        settings: say from when the mass is seen.
 
     Raises:
         InputError: a fit without a free mass.
@@ -168,9 +172,10 @@ def absolute_parameters(fit: JointFit, mass_changes_kg: Sequence[float]) -> Adde
     if "inverse_mass" not in fit.names:
         raise InputError("the fit has no free mass: fit runs of at least two masses with inverse_mass given")
     mu, mu_std = fit["inverse_mass"], float(fit.std[fit.names.index("inverse_mass")])
-    if not mu > MASS_SEEN_ABOVE * mu_std:
-        raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg)), fit)
-    if 1 + mu * min(mass_changes_kg) < LEAST_REMAINDER:
+    if not mu > settings.mass_seen_above * mu_std:
+        opposite = mu < -settings.mass_seen_above * mu_std
+        raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit)
+    if 1 + mu * min(mass_changes_kg) < settings.least_remainder:
         raise NotDeterminedError(
             f"the fit gives a sprung mass of {1 / mu:.0f} kg and a run is said to be {-min(mass_changes_kg):g} kg "
             "lighter, which would leave next to nothing: check mass_change_kg (kg, of the mass on this gear)",
@@ -212,30 +217,30 @@ def _absolute(fit: JointFit) -> AddedMass:
     )
 
 
-def _judge(reference: Peak, changed: Peak, mass_change_kg: float) -> tuple[bool, str]:
+def _judge(reference: Peak, changed: Peak, mass_change_kg: float, largest_fraction: float) -> tuple[bool, str]:
     shift = changed.frequency_hz / reference.frequency_hz
     # half a line of error on each peak
     slack = 0.5 * (reference.resolution_hz + changed.resolution_hz) / reference.frequency_hz
     removed = -mass_change_kg if mass_change_kg else 0.0
     direction = "up" if shift > 1 else "down"
-    said = f"the peak moves {direction} from {reference.frequency_hz:.3g} to {changed.frequency_hz:.3g} Hz"
+    moves = f"the peak moves {direction} from {reference.frequency_hz:.3g} to {changed.frequency_hz:.3g} Hz"
     if removed == 0:
-        return False, f"{said}, but the two runs have the same mass"
+        return False, f"{moves}, but the two runs have the same mass"
     if (shift - 1) * np.sign(removed) < -slack:
-        return False, f"{said}, and {'removing' if removed > 0 else 'adding'} mass cannot do that"
-    share = 1 - shift**-2 if removed > 0 else shift**-2 - 1
-    if share > LARGEST_CHANGE:
+        return False, f"{moves}, and {'removing' if removed > 0 else 'adding'} mass cannot do that"
+    fraction = 1 - shift**-2 if removed > 0 else shift**-2 - 1
+    if fraction > largest_fraction:
         done = "removed" if removed > 0 else "added"
-        return False, f"{said}: at least {100 * share:.0f} % of the sprung mass would have to be {done}"
+        return False, f"{moves}: at least {100 * fraction:.0f} % of the sprung mass would have to be {done}"
     if abs(shift - 1) <= slack:
-        return False, f"{said}: less than the spacing of the lines, so nothing can be learned from the shift"
-    return True, f"{said}, as {100 * share:.0f} % of the sprung mass would move it"
+        return False, f"{moves}: less than the spacing of the lines, so nothing can be learned from the shift"
+    return True, f"{moves}, as {100 * fraction:.0f} % of the sprung mass would move it"
 
 
-def _unseen(mu: float, mu_std: float, largest: float) -> str:
+def _unseen(mu: float, mu_std: float, largest: float, opposite: bool) -> str:
     upper = mu + 1.96 * mu_std
     bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the change even acts in the opposite sense"
-    if mu < -MASS_SEEN_ABOVE * mu_std:
+    if opposite:
         return (
             f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "
             "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"

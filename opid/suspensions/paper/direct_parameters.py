@@ -1,6 +1,6 @@
 """Direct parameter estimation: ratios to the sprung mass from transmissibility (Iwaniec & Uhl 2007, eqs. 5-9).
 
-Three ways, from the paper's to the best: one equation at a peak of |T|; complex least squares over a band; and its
+Three methods, from the paper's to the best: one equation at a peak of |T|; complex least squares over a band; and its
 errors-in-variables form on the transforms themselves (`opid.suspensions.paper.spectral_equation`).
 """
 
@@ -14,6 +14,7 @@ from opid.errors import InputError
 from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility
+from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, fit_equation
 from opid.suspensions.paper.transmissibility import Peak
 
@@ -25,25 +26,19 @@ class DirectParameters:
     """Ratios to the sprung mass of one run.
 
     Args:
-        way: "complex_least_squares" or "errors_in_variables".
         value: (3,) K2/M2 (1/s^2), C2/M2 (1/s), K3/M2 (1/s^2), as in `NAMES`.
         covariance: (3, 3).
         law: nonlinear law per unit of mass that was fitted beside them.
         residual_rms: rms of the residual: of T for complex least squares, of white noise on the channels (m/s^2) for
             errors in variables.
         n_lines: spectral lines used.
-        n_averages: independent averages behind each line.
-        band_hz: lowest and highest line, Hz.
     """
 
-    way: str
     value: FloatArray
     covariance: FloatArray
     law: Law
     residual_rms: float
     n_lines: int
-    n_averages: float
-    band_hz: tuple[float, float]
 
     @property
     def std(self) -> FloatArray:
@@ -94,7 +89,7 @@ def mass_over_stiffness(peak: Peak, *, static_transmissibility: float = 0.7, res
 
 
 def complex_least_squares(
-    T: Transmissibility, *, band_hz: tuple[float, float] = (0.5, 12.0), ground: bool = True
+    T: Transmissibility, *, band_hz: tuple[float, float] = PaperSettings.band_hz, ground: bool = True
 ) -> DirectParameters:
     """Solve w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T over a band by weighted least squares.
 
@@ -131,18 +126,15 @@ def complex_least_squares(
     # a window smears neighbouring lines: there are fewer independent ones, by its equivalent noise bandwidth
     variance *= _noise_bandwidth(T)
     covariance = variance * np.linalg.pinv((left / scale).T @ (left / scale)) / np.outer(scale, scale)
-    k, c, g = np.pad(solution / scale, (0, 3 - solution.size))
-    modelled = (k + 1j * omega * c) / (k + g - omega**2 + 1j * omega * c)
     pad = 3 - solution.size
+    k, c, g = np.pad(solution / scale, (0, pad))
+    modelled = (k + 1j * omega * c) / (k + g - omega**2 + 1j * omega * c)
     return DirectParameters(
-        "complex_least_squares",
         np.array([k, c, g]),
         np.pad(covariance, (0, pad)),
         Law(),
         float(np.sqrt(np.mean(np.abs(modelled - ratio) ** 2))),
         int(inside.sum()),
-        T.spectra.n_averages,
-        (float(band_hz[0]), float(band_hz[1])),
     )
 
 
@@ -155,7 +147,12 @@ def _noise_bandwidth(T: Transmissibility) -> float:
 
 
 def errors_in_variables(
-    run: EquationLines, law: Law, *, start: DirectParameters, ground: bool = True
+    run: EquationLines,
+    law: Law,
+    *,
+    start: DirectParameters,
+    ground: bool = True,
+    cluster_hz: float = PaperSettings.cluster_hz,
 ) -> DirectParameters:
     """Fit K2/M2, C2/M2, K3/M2 and the law of one run with noise on both channels (spectral_equation, eq. for R).
 
@@ -164,6 +161,7 @@ def errors_in_variables(
         law: nonlinear law per unit of mass to start from; `Law()` for a linear suspension.
         start: start values, for instance of `complex_least_squares`.
         ground: whether K3 is free (else it is 0).
+        cluster_hz: width of neighbouring lines that are taken together in the covariance, Hz.
     """
     fit = fit_equation(
         [run],
@@ -171,16 +169,14 @@ def errors_in_variables(
         stiffness_per_mass=max(start.value[0], 1.0),
         damping_per_mass=max(start.value[1], 0.01),
         ground=ground,
+        cluster_hz=cluster_hz,
     )
-    places = [fit.names.index(name) for name in NAMES if name in fit.names]
-    pad = 3 - len(places)
+    indices = [fit.names.index(name) for name in NAMES if name in fit.names]
+    pad = 3 - len(indices)
     return DirectParameters(
-        "errors_in_variables",
         np.array([fit[name] for name in NAMES]),
-        np.pad(fit.covariance[np.ix_(places, places)], (0, pad)),
+        np.pad(fit.covariance[np.ix_(indices, indices)], (0, pad)),
         fit.law,
         fit.noise_m_per_s2,
         run.omega.size,
-        1.0,
-        run.band_hz,
     )

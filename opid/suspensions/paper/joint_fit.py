@@ -1,4 +1,4 @@
-"""What a fit of all runs found, whichever way the equation was solved."""
+"""What a fit of all runs found, whatever method solved the equation."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from opid.mechanics.laws import Law, Term
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
+from opid.suspensions.paper.settings import PaperSettings
 
-# criteria that are closer than this do not tell two laws apart
-BIC_MARGIN = 10.0
+# for opid.suspensions.laws, until it has settings of its own
+BIC_MARGIN = PaperSettings.bic_margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class JointFit:
         residual: one complex array (n_lines,) a run, what the fit leaves over, as the white noise on each
             channel that would make it, m/s^2 (its mean square is `noise_m_per_s2` squared).
         noise_m_per_s2: white noise on each channel that would explain the residual, m/s^2.
-        log_likelihood: up to a constant, with the noise level at its estimate.
+        log_likelihood: up to a constant, with the noise at its estimate.
         n_data: real numbers fitted, end terms subtracted.
         n_evaluations: evaluations of the residual.
         band_hz: lowest and highest line, Hz.
@@ -69,9 +70,9 @@ class LadderStep:
         law_name: its name.
         fit: the joint fit of all runs.
         kept: whether the search went on from here.
-        road: what proposed it: "pursuit", "sparse regression", "given" or "classical".
+        road: what proposed it: "pursuit", "sparse regression", "given" or "classical"; goes with `one_gear`.
         left_out_m_per_s2: what is left of a run that the others predict, as `JointFit.noise_m_per_s2`; None where it
-            was not asked for.
+            was not asked for; goes with `one_gear`.
     """
 
     law_name: str
@@ -90,13 +91,14 @@ def chosen(ladder: tuple[LadderStep, ...]) -> LadderStep:
     return [step for step in ladder if step.kept][-1]
 
 
-def alternatives(ladder: tuple[LadderStep, ...]) -> tuple[str, ...]:
+def alternatives(ladder: tuple[LadderStep, ...], *, bic_margin: float = PaperSettings.bic_margin) -> tuple[str, ...]:
     """Say which other laws of a ladder explain the runs as well as the chosen one, a sentence each.
 
     A law that is the chosen one and more besides is no alternative.
 
     Args:
         ladder: of `search_law` or `pursue_law`.
+        bic_margin: criteria closer than this do not tell two laws apart.
     """
     best = chosen(ladder)
     mine = {term.name: term for term in best.fit.law.terms}
@@ -105,7 +107,7 @@ def alternatives(ladder: tuple[LadderStep, ...]) -> tuple[str, ...]:
         behind = step.fit.bic - best.fit.bic
         theirs = {term.name: term for term in step.fit.law.terms}
         gone = [term for name, term in mine.items() if name not in theirs]
-        if behind > BIC_MARGIN or not gone or step.law_name in found:
+        if behind > bic_margin or not gone or step.law_name in found:
             continue
         new = [term for name, term in theirs.items() if name not in mine]
         motions = sorted({_moved_by(term) for term in (*gone, *new)})

@@ -15,12 +15,8 @@ from opid.mechanics.laws import LAWS, Law, default_law
 from opid.signals.recording import FloatArray
 from opid.suspensions.covariance import clustered_covariance
 from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve
-from opid.suspensions.separable import independent_samples, separable_fit, unit_law
-
-# chi-square (2 degrees of freedom) at 0.999: an amplitude and a scale bought this much or the term is not seen
-SEEN_ABOVE = 13.8
-# correlated residuals: scores are added up over blocks of this length before the covariance is formed
-CLUSTER_S = 0.5
+from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
+from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit, unit_law
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +69,14 @@ class LawFit:
         return float(np.sqrt(np.mean(self.residual**2)))
 
 
-def fit_slice(curve: SliceCurve) -> LawFit:
+def fit_slice(curve: SliceCurve, *, settings: PaperSettings = DEFAULTS) -> LawFit:
     """Fit slope, amplitude and inner scale of an arctangent to a slice curve (Figs. 6 and 7 of the paper).
 
     -x2'' = offset + slope u + A (2/pi) arctan(u/s), u the travel or the velocity.
 
     Args:
         curve: the points of the slice.
+        settings: what is correlated in time, and from when a term is seen.
 
     >>> u = np.linspace(-0.2, 0.2, 4000)
     >>> y = 3 * u + 0.2 * 2 / np.pi * np.arctan(u / 0.02) + 1e-3 * np.random.default_rng(0).standard_normal(u.size)
@@ -94,11 +91,16 @@ def fit_slice(curve: SliceCurve) -> LawFit:
     else:
         z, v, name, column = zero, u, "arctan_velocity", "damping_per_mass"
     straight = {column: u, "offset": np.ones_like(u)}
-    cluster = np.floor(curve.sample / (CLUSTER_S * curve.fs)).astype(np.int64)
-    return _fit(straight, default_law(name), z, v, curve.force_per_mass, cluster)
+    cluster = curve.sample / (settings.cluster_s * curve.fs)
+    return _fit(straight, default_law(name), z, v, curve.force_per_mass, cluster, settings)
 
 
-def fit_surface(surface: RestoringForce, law_name: str = "arctan_displacement+arctan_velocity") -> LawFit:
+def fit_surface(
+    surface: RestoringForce,
+    law_name: str = "arctan_displacement+arctan_velocity",
+    *,
+    settings: PaperSettings = DEFAULTS,
+) -> LawFit:
     """Fit a law to all points of a restoring-force surface.
 
     -x2'' = offset + (K2/M2) z + (C2/M2) z' + sum_i A_i g_i(z, z'; s_i). A ground spring is not separable here: with
@@ -107,6 +109,7 @@ def fit_surface(surface: RestoringForce, law_name: str = "arctan_displacement+ar
     Args:
         surface: the points.
         law_name: any law of `opid.mechanics.laws.LAWS` or a sum; "linear" fits the straight terms alone.
+        settings: what is correlated in time, and from when a term is seen.
 
     Raises:
         InputError: an unknown law.
@@ -120,8 +123,8 @@ def fit_surface(surface: RestoringForce, law_name: str = "arctan_displacement+ar
     """
     z, v = surface.travel, surface.velocity
     straight = {"stiffness_per_mass": z, "damping_per_mass": v, "offset": np.ones_like(z)}
-    cluster = np.floor(np.arange(z.size) / (CLUSTER_S * surface.fs)).astype(np.int64)
-    return _fit(straight, default_law(law_name), z, v, surface.force_per_mass, cluster)
+    cluster = np.arange(z.size) / (settings.cluster_s * surface.fs)
+    return _fit(straight, default_law(law_name), z, v, surface.force_per_mass, cluster, settings)
 
 
 def _fit(
@@ -130,14 +133,15 @@ def _fit(
     z: FloatArray,
     v: FloatArray,
     y: FloatArray,
-    cluster: np.ndarray,
+    cluster: FloatArray,
+    settings: PaperSettings,
 ) -> LawFit:
     """Fit by separable least squares; standard deviations and verdicts from the residual as it is."""
     columns = np.stack(list(straight.values()), axis=1)
     n_straight = columns.shape[1]
     fit = separable_fit(columns, law, z, v, y)
     jacobian = np.concatenate([columns, fit.law.parameter_gradient(z, v)], axis=1)
-    covariance = clustered_covariance(jacobian, fit.residual, cluster)
+    covariance = clustered_covariance(jacobian, fit.residual, np.floor(cluster).astype(np.int64))
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
     n_independent = independent_samples(fit.residual)
     names = list(straight)
@@ -149,15 +153,21 @@ def _fit(
         residual=fit.residual,
         measured_rms=float(np.sqrt(np.mean(y**2))),
         n_independent=n_independent,
-        verdicts=_verdicts(columns, fit.law, z, v, y, fit.residual, n_independent),
+        verdicts=_verdicts(columns, fit, z, v, y, n_independent, settings),
     )
 
 
 def _verdicts(
-    columns: FloatArray, law: Law, z: FloatArray, v: FloatArray, y: FloatArray, residual: FloatArray, n: float
+    columns: FloatArray,
+    fit: SeparableFit,
+    z: FloatArray,
+    v: FloatArray,
+    y: FloatArray,
+    n: float,
+    settings: PaperSettings,
 ) -> tuple[TermVerdict, ...]:
     """Leave out one term at a time: how much worse is the fit, and how straight was the term?"""
-    shapes = {term.name: unit.force(z, v) for term, unit in zip(law.terms, _units(law), strict=True)}
+    shapes = {term.name: unit.force(z, v) for term, unit in zip(fit.law.terms, _units(fit.law), strict=True)}
     verdicts = []
     for name, shape in shapes.items():
         others = np.stack([*columns.T, *(shapes[other] for other in shapes if other != name)], axis=1)
@@ -165,24 +175,31 @@ def _verdicts(
         bent = shape - (others / scale) @ np.linalg.lstsq(others / scale, shape, rcond=None)[0]
         without = y - (others / scale) @ np.linalg.lstsq(others / scale, y, rcond=None)[0]
         departure = float(np.sqrt(np.mean(bent**2) / np.mean(shape**2)))
-        evidence = float(n * np.log(np.sum(without**2) / max(float(np.sum(residual**2)), 1e-300)))
-        seen = evidence > SEEN_ABOVE and departure > 0.01
-        verdicts.append(TermVerdict(name, departure, evidence, seen, _statement(name, departure, evidence, seen, z, v)))
+        evidence = float(n * np.log(np.sum(without**2) / max(float(np.sum(fit.residual**2)), 1e-300)))
+        seen = evidence > settings.seen_above and departure > settings.least_departure
+        bend = _bend(name, departure, z, v)
+        statement = _statement(bend, name, evidence, seen, settings.seen_above)
+        verdicts.append(TermVerdict(name, departure, evidence, seen, statement))
     return tuple(verdicts)
 
 
-def _statement(name: str, departure: float, evidence: float, seen: bool, z: FloatArray, v: FloatArray) -> str:
-    on_velocity = "m/s" in {parameter.unit for parameter in LAWS[name].parameters} or "damping" in name
-    visited = (
-        f"velocity of {2 * v.std():.3g} m/s (two standard deviations)"
-        if on_velocity
-        else f"travel of {2e3 * z.std():.3g} mm (two standard deviations)"
+def _acts_on_velocity(name: str) -> bool:
+    return "m/s" in {parameter.unit for parameter in LAWS[name].parameters} or "damping" in name
+
+
+def _bend(name: str, departure: float, z: FloatArray, v: FloatArray) -> str:
+    visited = f"velocity of {2 * v.std():.3g} m/s" if _acts_on_velocity(name) else f"travel of {2e3 * z.std():.3g} mm"
+    return (
+        f"over the visited {visited} (two standard deviations) {name} departs from a straight line by "
+        f"{100 * departure:.2g} % of its rms"
     )
-    beside = "damping" if on_velocity else "stiffness"
-    bend = f"over the visited {visited} {name} departs from a straight line by {100 * departure:.2g} % of its rms"
+
+
+def _statement(bend: str, name: str, evidence: float, seen: bool, needed: float) -> str:
     if seen:
-        return f"{bend}; the data see it (evidence {evidence:.0f}, {SEEN_ABOVE:g} needed)"
-    return f"{bend}; it cannot be told from {beside} (evidence {max(evidence, 0):.0f}, {SEEN_ABOVE:g} needed)"
+        return f"{bend}; the data see it (evidence {evidence:.0f}, {needed:g} needed)"
+    beside = "damping" if _acts_on_velocity(name) else "stiffness"
+    return f"{bend}; it cannot be told from {beside} (evidence {max(evidence, 0):.0f}, {needed:g} needed)"
 
 
 def _units(law: Law) -> list[Law]:

@@ -6,6 +6,7 @@ force per unit mass. Drawn over the travel z and the rate z' it shows the law (M
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,8 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError
+from opid.mechanics.laws import Law
 from opid.signals.motion import IntegrationMethod, filter_like, relative_motion
 from opid.signals.recording import FloatArray
+from opid.suspensions.paper.settings import PaperSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class BinnedSurface:
 
     @property
     def coverage(self) -> float:
-        """Share of the cells of the bounding rectangle that were visited."""
+        """Fraction of the cells of the bounding rectangle that were visited."""
         return float(np.mean(self.visited))
 
     @property
@@ -97,13 +100,32 @@ class SliceCurve:
     fs: float
 
 
+@dataclass(frozen=True, eq=False)
+class VisitedForce:
+    """The identified restoring force at the points of the plane that the runs visited.
+
+    Args:
+        travel: (n,) z, m.
+        velocity: (n,) z', m/s.
+        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 where the mass is not determined.
+        nonlinear_force: (n,) f(z, z') alone.
+        per_mass: whether the forces are per unit of mass.
+    """
+
+    travel: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+    nonlinear_force: FloatArray
+    per_mass: bool
+
+
 def restoring_force(
     unsprung: ArrayLike,
     sprung: ArrayLike,
     *,
     fs: float,
     method: IntegrationMethod = "spectral",
-    high_pass_hz: float = 0.3,
+    high_pass_hz: float = PaperSettings.high_pass_hz,
 ) -> RestoringForce:
     """Return the points (z, z', -x2'') of one run, without the ends in which the filter has not settled.
 
@@ -141,7 +163,11 @@ def restoring_force(
 
 
 def binned_surface(
-    surface: RestoringForce, *, n_travel: int = 25, n_velocity: int = 25, min_count: int = 5
+    surface: RestoringForce,
+    *,
+    n_travel: int = PaperSettings.n_cells,
+    n_velocity: int = PaperSettings.n_cells,
+    min_count: int = PaperSettings.least_points_of_cell,
 ) -> BinnedSurface:
     """Average a scattered surface over the cells of a grid, with counts and scatter.
 
@@ -178,15 +204,20 @@ def binned_surface(
     return BinnedSurface(*grid, counts, mean, scatter, min_count)
 
 
-def slice_curve(surface: RestoringForce, *, along: Literal["travel", "velocity"], share: float = 0.15) -> SliceCurve:
-    """Return the points of a surface within `share` standard deviations of an axis.
+def slice_curve(
+    surface: RestoringForce,
+    *,
+    along: Literal["travel", "velocity"],
+    half_width_std: float = PaperSettings.slice_half_width,
+) -> SliceCurve:
+    """Return the points of a surface near an axis.
 
     Along the travel this is the stiffness curve (z' near 0), along the velocity the damping curve (z near 0).
 
     Args:
         surface: the points.
         along: "travel" or "velocity".
-        share: half width of the slice over the standard deviation of the other coordinate.
+        half_width_std: half width of the slice over the standard deviation of the other coordinate.
 
     Raises:
         InputError: an unknown axis, or a slice with fewer than 50 points.
@@ -199,8 +230,43 @@ def slice_curve(surface: RestoringForce, *, along: Literal["travel", "velocity"]
     if along not in ("travel", "velocity"):
         raise InputError(f"along is {along!r}: give 'travel' or 'velocity'")
     position, other = (surface.travel, surface.velocity) if along == "travel" else (surface.velocity, surface.travel)
-    half_width = share * float(other.std())
+    half_width = half_width_std * float(other.std())
     sample = np.flatnonzero(np.abs(other) <= half_width)
     if sample.size < 50:
-        raise InputError(f"the slice along the {along} holds {sample.size} points: widen it (share is {share:g})")
+        raise InputError(
+            f"the slice along the {along} holds {sample.size} points: widen it (half_width_std is {half_width_std:g})"
+        )
     return SliceCurve(along, position[sample], surface.force_per_mass[sample], sample, half_width, surface.fs)
+
+
+def visited_force(
+    surfaces: Sequence[RestoringForce],
+    law: Law,
+    *,
+    stiffness: float,
+    damping: float,
+    per_mass: bool,
+    n_cells: int = PaperSettings.force_cells,
+) -> VisitedForce:
+    """Evaluate an identified restoring force at the centres of the visited cells of the plane.
+
+    Args:
+        surfaces: restoring-force points of the runs; they say which cells were visited.
+        law: the nonlinear law.
+        stiffness: K2 (or K2/M2).
+        damping: C2 (or C2/M2).
+        per_mass: whether the three are per unit of mass.
+        n_cells: cells along each axis.
+
+    >>> points = RestoringForce(np.linspace(-1, 1, 99), np.linspace(-2, 2, 99), np.zeros(99), 10.0, "spectral", 0.3)
+    >>> force = visited_force([points], Law(), stiffness=2.0, damping=0.0, per_mass=False)
+    >>> bool(np.allclose(force.force, 2 * force.travel))
+    True
+    """
+    z = np.concatenate([surface.travel for surface in surfaces])
+    v = np.concatenate([surface.velocity for surface in surfaces])
+    counts, z_edges, v_edges = np.histogram2d(z, v, bins=n_cells)
+    i, j = np.nonzero(counts)
+    travel, velocity = (z_edges[i] + z_edges[i + 1]) / 2, (v_edges[j] + v_edges[j + 1]) / 2
+    nonlinear = law.force(travel, velocity)
+    return VisitedForce(travel, velocity, stiffness * travel + damping * velocity + nonlinear, nonlinear, per_mass)

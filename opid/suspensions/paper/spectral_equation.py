@@ -9,7 +9,7 @@ which is w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T for T = A2/A1 and F = 0. Thr
 
 - noise of variance s1^2, s2^2 on A1, A2 gives R the variance s1^2 |N|^2 + s2^2 |D|^2: dividing by its root makes least
   squares the maximum-likelihood, errors-in-variables estimate (Pintelon & Schoukens, System Identification, ch. 8).
-  Both sensors are taken to be equally noisy, s1 = s2, and the level is estimated;
+  Both sensors are taken to be equally noisy, s1 = s2, and its size is estimated;
 - a run neither starts nor ends at rest. Without a window the transform of a derivative differs from j w times the
   transform by end terms only, a polynomial in j w with real coefficients (Pintelon & Schoukens, 6.3.2): these few
   unknowns are projected out, and nothing leaks;
@@ -33,11 +33,10 @@ from opid.signals.spectra import ComplexArray
 from opid.suspensions.covariance import clustered_covariance
 from opid.suspensions.law_parameters import free_bounds, from_free, positive, to_free
 from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.settings import PaperSettings
 
 # real coefficients of the end terms: displacement and velocity at both ends need two, sampling of the rest one more
-N_END_TERMS = 3
-# neighbouring lines are taken together when the covariance is formed, Hz
-CLUSTER_HZ = 0.25
+_N_END_TERMS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ class EquationLines:
 
     @property
     def lines(self) -> slice:
-        """Places of the lines of the band among all lines of the transform."""
+        """Indices of the lines of the band among all lines of the transform."""
         first = round(float(self.omega[0]) / (2 * np.pi) * self.travel.size / self.fs)
         return slice(first, first + self.omega.size)
 
@@ -82,8 +81,8 @@ def equation_lines(
     sprung: ArrayLike,
     *,
     fs: float,
-    band_hz: tuple[float, float] = (0.5, 12.0),
-    high_pass_hz: float = 0.3,
+    band_hz: tuple[float, float] = PaperSettings.band_hz,
+    high_pass_hz: float = PaperSettings.high_pass_hz,
     mass_change_kg: float = 0.0,
 ) -> EquationLines:
     """Transform one run, without a window, after cutting the ends in which the motion has not settled.
@@ -139,6 +138,7 @@ def fit_equation(
     damping_per_mass: float,
     ground: bool = True,
     inverse_mass: float | None = None,
+    cluster_hz: float = PaperSettings.cluster_hz,
 ) -> JointFit:
     """Fit the equation to all runs at once by weighted nonlinear least squares.
 
@@ -153,6 +153,7 @@ def fit_equation(
         damping_per_mass: start value of C2/M2, 1/s.
         ground: whether the ground spring K3 is free (else it is 0).
         inverse_mass: start value of mu, 1/kg, or None to fit ratios only.
+        cluster_hz: width of neighbouring lines that are taken together in the covariance, Hz.
 
     Raises:
         InputError: no run, or a free mass although all mass changes are equal.
@@ -177,10 +178,10 @@ def fit_equation(
         ftol=1e-10,
     )
     residual = tuple(model.residuals(solution.x))
-    n_data = sum(2 * r.size - N_END_TERMS for r in residual)
+    n_data = sum(2 * r.size - _N_END_TERMS for r in residual)
     variance = 2 * solution.cost / max(n_data - solution.x.size, 1)
     value, slope = model.decode(solution.x)
-    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs)) * np.outer(slope, slope)
+    covariance = clustered_covariance(solution.jac, solution.fun, _cells(runs, cluster_hz)) * np.outer(slope, slope)
     return JointFit(
         names=model.names,
         value=value,
@@ -204,50 +205,49 @@ class _Model:
     runs: tuple[EquationLines, ...]
     law: Law
     ground: bool
-    mass_free: bool
+    has_free_mass: bool
 
     @property
     def names(self) -> tuple[str, ...]:
         names = ["stiffness_per_mass", "damping_per_mass"]
         names += ["ground_stiffness_per_mass"] * self.ground
         names += [f"law[{i}]" for i in range(self.law.vector.size)]
-        return (*names, *["inverse_mass"] * self.mass_free)
+        return (*names, *["inverse_mass"] * self.has_free_mass)
 
     def encode(self, stiffness: float, damping: float, inverse_mass: float) -> FloatArray:
         head = [stiffness, damping] + [0.0] * self.ground
-        return np.array([*head, *to_free(self.law), *[inverse_mass] * self.mass_free])
+        return np.array([*head, *to_free(self.law), *[inverse_mass] * self.has_free_mass])
+
+    @property
+    def law_part(self) -> slice:
+        """Indices of the law in the vector."""
+        return slice(2 + self.ground, 2 + self.ground + self.law.vector.size)
 
     def law_at(self, theta: FloatArray) -> tuple[Law, FloatArray]:
         """Return the law, and the derivatives of its vector by theta."""
-        first = 2 + self.ground
-        return from_free(self.law, theta[first : first + self.law.vector.size])
+        return from_free(self.law, theta[self.law_part])
 
     def decode(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the values that the names speak of, and their derivatives by theta."""
         value, slope = theta.copy(), np.ones_like(theta)
-        first = 2 + self.ground
         law, by_free = self.law_at(theta)
-        value[first : first + by_free.size] = law.vector
-        slope[first : first + by_free.size] = by_free
+        value[self.law_part], slope[self.law_part] = law.vector, by_free
         return value, slope
 
     def typical(self, theta: FloatArray) -> FloatArray:
         """Sizes of sensible steps."""
-        first = 2 + self.ground
         size = np.maximum(np.abs(theta), 1e-3)
-        size[2:first] = 0.1 * size[0]
-        size[first : first + self.law.vector.size][positive(self.law)] = 0.3
-        if self.mass_free:
+        size[2 : 2 + self.ground] = 0.1 * size[0]
+        size[self.law_part][positive(self.law)] = 0.3
+        if self.has_free_mass:
             size[-1] = max(abs(float(theta[-1])), 1e-3 / max(abs(r.mass_change_kg) for r in self.runs))
         return size
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        n_head = 2 + self.ground
-        lower = np.full(n_head + self.law.vector.size + self.mass_free, -np.inf)
+        lower = np.full(len(self.names), -np.inf)
         upper = -lower
         travel, velocity = (np.concatenate([getattr(r, name) for r in self.runs]) for name in ("travel", "velocity"))
-        law_part = slice(n_head, n_head + self.law.vector.size)
-        lower[law_part], upper[law_part] = free_bounds(
+        lower[self.law_part], upper[self.law_part] = free_bounds(
             self.law, travel_rms=float(travel.std()), velocity_rms=float(velocity.std())
         )
         return lower, upper
@@ -259,16 +259,16 @@ class _Model:
         law, _ = self.law_at(theta)
         result = []
         for run in self.runs:
-            share = 1.0 / (1.0 + theta[-1] * run.mass_change_kg) if self.mass_free else 1.0
-            numerator = share * (stiffness + 1j * run.omega * damping)
-            denominator = numerator + share * ground - run.omega**2
+            mass_ratio = 1.0 / (1.0 + theta[-1] * run.mass_change_kg) if self.has_free_mass else 1.0
+            numerator = mass_ratio * (stiffness + 1j * run.omega * damping)
+            denominator = numerator + mass_ratio * ground - run.omega**2
             residual = numerator * run.unsprung - denominator * run.sprung
             if law.terms:
                 force = run.transform(law.force(run.travel, run.velocity))
-                residual = residual + share * run.omega**2 * force
+                residual = residual + mass_ratio * run.omega**2 * force
                 # noise passes through the law too: its statistical linearisation (mean slopes) counts in the weight
                 by_travel, by_velocity = (float(np.mean(g)) for g in law.gradient(run.travel, run.velocity))
-                tangent = share * (by_travel + 1j * run.omega * by_velocity)
+                tangent = mass_ratio * (by_travel + 1j * run.omega * by_velocity)
                 numerator, denominator = numerator + tangent, denominator + tangent
             weight = 1.0 / np.sqrt(np.abs(numerator) ** 2 + np.abs(denominator) ** 2)
             result.append(_without_end_terms(residual * weight, run.omega, weight))
@@ -280,18 +280,18 @@ class _Model:
 
 def _without_end_terms(residual: ComplexArray, omega: FloatArray, weight: FloatArray) -> ComplexArray:
     """Project a polynomial in j omega with real coefficients out of a residual."""
-    columns = weight[:, np.newaxis] * (1j * omega[:, np.newaxis] / omega[-1]) ** np.arange(N_END_TERMS)
+    columns = weight[:, np.newaxis] * (1j * omega[:, np.newaxis] / omega[-1]) ** np.arange(_N_END_TERMS)
     basis, _ = np.linalg.qr(np.concatenate([columns.real, columns.imag]))
     flat = np.concatenate([residual.real, residual.imag])
     flat = flat - basis @ (basis.T @ flat)
     return flat[: residual.size] + 1j * flat[residual.size :]
 
 
-def _cells(runs: Sequence[EquationLines]) -> NDArray[np.int64]:
+def _cells(runs: Sequence[EquationLines], width_hz: float) -> NDArray[np.int64]:
     """The cell of neighbouring lines of one run to which each real number of the residual belongs."""
     cells = []
-    for place, run in enumerate(runs):
-        cell = np.floor(run.omega / (2 * np.pi * CLUSTER_HZ)).astype(np.int64) + 1_000_000 * place
+    for index, run in enumerate(runs):
+        cell = np.floor(run.omega / (2 * np.pi * width_hz)).astype(np.int64) + 1_000_000 * index
         cells += [cell, cell]
     return np.concatenate(cells)
 

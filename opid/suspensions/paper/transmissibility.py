@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility, Window, cross_spectra, transmissibility
+from opid.suspensions.paper.settings import PaperSettings
 
-Way = Literal["conditioned", "subtracted"]
-WAYS: tuple[Way, ...] = ("conditioned", "subtracted")
+Method = Literal["conditioned", "subtracted"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def transmissibility_without_force(
     force_per_mass: ArrayLike,
     *,
     fs: float,
-    way: Way = "conditioned",
+    method: Method = "conditioned",
     window: Window = "hann",
     nperseg: int | None = None,
     noverlap: int | None = None,
@@ -59,13 +59,13 @@ def transmissibility_without_force(
         sprung: (n,) acceleration x2'', m/s^2.
         force_per_mass: (n,) f/M2, m/s^2.
         fs: sampling rate, Hz.
-        way: "conditioned" (a second input, right) or "subtracted" (the paper's).
+        method: "conditioned" (a second input, right) or "subtracted" (the paper's).
         window: as in `opid.signals.spectra.cross_spectra`.
         nperseg: as there.
         noverlap: as there.
 
     Raises:
-        InputError: arrays of different lengths or an unknown way.
+        InputError: arrays of different lengths or an unknown method.
 
     >>> rng = np.random.default_rng(0)
     >>> x, f = rng.standard_normal((2, 8192))
@@ -77,12 +77,12 @@ def transmissibility_without_force(
     if len({array.shape for array in signals}) != 1:
         raise InputError(f"the arrays have shapes {[array.shape for array in signals]}: give runs of one length")
     x1, x2, force = signals
-    if way == "subtracted":
+    if method == "subtracted":
         return transmissibility(
             x1, x2 + force, fs=fs, estimator="H1", window=window, nperseg=nperseg, noverlap=noverlap
         )
-    if way != "conditioned":
-        raise InputError(f"way is {way!r}: give 'conditioned' or 'subtracted'")
+    if method != "conditioned":
+        raise InputError(f"method is {method!r}: give 'conditioned' or 'subtracted'")
     if not np.any(force):
         return transmissibility(x1, x2, fs=fs, estimator="H1", window=window, nperseg=nperseg, noverlap=noverlap)
     spectra = cross_spectra(np.stack([x1, force, x2], 1), fs=fs, window=window, nperseg=nperseg, noverlap=noverlap)
@@ -100,9 +100,9 @@ def transmissibility_without_force(
 def transmissibility_peaks(
     T: Transmissibility,
     *,
-    band_hz: tuple[float, float] = (0.5, 25.0),
-    prominence_std: float = 5.0,
-    prominence_ratio: float = 1.3,
+    band_hz: tuple[float, float] = (PaperSettings.band_hz[0], PaperSettings.highest_peak_hz),
+    prominence_std: float = PaperSettings.peak_prominence_std,
+    prominence_ratio: float = PaperSettings.peak_prominence_ratio,
 ) -> tuple[Peak, ...]:
     """Find the peaks of |T| that stand out of its own random error.
 
@@ -128,20 +128,20 @@ def transmissibility_peaks(
     inside = np.flatnonzero((T.frequency_hz >= band_hz[0]) & (T.frequency_hz <= band_hz[1]) & (np.abs(T.value) > 0))
     if inside.size < 3:
         return ()
-    level = np.log(np.abs(T.value[inside]))
+    height = np.log(np.abs(T.value[inside]))
     least = np.maximum(prominence_std * T.relative_std[inside], np.log(prominence_ratio))
-    places, _ = signal.find_peaks(level, prominence=least)
+    indices, _ = signal.find_peaks(height, prominence=least)
     spacing = float(T.frequency_hz[1] - T.frequency_hz[0])
     peaks = []
-    for place in places:
-        left, middle, right = level[place - 1 : place + 2]
+    for index in indices:
+        left, middle, right = height[index - 1 : index + 2]
         shift = 0.5 * (left - right) / (left - 2 * middle + right)
         peaks.append(
             Peak(
-                frequency_hz=float(T.frequency_hz[inside[place]] + shift * spacing),
+                frequency_hz=float(T.frequency_hz[inside[index]] + shift * spacing),
                 magnitude=float(np.exp(middle - 0.25 * (left - right) * shift)),
                 resolution_hz=spacing,
-                coherence=float(T.coherence[inside[place]]),
+                coherence=float(T.coherence[inside[index]]),
                 n_averages=T.spectra.n_averages,
             )
         )

@@ -1,0 +1,254 @@
+"""The steps of the paper (Iwaniec & Uhl 2007), each of them mended, on every run of a study.
+
+restoring force -> arctangent -> transmissibility -> direct parameters -> matched peaks
+
+The steps need a law, and not where it comes from: that of `identify_by_paper`, or that of any other fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.mechanics.laws import Law
+from opid.signals.motion import Motion, relative_motion
+from opid.signals.spectra import Transmissibility, transmissibility
+from opid.suspensions.one_gear.study import Study
+from opid.suspensions.paper.added_mass import PeakMatch, TwoPeakMass, match_peaks, two_peak_mass
+from opid.suspensions.paper.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
+from opid.suspensions.paper.law_search import thinned
+from opid.suspensions.paper.nonlinearity import LawFit, fit_slice, fit_surface
+from opid.suspensions.paper.preparation import PreparedRun, combined_noise, prepare_runs
+from opid.suspensions.paper.restoring_force import BinnedSurface, SliceCurve, binned_surface, slice_curve
+from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
+from opid.suspensions.paper.transmissibility import Peak, transmissibility_peaks, transmissibility_without_force
+
+
+@dataclass(frozen=True, eq=False)
+class RunEvidence(PreparedRun):
+    """All that the chain makes of one run, in the order in which it is made.
+
+    Args:
+        motion: relative motion, soundly integrated.
+        motion_mean_removed: relative motion by the paper's literal recipe.
+        binned: the restoring-force points, averaged over cells.
+        slices: stiffness curve and damping curve.
+        slice_fits: an arctangent on each.
+        surface_fit: stiffness and damping arctangents on all points.
+        T: transmissibility as measured.
+        T_without_force: that of the linear suspension beneath the law (conditioned).
+        T_subtracted: the paper's, the force of the law subtracted from the acceleration.
+        peaks: of |T|.
+        complex_fit: complex least squares on `T_without_force`.
+        spectral_fit: errors in variables on the run's transform.
+    """
+
+    motion: Motion
+    motion_mean_removed: Motion
+    binned: BinnedSurface
+    slices: tuple[SliceCurve, SliceCurve]
+    slice_fits: tuple[LawFit, LawFit]
+    surface_fit: LawFit
+    T: Transmissibility
+    T_without_force: Transmissibility
+    T_subtracted: Transmissibility
+    peaks: tuple[Peak, ...]
+    complex_fit: DirectParameters
+    spectral_fit: DirectParameters
+
+
+@dataclass(frozen=True)
+class PeakPair:
+    """A matched pair of peaks with the masses that the paper's formula makes of it.
+
+    Args:
+        run_name: the run with the changed mass.
+        match: the pair and whether it is credible.
+        as_printed: from magnitudes.
+        sign_restored: from T = -|T|.
+    """
+
+    run_name: str
+    match: PeakMatch
+    as_printed: TwoPeakMass
+    sign_restored: TwoPeakMass
+
+
+@dataclass(frozen=True, eq=False)
+class PaperChain:
+    """What the steps of the paper find.
+
+    Args:
+        runs: one a run.
+        pairs: matched peaks of the reference and each other run.
+        static_transmissibility: T(0) read from the lowest lines, for the peak formula.
+        noise_floor_m_per_s2: noise of the sprung channel, which dominates the equation above resonance.
+        mended_spikes: single samples that were mended, of the unsprung and the sprung channel of all runs.
+        high_pass_hz: corner of the integration, Hz.
+        band_hz: lines that were used, Hz.
+    """
+
+    runs: tuple[RunEvidence, ...]
+    pairs: tuple[PeakPair, ...]
+    static_transmissibility: float
+    noise_floor_m_per_s2: float
+    mended_spikes: tuple[int, int]
+    high_pass_hz: float
+    band_hz: tuple[float, float]
+
+    @property
+    def strongest_pair(self) -> PeakPair | None:
+        """The credible pair with the largest |T|, or the largest at all; None without a pair."""
+        return max(self.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), default=None)
+
+
+def compute_chain(
+    study: Study,
+    *,
+    law_per_mass: Law,
+    inverse_mass: float = 0.0,
+    ground: bool = True,
+    band_hz: tuple[float, float] = PaperSettings.band_hz,
+    high_pass_hz: float = PaperSettings.high_pass_hz,
+    settings: PaperSettings = DEFAULTS,
+    progress: Callable[[str], None] | None = None,
+) -> PaperChain:
+    """Run the steps of the paper on every run of a study, with the law of any fit.
+
+    Args:
+        study: the runs; the first one with no mass change is the reference.
+        law_per_mass: the nonlinear law per unit of the reference mass, m/s^2.
+        inverse_mass: 1/M2 of the reference, 1/kg; 0 where the mass is not determined.
+        ground: whether the ground spring is free (else it is 0).
+        band_hz: lines that are used, Hz; cut at `highest_fraction_of_rate` of the sampling rate.
+        high_pass_hz: corner of the integration, Hz.
+        settings: everything else that was chosen.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: a pair of channels that is mute or swapped, or a run that is too short.
+    """
+    settings = replace(settings, ground=ground, band_hz=band_hz, high_pass_hz=high_pass_hz)
+    runs = prepare_runs(study, settings=settings, progress=progress)
+    return chain_of(runs, law_per_mass, inverse_mass=inverse_mass, settings=settings, progress=progress)
+
+
+def chain_of(
+    runs: Sequence[PreparedRun],
+    law_per_mass: Law,
+    *,
+    inverse_mass: float,
+    settings: PaperSettings,
+    progress: Callable[[str], None] | None = None,
+) -> PaperChain:
+    """Run the steps of the paper on prepared runs.
+
+    Args:
+        runs: of `prepare_runs` with the same settings.
+        law_per_mass: the nonlinear law per unit of the reference mass, m/s^2.
+        inverse_mass: 1/M2 of the reference, 1/kg; 0 where the mass is not determined.
+        settings: `ground`, and everything that was chosen.
+        progress: called with the name of each step as it begins.
+    """
+    if progress is not None:
+        progress("runs")
+    # a run of another mass has another force per unit of its own mass
+    found = tuple(
+        _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
+    )
+    static = float(np.mean([_static_transmissibility(run.T, settings.static_hz) for run in found]))
+    return PaperChain(
+        runs=found,
+        pairs=_peak_pairs(found, static, settings.largest_mass_fraction),
+        static_transmissibility=static,
+        noise_floor_m_per_s2=combined_noise(runs, least_noise=settings.least_noise),
+        mended_spikes=(sum(run.mended_spikes[0] for run in runs), sum(run.mended_spikes[1] for run in runs)),
+        high_pass_hz=settings.high_pass_hz,
+        band_hz=runs[0].lines.band_hz,
+    )
+
+
+def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvidence:
+    fs = run.fs
+    motion = relative_motion(run.unsprung, run.sprung, fs=fs, high_pass_hz=settings.high_pass_hz)
+    measured, conditioned, subtracted = _transmissibilities(run, motion, law, settings.block_s)
+    low, high = run.lines.band_hz
+    # blocks of finite length do not resolve lines below two of their own
+    complex_fit = complex_least_squares(
+        conditioned, band_hz=(max(low, 2 / settings.block_s), high), ground=settings.ground
+    )
+    slices = (
+        slice_curve(run.surface, along="travel", half_width_std=settings.slice_half_width),
+        slice_curve(run.surface, along="velocity", half_width_std=settings.slice_half_width),
+    )
+    n, least = settings.n_cells, settings.least_points_of_cell
+    return RunEvidence(
+        **vars(run),
+        motion=motion,
+        motion_mean_removed=relative_motion(run.unsprung, run.sprung, fs=fs, method="mean_removed"),
+        binned=binned_surface(run.surface, n_travel=n, n_velocity=n, min_count=least),
+        slices=slices,
+        slice_fits=(fit_slice(slices[0], settings=settings), fit_slice(slices[1], settings=settings)),
+        surface_fit=fit_surface(thinned(run.surface, n_points=settings.start_points), settings=settings),
+        T=measured,
+        T_without_force=conditioned,
+        T_subtracted=subtracted,
+        peaks=transmissibility_peaks(
+            measured,
+            band_hz=(low, min(settings.highest_peak_hz, settings.highest_fraction_of_rate * fs)),
+            prominence_std=settings.peak_prominence_std,
+            prominence_ratio=settings.peak_prominence_ratio,
+        ),
+        complex_fit=complex_fit,
+        spectral_fit=errors_in_variables(
+            run.lines, law, start=complex_fit, ground=settings.ground, cluster_hz=settings.cluster_hz
+        ),
+    )
+
+
+def _transmissibilities(
+    run: PreparedRun, motion: Motion, law: Law, block_s: float
+) -> tuple[Transmissibility, Transmissibility, Transmissibility]:
+    """Transmissibility as measured, with the force of the law taken out, and with it subtracted."""
+    inside, fs = motion.settled, run.fs
+    unsprung, sprung = run.unsprung[inside], run.sprung[inside]
+    force = law.force(motion.displacement, motion.velocity)[inside]
+    # with fewer than some five overlapping blocks the force cannot be told from the motion
+    nperseg = min(round(block_s * fs), unsprung.size // 3)
+    return (
+        transmissibility(unsprung, sprung, fs=fs, nperseg=nperseg),
+        transmissibility_without_force(unsprung, sprung, force, fs=fs, method="conditioned", nperseg=nperseg),
+        transmissibility_without_force(unsprung, sprung, force, fs=fs, method="subtracted", nperseg=nperseg),
+    )
+
+
+def _static_transmissibility(T: Transmissibility, up_to_hz: float) -> float:
+    """Read |T| at the lowest lines, two of them at the least."""
+    low = (T.frequency_hz > 0) & (T.frequency_hz <= max(up_to_hz, 2.5 * T.frequency_hz[1]))
+    return float(np.median(np.abs(T.value[low])))
+
+
+def _peak_pairs(runs: Sequence[RunEvidence], static: float, largest_mass_fraction: float) -> tuple[PeakPair, ...]:
+    reference = next((run for run in runs if run.mass_change_kg == 0), runs[0])
+    pairs = []
+    for run in runs:
+        change = run.mass_change_kg - reference.mass_change_kg
+        if run is reference or change == 0:
+            continue
+        for match in match_peaks(
+            reference.peaks, run.peaks, mass_change_kg=change, largest_mass_fraction=largest_mass_fraction
+        ):
+            printed, restored = (
+                two_peak_mass(
+                    match.reference,
+                    match.changed,
+                    mass_change_kg=change,
+                    static_transmissibility=static,
+                    restore_sign=sign,
+                )
+                for sign in (False, True)
+            )
+            pairs.append(PeakPair(run.name, match, printed, restored))
+    return tuple(pairs)

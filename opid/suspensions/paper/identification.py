@@ -1,0 +1,233 @@
+"""Identify a suspension by the paper's chain (Iwaniec & Uhl 2007), mended or as printed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import Estimate
+from opid.suspensions.one_gear.study import Study
+from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
+from opid.suspensions.paper.chain import PaperChain, chain_of
+from opid.suspensions.paper.direct_parameters import NAMES
+from opid.suspensions.paper.estimates import (
+    gain_like_fraction,
+    law_estimates_of,
+    parameters_of,
+    ratios_of,
+    straight_terms,
+)
+from opid.suspensions.paper.joint_fit import JointFit, LadderStep, chosen
+from opid.suspensions.paper.law_search import fit_law, search_law
+from opid.suspensions.paper.preparation import PreparedRun, prepare_runs
+from opid.suspensions.paper.restoring_force import VisitedForce, visited_force
+from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS, PaperIdentification, PaperMethod
+from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
+from opid.suspensions.paper.warnings import warnings_of
+
+
+def identify_by_paper(
+    study: Study,
+    *,
+    method: PaperMethod = "classical",
+    law: str | None = None,
+    band_hz: tuple[float, float] = PaperSettings.band_hz,
+    high_pass_hz: float = PaperSettings.high_pass_hz,
+    ground: bool = True,
+    settings: PaperSettings = DEFAULTS,
+    progress: Callable[[str], None] | None = None,
+) -> PaperIdentification:
+    """Identify mass, springs, damping and law of a suspension by the chain of Iwaniec & Uhl (2007).
+
+    "classical" mends every step: sound integration, the complex equation, noise on both channels, all runs in one
+    least-squares problem. "paper" gives what the printed formula makes of the strongest matched peaks.
+
+    Args:
+        study: the runs; the first one with no mass change is the reference.
+        method: "classical" or "paper".
+        law: a law to fit (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched when left out.
+        band_hz: lines of the equation, Hz; cut at 0.4 of the sampling rate.
+        high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
+        ground: whether a ground spring K3 is fitted (else it is 0).
+        settings: everything else that was chosen.
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        The identification; where the runs do not determine the absolute scale, `not_determined` says why and the
+        ratios to the mass are given.
+
+    Raises:
+        InputError: an unknown method or law, a pair of channels that is mute or swapped, or runs that are too short.
+    """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
+    say = progress or (lambda step: None)
+    settings = replace(settings, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground)
+    runs = prepare_runs(study, settings=settings, progress=progress)
+    say("law")
+    ladder = _tried_laws(runs, settings)
+    joint = chosen(ladder).fit
+    chain = chain_of(runs, joint.law, inverse_mass=joint["inverse_mass"], settings=settings, progress=progress)
+    say("added mass")
+    result = _without_numbers(study, method, chain, ladder, settings)
+    if method == "paper":
+        return _conclude_as_printed(result)
+    return _refuse(result) if result.residual_over_noise > settings.refused else _conclude(result)
+
+
+def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LadderStep, ...]:
+    lines, surfaces = [run.lines for run in runs], [run.surface for run in runs]
+    changes = {run.mass_change_kg for run in runs}
+    mu = 1 / (settings.start_mass_over_change * (max(changes) - min(changes))) if len(changes) > 1 else None
+    if settings.law is None:
+        return search_law(lines, surfaces, inverse_mass=mu, ground=settings.ground, settings=settings)
+    return tuple(
+        LadderStep(
+            name,
+            fit_law(lines, surfaces, name, inverse_mass=mu, ground=settings.ground, settings=settings),
+            name == settings.law,
+        )
+        for name in dict.fromkeys(["linear", settings.law])
+    )
+
+
+def _without_numbers(
+    study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LadderStep, ...], settings: PaperSettings
+) -> PaperIdentification:
+    """Return the result with its evidence, before anything is concluded."""
+    joint, nothing = chosen(ladder).fit, np.empty(0)
+    added, reason = _scaled(joint, chain, settings)
+    return PaperIdentification(
+        study=study,
+        method=method,
+        title=study.title,
+        date=study.date,
+        parameters={name: Estimate() for name in PARAMETERS},
+        ratios={name: Estimate() for name in RATIOS},
+        law=joint.law,
+        law_estimates={},
+        restoring_force=VisitedForce(nothing, nothing, nothing, nothing, per_mass=True),
+        chain=chain,
+        joint=joint,
+        ladder=ladder,
+        added_mass=added,
+        settings=settings,
+        warnings=(),
+        not_determined=reason,
+    )
+
+
+def _scaled(joint: JointFit, chain: PaperChain, settings: PaperSettings) -> tuple[AddedMass | None, str | None]:
+    """Return the absolute parameters, or why there are none."""
+    if "inverse_mass" not in joint.names:
+        return None, (
+            "all runs have the same sprung mass (mass_change_kg), so only ratios to the mass are determined: "
+            "add a run at another mass"
+        )
+    try:
+        return absolute_parameters(joint, [run.mass_change_kg for run in chain.runs], settings=settings), None
+    except NotDeterminedError as error:
+        return None, str(error)
+
+
+def _conclude(result: PaperIdentification) -> PaperIdentification:
+    """Give the values of the joint fit with intervals and warnings."""
+    result, settings = _widened(result), result.settings
+    joint, added = result.joint, result.added_mass
+    gain = gain_like_fraction(joint, settings)
+    ratios = ratios_of(joint.value, joint.covariance, joint.names, gain=gain, equal_gains=settings.equal_gains)
+    if added is None:
+        law, parameters = joint.law, dict(result.parameters)
+        law_std = np.array([joint.std[joint.names.index(f"law[{i}]")] for i in range(law.vector.size)])
+        stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
+    else:
+        law, law_std = added.law, added.std[4:]
+        parameters = parameters_of(added, gain=gain, equal_gains=settings.equal_gains)
+        stiffness, damping = added["suspension_stiffness_n_per_m"], added["suspension_damping_n_s_per_m"]
+    laws = law_estimates_of(law, law_std)
+    result = replace(result, parameters=parameters, ratios=ratios, law=law, law_estimates=laws)
+    force = _force_of(result, stiffness, damping, per_mass=added is None)
+    return _withheld(replace(result, restoring_force=force, warnings=tuple(warnings_of(result))))
+
+
+def _widened(result: PaperIdentification) -> PaperIdentification:
+    """Widen the covariance by what the model lacks, which is no noise, and carry it to the mass."""
+    factor = max(1.0, result.residual_over_noise / result.settings.doubted)
+    joint = replace(result.joint, covariance=result.joint.covariance * factor**2)
+    if result.added_mass is None:
+        return replace(result, joint=joint)
+    added, reason = _scaled(joint, result.chain, result.settings)
+    return replace(result, joint=joint, added_mass=added, not_determined=reason)
+
+
+def _withheld(result: PaperIdentification) -> PaperIdentification:
+    """Take away the intervals of what trades with a straight term, and keep the values."""
+    parameters, ratios, laws = dict(result.parameters), dict(result.ratios), dict(result.law_estimates)
+    for term in straight_terms(result.joint.law, result.chain.runs, straight_above=result.settings.straight_above):
+        for name in term.trades_with:
+            table = parameters if name in parameters else ratios
+            table[name] = Estimate(table[name].value)
+        laws[term.name] = {name: Estimate(each.value) for name, each in laws[term.name].items()}
+    return replace(result, parameters=parameters, ratios=ratios, law_estimates=laws)
+
+
+def _refuse(result: PaperIdentification) -> PaperIdentification:
+    """Withhold what a model that does not explain the runs would say; keep what the first run says by itself."""
+    runs, ratios = result.chain.runs, result.ratios
+    reason = (
+        f"the fitted model leaves {result.residual_over_noise:.0f} times the sensor noise unexplained, so every number "
+        "of it would be a guess: check the channels (swapped, upside down, in another unit) and the mass changes, "
+        "let the law be searched, or take another band"
+    )
+    if len(runs) > 1 and len({run.mass_change_kg for run in runs}) == 1:
+        frequencies = [run.spectral_fit.natural_frequency_hz for run in runs]
+        reason = (
+            "all runs are said to have the same sprung mass, so only ratios to it could be determined, and they do not "
+            f"even behave alike (natural frequencies {min(frequencies):.3f} to {max(frequencies):.3f} Hz): check "
+            "mass_change_kg; the ratios given are those of the first run alone"
+        )
+        alone, equal_gains = runs[0].spectral_fit, result.settings.equal_gains
+        ratios = ratios_of(alone.value, alone.covariance, NAMES, gain=0.0, equal_gains=equal_gains)
+    return replace(result, ratios=ratios, added_mass=None, not_determined=reason, warnings=tuple(warnings_of(result)))
+
+
+def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
+    """Give what the printed formula makes of the strongest pair of peaks: no damping and no intervals."""
+    pair = result.chain.strongest_pair
+    warnings = [
+        "the printed formula ignores damping and the sign of T above resonance: it is shown for comparison, and it "
+        "has no intervals; use --method classical for an answer"
+    ]
+    if pair is None:
+        has_one_mass = len({run.mass_change_kg for run in result.chain.runs}) == 1
+        reason = "the runs have no peak of |T| in common, and the printed formula needs one pair"
+        result = replace(result, not_determined=result.not_determined if has_one_mass else reason)
+        return replace(result, warnings=tuple(warnings), restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
+    found, per_mass = pair.as_printed, pair.as_printed.sprung_mass_kg <= 0
+    mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
+    ratios = dict(result.ratios) | {NAMES[0]: Estimate(stiffness / mass), NAMES[2]: Estimate(ground / mass)}
+    if per_mass:
+        reason = f"the printed formula gives a sprung mass of {mass:.0f} kg: {pair.match.reason}"
+        result = replace(result, not_determined=reason)
+    else:
+        values = (Estimate(mass), Estimate(stiffness), Estimate(), Estimate(ground))
+        parameters = dict(zip(PARAMETERS, values, strict=True))
+        result = replace(result, parameters=parameters, law=result.law.scaled(mass), not_determined=None)
+    if not pair.match.credible:
+        warnings.append(pair.match.reason)
+    force = _force_of(result, stiffness / mass if per_mass else stiffness, 0.0, per_mass=per_mass)
+    return replace(result, ratios=ratios, restoring_force=force, warnings=tuple(warnings))
+
+
+def _force_of(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
+    return visited_force(
+        [run.surface for run in result.chain.runs],
+        result.law,
+        stiffness=stiffness,
+        damping=damping,
+        per_mass=per_mass,
+        n_cells=result.settings.force_cells,
+    )

@@ -1,0 +1,95 @@
+"""What the paper's chain answers with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from typing import Literal
+
+from opid.estimate import Estimate
+from opid.mechanics.laws import Law
+from opid.suspensions.one_gear.study import Study
+from opid.suspensions.paper.added_mass import AddedMass
+from opid.suspensions.paper.chain import PaperChain
+from opid.suspensions.paper.joint_fit import JointFit, LadderStep, alternatives
+from opid.suspensions.paper.restoring_force import VisitedForce
+from opid.suspensions.paper.settings import PaperSettings
+
+PaperMethod = Literal["classical", "paper"]
+METHODS: tuple[PaperMethod, ...] = ("classical", "paper")
+PARAMETERS = (
+    "sprung_mass_kg",
+    "suspension_stiffness_n_per_m",
+    "suspension_damping_n_s_per_m",
+    "ground_stiffness_n_per_m",
+)
+RATIOS = (
+    "stiffness_per_mass",
+    "damping_per_mass",
+    "ground_stiffness_per_mass",
+    "natural_frequency_hz",
+    "damping_ratio",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PaperIdentification:
+    """The result of an identification by the paper's chain.
+
+    Args:
+        study: the runs.
+        method: "classical" (every step mended) or "paper" (the printed formula; no intervals).
+        title: of the study.
+        date: of the runs; None if it is not known.
+        parameters: one `Estimate` for each name in `PARAMETERS`, of the reference run.
+        ratios: one `Estimate` for each name in `RATIOS` (1/s^2, 1/s, 1/s^2, Hz, 1).
+        law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
+        law_estimates: {kind: {parameter: Estimate}} in the same unit; empty where no law is concluded.
+        restoring_force: the identified force over the visited plane; empty where no number is given.
+        chain: the steps of the paper, run by run.
+        joint: the fit of the equation to all runs, per unit of the reference mass; its intervals are widened where the
+            model leaves much more than noise.
+        ladder: the laws that were tried.
+        added_mass: absolute parameters of `joint`; None where the mass is not determined.
+        settings: what was asked for, and every number that was chosen.
+        warnings: what limits the answer, one sentence each.
+        not_determined: why absolute values are missing, or None.
+    """
+
+    study: Study
+    method: PaperMethod
+    title: str
+    date: date | None
+    parameters: Mapping[str, Estimate]
+    ratios: Mapping[str, Estimate]
+    law: Law
+    law_estimates: Mapping[str, Mapping[str, Estimate]]
+    restoring_force: VisitedForce
+    chain: PaperChain
+    joint: JointFit
+    ladder: tuple[LadderStep, ...]
+    added_mass: AddedMass | None
+    settings: PaperSettings
+    warnings: tuple[str, ...]
+    not_determined: str | None
+
+    @property
+    def per_mass(self) -> bool:
+        """Whether the law and the restoring force are per unit of mass."""
+        return self.restoring_force.per_mass
+
+    @property
+    def residual_over_noise(self) -> float:
+        """The noise that would explain the residual of the joint fit over the sensors' own noise."""
+        return self.joint.noise_m_per_s2 / max(self.chain.noise_floor_m_per_s2, 1e-12)
+
+    @property
+    def tried_kinds(self) -> tuple[str, ...]:
+        """Kinds of terms that were tried, by name."""
+        return tuple(sorted({kind for step in self.ladder for kind in step.law_name.split("+")} - {"linear"}))
+
+    @property
+    def alternative_laws(self) -> tuple[str, ...]:
+        """Which other laws explain the runs as well, a sentence each."""
+        return alternatives(self.ladder, bic_margin=self.settings.bic_margin)

@@ -1,0 +1,116 @@
+"""Every number of the paper's chain that somebody chose, with the reason for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """Settings of `opid.suspensions.paper`; each default is the only place where its value stands.
+
+    Args:
+        law: the law to fit (`opid.mechanics.laws.LAWS`, sums joined by "+"); None searches among `candidates`.
+        band_hz: lines of the equation, Hz. Below, sensors drift; above, a rigid wheel and a point contact end.
+        high_pass_hz: corner of the integration, Hz: below it sensor noise, integrated twice, exceeds the motion.
+        ground: whether the ground spring K3 is fitted (else it is 0).
+        highest_fraction_of_rate: lines above this fraction of the sampling rate carry the anti-aliasing filter.
+        block_s: length of a block of the transmissibility, s: resolves a resonance of 1 to 4 Hz.
+        highest_peak_hz: peaks of |T| are looked for up to here, Hz, as in the paper's figures.
+        peak_prominence_std: a peak stands out of log |T| by so many standard deviations; less is chance.
+        peak_prominence_ratio: |T| at a peak over |T| at its foot; less is a ripple.
+        static_hz: T(0) is read from the lines up to here, Hz, as the paper read 0.7 from its figure.
+        n_cells: cells along each axis of the restoring-force surface: a run of a minute fills those that it visits.
+        least_points_of_cell: a cell with fewer points stays empty: its mean would be chance.
+        slice_half_width: half width of a slice over the standard deviation of the other coordinate.
+        force_cells: cells along each axis of the plane on which the identified force is given.
+        candidates: laws that the search may add.
+        most_terms: terms of a law at the most: one for stiffness and one for damping, as in eq. (3) of the paper.
+        bic_margin: criteria closer than this do not tell two laws apart (10 is "very strong" by Kass & Raftery 1995).
+        noise_margin: a further term must lower the unexplained noise by this fraction as well: with thousands of lines
+            the criterion alone would pay for correcting the filter.
+        start_points: points that start values are fitted to; more cost time and change nothing.
+        seen_above: evidence from which a term is seen: chi-square (2 degrees of freedom, amplitude and scale) at 0.999.
+        least_departure: a term must depart from a straight line by this fraction of its rms to be seen.
+        cluster_s: correlated residuals in time: scores are added up over blocks of this length, s.
+        cluster_hz: correlated residuals of lines: likewise over neighbouring lines of this width, Hz.
+        start_mass_over_change: the fit of the mass starts at this multiple of the largest mass change.
+        largest_mass_fraction: a peak shift that asks for a larger change of the mass than this belongs to two machines.
+        least_remainder: a run that keeps a smaller fraction of the sprung mass is a slip of the pen.
+        mass_seen_above: 1/M2 must stand this many standard deviations from zero.
+        least_noise: no model of a strut is better than this fraction of the motion, however quiet the sensor.
+        noted: residual over noise from which a warning is given; below, the model explains the runs.
+        doubted: residual over noise above which what the model lacks rules the answer: the intervals are widened.
+        refused: residual over noise above which no number is given.
+        few_averages: independent averages below which the coherence is near 1 by construction.
+        equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
+        gain_like: a ground spring below this fraction of K2 is what a gain error of a per cent or two looks like.
+        negligible_ground: a ground spring below this fraction of K2 is no news.
+        straight_above: a term whose scale exceeds this multiple of the rms motion is a straight line.
+        loose_mass: relative standard deviation of the mass above which a larger mass change is advised.
+    """
+
+    law: str | None = None
+    band_hz: tuple[float, float] = (0.5, 12.0)
+    high_pass_hz: float = 0.3
+    ground: bool = True
+    # transmissibility
+    highest_fraction_of_rate: float = 0.4
+    block_s: float = 8.0
+    highest_peak_hz: float = 25.0
+    peak_prominence_std: float = 5.0
+    peak_prominence_ratio: float = 1.3
+    static_hz: float = 0.5
+    # restoring force
+    n_cells: int = 25
+    least_points_of_cell: int = 5
+    slice_half_width: float = 0.15
+    force_cells: int = 31
+    # law
+    candidates: tuple[str, ...] = (
+        "arctan_velocity",
+        "arctan_displacement",
+        "coulomb_friction",
+        "quadratic_damping",
+        "quadratic_stiffness",
+        "cubic_stiffness",
+    )
+    most_terms: int = 2
+    bic_margin: float = 10.0
+    noise_margin: float = 0.02
+    start_points: int = 3000
+    seen_above: float = 13.8
+    least_departure: float = 0.01
+    cluster_s: float = 0.5
+    cluster_hz: float = 0.25
+    # mass
+    start_mass_over_change: float = 8.0
+    largest_mass_fraction: float = 0.5
+    least_remainder: float = 0.2
+    mass_seen_above: float = 4.0
+    # verdicts
+    least_noise: float = 0.003
+    noted: float = 1.5
+    doubted: float = 3.0
+    refused: float = 20.0
+    few_averages: float = 4.0
+    equal_gains: float = 0.001
+    gain_like: float = 0.05
+    negligible_ground: float = 0.002
+    straight_above: float = 2.0
+    loose_mass: float = 0.02
+
+    def band_at(self, fs: float) -> tuple[float, float]:
+        """Return the band that a sampling rate leaves of `band_hz`, Hz.
+
+        Args:
+            fs: sampling rate, Hz.
+
+        >>> PaperSettings().band_at(20.0)
+        (0.5, 8.0)
+        """
+        return float(self.band_hz[0]), min(float(self.band_hz[1]), self.highest_fraction_of_rate * fs)
+
+
+DEFAULTS = PaperSettings()
+"""The settings of a call that gives none."""
