@@ -16,6 +16,7 @@ always searches it, and neither gives intervals.
 import argparse
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 # before numpy is loaded, here and in every process that this one starts
@@ -81,6 +82,21 @@ class Trials:
 
     def law_right(self) -> str:
         return share(each.law_right for each in self.all)
+
+    def law_right_by_kind(self) -> str:
+        """How often the law is right, kind by kind, and what a wrong one was taken for."""
+        found: dict[str, list[Trial]] = {}
+        for each in self.all:
+            found.setdefault("+".join(sorted(_terms(each))) or "linear", []).append(each)
+        said = []
+        for kind, own in sorted(found.items()):
+            text = f"{kind} {share(each.law_right for each in own)}"
+            taken = Counter(
+                "no answer" if each not in self.given else each.law_name for each in own if not each.law_right
+            )
+            text += f" ({', '.join(f'{name} {n}' for name, n in taken.most_common())})" if taken else ""
+            said.append(text)
+        return "; ".join(said) or "-"
 
     def law_contained(self) -> str:
         """How often all true terms are among those that were found."""
@@ -162,6 +178,22 @@ def random_lines() -> list[Line]:
     ]
 
 
+def all_kinds_lines() -> list[Line]:
+    return [
+        ("all kinds", "gears of all kinds, law right", "95 %; -", Trials.law_right),
+        ("all kinds", "law right by kind (what else was found)", "-", Trials.law_right_by_kind),
+        (
+            "all kinds",
+            "mass: median / 95th percentile / worst, %",
+            "-; worst 1",
+            lambda t: t.quantiles("M2", 0.5, 0.95, 1.0),
+        ),
+        ("all kinds", "mass more than 2 % off (wrong minimum)", "-; 0", Trials.wrong_minima),
+        ("all kinds", "not determined or refused", "-", Trials.not_determined),
+        ("all kinds", "95 % intervals of the mass that hold", "92-98 %; -", lambda t: t.coverage(lambda each: ["M2"])),
+    ]
+
+
 def two_law_lines() -> list[Line]:
     return [
         ("two laws", "two laws at once, both found and no other", "90 %; 97 %", Trials.law_right),
@@ -218,6 +250,7 @@ ROWS: dict[str, Callable[[], list[Line]]] = {
     "nominal": nominal_lines,
     "bound": bound_lines,
     "random": random_lines,
+    "all kinds": all_kinds_lines,
     "two": two_law_lines,
     "paper": paper_lines,
     "sensors": sensor_lines,
