@@ -6,8 +6,8 @@ twice for 40 s with and without a load of about a tenth of its mass, each time o
 airframe stand 0.1 to 0.4 m beside the struts, every coordinate is stated with an error of 1 cm (one standard deviation;
 in the row "within 1 cm" at most), all channels carry 5 mm/s2 of noise. Nothing is known of the laws. In the rows of
 `FAULTS` a sensor of the left main gear is wrong, or all are, stated in the study or not; in the rows "ground spring" a
-spring goes from the airframe to the ground at every gear. At last, over all rows of rigid aircraft of which an answer is
-wanted, how many intervals hold.
+spring goes from the airframe to the ground at every gear. At last, over all rows of rigid aircraft of which an answer
+is wanted, how many intervals hold.
 """
 
 import argparse
@@ -290,7 +290,8 @@ def lines(name: str, found: dict[int, Figures], failed: dict[int, str]) -> Itera
     yield f"| x_cg | | | | {int(np.nansum(held))} of {int(np.isfinite(held).sum())} |"
     residual = column("residual")
     yield (
-        f"\nmass told of {told} of {len(found)}; residual over noise {np.median(residual):.3f} median, {residual.max():.3f} at most (seed "
+        f"\nmass told of {told} of {len(found)}; "
+        f"residual over noise {np.median(residual):.3f} median, {residual.max():.3f} at most (seed "
         f"{list(found)[int(residual.argmax())]}); law right "
         f"{int(column('law right').sum())} of {len(found)}; rigid body recommended {int(column('recommended').sum())} "
         f"of {len(found)}; {np.median(column('seconds')):.1f} s median, {column('seconds').max():.1f} s at most "
