@@ -74,7 +74,7 @@ def test_a_bushing_of_bouc_and_wen_is_a_spring_that_yields_and_leaves_a_loop(wor
 @pytest.mark.parametrize("speed", [0.002, 0.02, 0.2])
 def test_lugre_slides_with_the_stribeck_curve(worlds, speed):
     _, _, slip, sticking, stribeck = worlds.LUGRE
-    force, _ = force_along(worlds.lugre, worlds.LUGRE, np.full(int(0.0015 / speed / 1e-5) + 1000, speed))
+    force, _ = force_along(worlds.lugre, worlds.LUGRE, np.full(int(0.0025 / speed / 1e-5) + 1000, speed))
     assert force[-1] == pytest.approx(slip + (sticking - slip) * np.exp(-((speed / stribeck) ** 2)), rel=1e-3)
 
 
