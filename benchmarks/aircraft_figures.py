@@ -23,7 +23,7 @@ from typing import NamedTuple
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
-from estimator import AnyStudy, aircraft_study, gear_study, identify
+from estimator import AircraftIdentification, AnyStudy, aircraft_study, gear_study, identify
 from tqdm import tqdm
 
 from opid.estimate import Estimate
@@ -31,7 +31,6 @@ from opid.mechanics.airframe import Airframe, Loading
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import random_aircraft, with_bending
-from opid.suspensions.result import BodyIdentification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.study import MeasuredInterface, StructureSettings
 
@@ -116,12 +115,12 @@ ROWS = {
     "ground spring": Row(ground_n_per_m=GROUND_N_PER_M),
     "ground spring ruled out": Row(ground_n_per_m=GROUND_N_PER_M, fit_ground=False),
     **{
-        f"{fault}, {'stated' if stated else 'not stated'}": Row(fault=fault, stated=stated)
+        f"{fault} {'stated' if stated else 'not stated'}": Row(fault=fault, stated=stated)
         for fault in FAULTS
         for stated in ("its own", "")
     },
     # one data sheet for all sensors: more is unknown than need be
-    **{f"{fault}, stated of all": Row(fault=fault, stated="all") for fault in ("gain 3 %", "lag")},
+    **{f"{fault} stated of all": Row(fault=fault, stated="all") for fault in ("gain 3 %", "lag")},
 }
 RIGHT_TO_REFUSE = ("bending 8 Hz", "bending 8 Hz coherent", "ground spring ruled out")
 GROUPS = {"mass": ["mass"], "Ixx": ["Ixx"], "Iyy": ["Iyy"]} | {
@@ -190,7 +189,7 @@ def study_of(seed: int, row: Row) -> tuple[Airframe, AnyStudy]:
     return aircraft, aircraft_study(f"aircraft {seed}", interfaces, runs, settings)
 
 
-def figures(aircraft: Airframe, found: BodyIdentification) -> Figures:
+def figures(aircraft: Airframe, found: AircraftIdentification) -> Figures:
     """Relative errors in per cent, which intervals hold, and what was left."""
     out: Figures = {"residual": found.residual_over_noise, "rigid": float(found.structure == "rigid_body")}
     out["recommended"] = float(any(each.recommended and each.kind == "rigid_body" for each in found.candidates))

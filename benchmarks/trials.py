@@ -8,16 +8,22 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from estimator import gear_study, identify, residual_over_noise
+from estimator import (
+    GEAR_PARAMETERS,
+    GearIdentification,
+    GearStudy,
+    gear_study,
+    identify,
+    printed_mass_kg,
+    residual_over_noise,
+    stiffness_per_mass,
+)
 from plain_chain import PlainAnswer, least_squares, sparse_regression
 
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
-from opid.suspensions.one_gear.identification import strongest_pair
-from opid.suspensions.one_gear.result import PARAMETERS, Identification
-from opid.suspensions.one_gear.study import Study
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 
-SHORT = dict(zip(PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
+SHORT = dict(zip(GEAR_PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
 PLAIN = ("least squares", "pysindy")
 METHODS = ("model", "classical", *PLAIN)
 CRASHED = "crashed"
@@ -104,7 +110,7 @@ def simulated(case: Case, seed: int) -> TaxiTest:
     return taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
 
 
-def study_of(test: TaxiTest, sensors: SensorPair = IDEAL_PAIR) -> Study:
+def study_of(test: TaxiTest, sensors: SensorPair = IDEAL_PAIR) -> GearStudy:
     """Return the study of the two runs of a taxi test."""
     runs = (("heavy", test.heavy.recording, 0.0), ("light", test.light.recording, test.mass_change_kg))
     return gear_study("taxi", runs, sensors=sensors)
@@ -115,7 +121,7 @@ def trial(case: Case, seed: int, *, method: str = "classical") -> Trial:
     return compared(case, seed, study_of(simulated(case, seed), case.sensors), method)
 
 
-def compared(case: Case, seed: int, study: Study, method: str) -> Trial:
+def compared(case: Case, seed: int, study: GearStudy, method: str) -> Trial:
     """Identify the study of a case by one of `METHODS` and compare with the truth; a refusal is a result too.
 
     "least squares" is always given the law, "pysindy" always searches. A mistake in the program is a result as well,
@@ -125,7 +131,7 @@ def compared(case: Case, seed: int, study: Study, method: str) -> Trial:
     begun = Clock.now()
     try:
         if method == "least squares":
-            found: PlainAnswer | Identification = least_squares(study, case.gear.law.name)
+            found: PlainAnswer | GearIdentification = least_squares(study, case.gear.law.name)
         elif method == "pysindy":
             found = sparse_regression(study)
         else:
@@ -164,7 +170,7 @@ def _of_plain(case: Case, seed: int, truth: dict[str, float], found: PlainAnswer
     )
 
 
-def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identification, spent: Clock) -> Trial:
+def _of_opid(case: Case, seed: int, truth: dict[str, float], found: GearIdentification, spent: Clock) -> Trial:
     estimates = {short: found.parameters[name] for name, short in SHORT.items()}
     if estimates["M2"].value is not None:
         estimates |= _law_values(found.law_estimates)
@@ -175,7 +181,6 @@ def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identificati
 
     value = read("value")
     given = {name: name in estimates and estimates[name].interval95 is not None for name in truth}
-    pair = strongest_pair(found.evidence.pairs)
     return Trial(
         seed=seed,
         error={name: value[name] - truth[name] for name in truth},
@@ -188,7 +193,7 @@ def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identificati
         unexplained=residual_over_noise(found),
         seconds=spent.wall_s,
         busy_s=spent.busy_s,
-        printed=pair.as_printed.sprung_mass_kg - truth["M2"] if pair and pair.as_printed else np.nan,
+        printed=printed_mass_kg(found) - truth["M2"],
         two_ratios=_mass_from_two_ratios(found, case.mass_removed_kg) - truth["M2"],
     )
 
@@ -202,7 +207,7 @@ def _law_values(law: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {f"{kind}.{key}": value for kind, values in law.items() for key, value in values.items()}
 
 
-def _mass_from_two_ratios(found: Identification, mass_removed_kg: float) -> float:
+def _mass_from_two_ratios(found: GearIdentification, mass_removed_kg: float) -> float:
     """M2 = dM r/(r - 1) with r the ratio of K2/M2 of the light run to that of the heavy one."""
-    heavy, light = (run.complex_fit.value[0] for run in found.evidence.runs)
+    heavy, light = stiffness_per_mass(found)
     return mass_removed_kg * light / (light - heavy)
