@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -43,13 +44,15 @@ def aircraft_study(
     interfaces: Iterable[MeasuredInterface],
     runs: Iterable[tuple[str, Recording, Iterable[Loading]]],
     structure: StructureSettings,
+    *,
+    date: date | None = None,
 ) -> BodyStudy:
     """Return the study of an aircraft from (name, recording, loading) of each run."""
     told = tuple(
         LoadedRun(name, recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
         for name, recording, loading in runs
     )
-    return BodyStudy(title, tuple(interfaces), told, structure)
+    return BodyStudy(title, tuple(interfaces), told, structure, date=date)
 
 
 def identify(
