@@ -113,10 +113,11 @@ def read_records(paths: Iterable[str | Path]) -> list[Record]:
         for entry in _entries(path):
             if "trial" not in entry:
                 continue
-            values = {field.name: entry["trial"][field.name] for field in fields(Trial)}
+            # a file from before a field was added has no such number
+            values = {field.name: entry["trial"].get(field.name) for field in fields(Trial)}
             for name in ("error", "std", "truth"):
                 values[name] = {key: np.nan if v is None else v for key, v in values[name].items()}
-            for name in ("unexplained", "seconds", "printed", "two_ratios"):
+            for name in ("unexplained", "seconds", "busy_s", "printed", "two_ratios"):
                 values[name] = np.nan if values[name] is None else values[name]
             record = Record(entry["scenario"], entry["method"], entry["law"], Trial(**values), entry["bound"])
             found[record.key] = record
@@ -128,8 +129,8 @@ def read_timings(paths: Iterable[str | Path]) -> list[Timing]:
     found = {}
     for entry in (entry for path in paths for entry in _entries(path) if "peak_mib" in entry):
         percent = tuple(np.nan if v is None else v for v in entry["percent"])
-        seconds = np.nan if entry["seconds"] is None else entry["seconds"]
-        found[entry["method"], entry["law"]] = Timing(**entry | {"percent": percent, "seconds": seconds})
+        times = {name: np.nan if entry.get(name) is None else entry[name] for name in ("seconds", "busy_s")}
+        found[entry["method"], entry["law"]] = Timing(**entry | {"percent": percent} | times)
     return list(found.values())
 
 

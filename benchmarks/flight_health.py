@@ -21,6 +21,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 from aircraft_figures import NOISE, TOLERANCE_M
+from estimator import aircraft_study, identify
 from tqdm import tqdm
 
 from opid.mechanics.airframe import Loading
@@ -31,8 +32,7 @@ from opid.report.as_json import json_text
 from opid.report.body_report import body_json
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
-from opid.suspensions.identification import identify_body
-from opid.suspensions.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.suspensions.study import MeasuredInterface, StructureSettings
 
 LOSS, HARMED = 0.05, 2
 SOONER = (3, 5, 10, 20)
@@ -67,15 +67,14 @@ def flight(job: tuple[int, int, bool, str]) -> None:
         MeasuredInterface(gear.name, f"{gear.name}_upper_z", f"{gear.name}_lower_z", gear.x_m + dx, gear.y_m + dy)
         for gear, (dx, dy) in zip(aircraft.gears, off.tolist(), strict=True)
     )
-    runs = tuple(
-        LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+    runs = [
+        (name, run.recording, loads)
         for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
-    )
+    ]
     settings = StructureSettings("rigid_body", position_tolerance_m=TOLERANCE_M, noise_m_per_s2=NOISE)
     day = FIRST + timedelta(days=number)
-    found = identify_body(
-        BodyStudy(f"flight {number}", interfaces, runs, settings, date=day), law=aircraft.gears[1].law.name
-    )
+    study = aircraft_study(f"flight {number}", interfaces, runs, settings, date=day)
+    found = identify(study, law=aircraft.gears[1].law.name)
     target = Path(directory) / f"flight_{number:03d}"
     target.mkdir()
     (target / "result.json").write_text(json_text(body_json(found)), encoding="utf-8")

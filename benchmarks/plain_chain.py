@@ -16,11 +16,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from estimator import GearRun, GearStudy
 from scipy import integrate, optimize, signal
 
 from opid.mechanics.laws import LAWS, Law, Term, default_law
 from opid.signals.recording import FloatArray
-from opid.suspensions.one_gear.study import Run, Study
 
 HIGH_PASS_HZ, MARGIN_S = 0.5, 4.0
 # a gear of 1.85 t at 2 Hz: where `curve_fit` begins
@@ -40,7 +40,7 @@ class PlainAnswer:
     law: Law
 
 
-def integrated(study: Study, run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+def integrated(study: GearStudy, run: GearRun) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return travel z (m), velocity z' (m/s) and force per mass -x2'' (m/s^2) of a run, its ends cut off."""
     sections = signal.butter(2, HIGH_PASS_HZ, "highpass", fs=study.fs, output="sos")
     lower, upper = study.accelerations(run)
@@ -60,7 +60,7 @@ def integrated(study: Study, run: Run) -> tuple[FloatArray, FloatArray, FloatArr
     return travel, velocity, force_per_mass
 
 
-def least_squares(study: Study, law_name: str) -> PlainAnswer:
+def least_squares(study: GearStudy, law_name: str) -> PlainAnswer:
     """Fit a known law to each run; raises RuntimeError where `curve_fit` finds no end."""
     start = default_law(law_name)
     kinds = [(term.kind, len(term.values)) for term in start.terms]
@@ -86,7 +86,7 @@ def least_squares(study: Study, law_name: str) -> PlainAnswer:
     return _answer(study, fits, Law(tuple(terms)))
 
 
-def sparse_regression(study: Study) -> PlainAnswer:
+def sparse_regression(study: GearStudy) -> PlainAnswer:
     """Let pysindy choose the terms for each run; the law is that of the first."""
     import pysindy
 
@@ -124,7 +124,7 @@ def _in_units(term: Term, weight: float, scale: FloatArray) -> Term:
     return Term(term.name, (float(weight) / own**power, *(own * each for each in term.inner)))
 
 
-def _answer(study: Study, fits: list[FloatArray], law_per_mass: Law) -> PlainAnswer:
+def _answer(study: GearStudy, fits: list[FloatArray], law_per_mass: Law) -> PlainAnswer:
     """K2/M2 of the first run, where nothing was changed, and of the second: K2 = k (M2 + dM) in both."""
     (first, second), change = fits, study.runs[1].mass_change_kg
     mass = float(change * second[0] / (first[0] - second[0]))

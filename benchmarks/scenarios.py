@@ -8,29 +8,17 @@ from math import pi, sqrt
 from typing import Literal
 
 import numpy as np
+from drawn_laws import ALL_KINDS, law_of_kind, random_law, random_pair, typical_motion
 from trials import Case
 
 from opid.mechanics.landing_gear import LandingGear
-from opid.mechanics.laws import LINEAR, Law, default_law, law
+from opid.mechanics.laws import LINEAR, Law, default_law
 from opid.mechanics.sensors import Sensor
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 
 LawMode = Literal["given", "searched"]
 PAPER_GROUND_N_PER_M = 1.67e5
 FS = 512.0
-# kinds and ranges of their parameters, each drawn evenly on a logarithmic scale
-RANGES = {
-    "arctan_velocity": {"amplitude_n": (100, 2000), "scale_m_per_s": (0.005, 0.05)},
-    "arctan_displacement": {"amplitude_n": (100, 2000), "scale_m": (5e-4, 5e-3)},
-    "quadratic_damping": {"damping_n_s2_per_m2": (1e4, 1e5)},
-    "cubic_stiffness": {"stiffness_n_per_m3": (1e9, 1e10)},
-}
-PAIRS = (
-    ("arctan_velocity", "cubic_stiffness"),
-    ("arctan_velocity", "quadratic_damping"),
-    ("quadratic_damping", "cubic_stiffness"),
-    ("arctan_displacement", "arctan_velocity"),
-)
 
 
 @dataclass(frozen=True)
@@ -46,21 +34,6 @@ class Scenario:
     case: Callable[[int], Case]
     n_seeds: int
     law: LawMode = "searched"
-
-
-def drawn_term(kind: str, rng: np.random.Generator) -> Law:
-    """Return a law of one term with parameters drawn from `RANGES`."""
-    ranges = RANGES[kind].items()
-    return law(kind, **{name: float(np.exp(rng.uniform(np.log(low), np.log(high)))) for name, (low, high) in ranges})
-
-
-def random_law(rng: np.random.Generator) -> Law:
-    return drawn_term(list(RANGES)[rng.integers(len(RANGES))], rng)
-
-
-def random_pair(rng: np.random.Generator) -> Law:
-    first, second = PAIRS[rng.integers(len(PAIRS))]
-    return drawn_term(first, rng) + drawn_term(second, rng)
 
 
 def random_case(seed: int, *, draw_law: Callable[[np.random.Generator], Law] = random_law, stream: int = 1) -> Case:
@@ -82,6 +55,14 @@ def random_case(seed: int, *, draw_law: Callable[[np.random.Generator], Law] = r
     road, fs = str(rng.choice(["A", "B", "C"])), float(rng.choice([256.0, 512.0, 1000.0]))
     settings = {"road_class": road, "fs": fs, "lower_sensor": sensor, "upper_sensor": sensor}
     return Case(gear, mass_removed_kg=mass * rng.uniform(0.08, 0.2), run=settings)
+
+
+def all_kinds_case(seed: int) -> Case:
+    """A gear of `random_case` with a law of any kind: one kind after the other, so that each has its share of seeds."""
+    case = random_case(seed, draw_law=lambda rng: LINEAR, stream=3)
+    motion = typical_motion(case.gear, road_class=case.run["road_class"])
+    drawn = law_of_kind(ALL_KINDS[seed % len(ALL_KINDS)], case.gear, motion, np.random.default_rng([seed, 4]))
+    return replace(case, gear=replace(case.gear, law=drawn))
 
 
 def linear_case() -> Case:
@@ -136,6 +117,7 @@ SCENARIOS = {
     "linear": Scenario(always(linear_case()), 100, "given"),
     "random": Scenario(random_case, 200),
     "two laws": Scenario(lambda seed: random_case(seed, draw_law=random_pair, stream=2), 40),
+    "all kinds": Scenario(all_kinds_case, 100),
     "paper, friction": Scenario(always(_paper(default_law("arctan_velocity"))), 20),
     "paper, travel": Scenario(always(_paper(default_law("arctan_displacement"))), 20),
     **{

@@ -5,18 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from estimator import (
+    GEAR_PARAMETERS,
+    GearIdentification,
+    GearStudy,
+    gear_study,
+    identify,
+    printed_mass_kg,
+    residual_over_noise,
+    stiffness_per_mass,
+)
 from plain_chain import PlainAnswer, least_squares, sparse_regression
 
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
-from opid.suspensions.one_gear.identification import identify_study, strongest_pair
-from opid.suspensions.one_gear.result import PARAMETERS, Identification
-from opid.suspensions.one_gear.study import Run, Study
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 
-SHORT = dict(zip(PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
+SHORT = dict(zip(GEAR_PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
 PLAIN = ("least squares", "pysindy")
 METHODS = ("model", "classical", *PLAIN)
 CRASHED = "crashed"
@@ -51,6 +58,7 @@ class Trial:
         reason: why the mass is not determined, or None.
         unexplained: residual over the sensors' noise.
         seconds: that the identification took.
+        busy_s: of it, of the processor.
         printed: mass by the printed peak formula less the truth, kg; NaN without a pair of peaks.
         two_ratios: mass by K2/M2 of each run from complex least squares less the truth, kg.
     """
@@ -65,6 +73,7 @@ class Trial:
     reason: str | None
     unexplained: float
     seconds: float
+    busy_s: float = np.nan
     printed: float = np.nan
     two_ratios: float = np.nan
 
@@ -82,15 +91,29 @@ class Trial:
         return self.error[name] / self.std[name]
 
 
+class Clock(NamedTuple):
+    """Two readings, or what passed between two: of the wall and of the processor, s."""
+
+    wall_s: float
+    busy_s: float
+
+    @classmethod
+    def now(cls) -> Clock:
+        return cls(time.perf_counter(), time.process_time())
+
+    def since(self, begun: Clock) -> Clock:
+        return Clock(self.wall_s - begun.wall_s, self.busy_s - begun.busy_s)
+
+
 def simulated(case: Case, seed: int) -> TaxiTest:
     """Return the taxi test of one seed of a case."""
     return taxi_test(case.gear, rng=np.random.default_rng(seed), mass_removed_kg=case.mass_removed_kg, **case.run)
 
 
-def study_of(test: TaxiTest, sensors: SensorPair = IDEAL_PAIR) -> Study:
+def study_of(test: TaxiTest, sensors: SensorPair = IDEAL_PAIR) -> GearStudy:
     """Return the study of the two runs of a taxi test."""
-    runs = (Run("heavy", test.heavy.recording, 0.0), Run("light", test.light.recording, test.mass_change_kg))
-    return Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=sensors)
+    runs = (("heavy", test.heavy.recording, 0.0), ("light", test.light.recording, test.mass_change_kg))
+    return gear_study("taxi", runs, sensors=sensors)
 
 
 def trial(case: Case, seed: int, *, method: str = "classical") -> Trial:
@@ -98,38 +121,38 @@ def trial(case: Case, seed: int, *, method: str = "classical") -> Trial:
     return compared(case, seed, study_of(simulated(case, seed), case.sensors), method)
 
 
-def compared(case: Case, seed: int, study: Study, method: str) -> Trial:
+def compared(case: Case, seed: int, study: GearStudy, method: str) -> Trial:
     """Identify the study of a case by one of `METHODS` and compare with the truth; a refusal is a result too.
 
     "least squares" is always given the law, "pysindy" always searches. A mistake in the program is a result as well,
     `CRASHED`: one seed must not end a long run.
     """
     truth = _truth(case.gear)
-    begin = time.perf_counter()
+    begun = Clock.now()
     try:
         if method == "least squares":
-            found: PlainAnswer | Identification = least_squares(study, case.gear.law.name)
+            found: PlainAnswer | GearIdentification = least_squares(study, case.gear.law.name)
         elif method == "pysindy":
             found = sparse_regression(study)
         else:
-            found = identify_study(study, method=method, law=case.law)
+            found = identify(study, method=method, law=case.law)
     # opid's own errors are among the first, and curve_fit's
     except (ValueError, RuntimeError, ArithmeticError) as error:
-        return _refused(seed, truth, f"{type(error).__name__}: {error}", time.perf_counter() - begin)
+        return _refused(seed, truth, f"{type(error).__name__}: {error}", begun)
     except Exception as error:
-        return _refused(seed, truth, f"{CRASHED}: {type(error).__name__}: {error}", time.perf_counter() - begin)
-    seconds = time.perf_counter() - begin
+        return _refused(seed, truth, f"{CRASHED}: {type(error).__name__}: {error}", begun)
+    spent = Clock.now().since(begun)
     if isinstance(found, PlainAnswer):
-        return _of_plain(case, seed, truth, found, seconds)
-    return _of_opid(case, seed, truth, found, seconds)
+        return _of_plain(case, seed, truth, found, spent)
+    return _of_opid(case, seed, truth, found, spent)
 
 
-def _refused(seed: int, truth: dict[str, float], reason: str, seconds: float) -> Trial:
-    nothing = dict.fromkeys(truth, np.nan)
-    return Trial(seed, nothing, nothing, dict.fromkeys(truth), truth, "none", False, reason, np.nan, seconds)
+def _refused(seed: int, truth: dict[str, float], reason: str, begun: Clock) -> Trial:
+    nothing, spent = dict.fromkeys(truth, np.nan), Clock.now().since(begun)
+    return Trial(seed, nothing, nothing, dict.fromkeys(truth), truth, "none", False, reason, np.nan, *spent)
 
 
-def _of_plain(case: Case, seed: int, truth: dict[str, float], found: PlainAnswer, seconds: float) -> Trial:
+def _of_plain(case: Case, seed: int, truth: dict[str, float], found: PlainAnswer, spent: Clock) -> Trial:
     value = {"M2": found.mass_kg, "K2": found.stiffness_n_per_m, "C2": found.damping_n_s_per_m}
     value |= _law_values(found.law.parameters)
     return Trial(
@@ -142,11 +165,12 @@ def _of_plain(case: Case, seed: int, truth: dict[str, float], found: PlainAnswer
         law_right=found.law.name == case.gear.law.name,
         reason=None,
         unexplained=np.nan,
-        seconds=seconds,
+        seconds=spent.wall_s,
+        busy_s=spent.busy_s,
     )
 
 
-def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identification, seconds: float) -> Trial:
+def _of_opid(case: Case, seed: int, truth: dict[str, float], found: GearIdentification, spent: Clock) -> Trial:
     estimates = {short: found.parameters[name] for name, short in SHORT.items()}
     if estimates["M2"].value is not None:
         estimates |= _law_values(found.law_estimates)
@@ -157,7 +181,6 @@ def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identificati
 
     value = read("value")
     given = {name: name in estimates and estimates[name].interval95 is not None for name in truth}
-    pair = strongest_pair(found.evidence.pairs)
     return Trial(
         seed=seed,
         error={name: value[name] - truth[name] for name in truth},
@@ -167,9 +190,10 @@ def _of_opid(case: Case, seed: int, truth: dict[str, float], found: Identificati
         law_name=found.law.name,
         law_right=found.law.name == case.gear.law.name,
         reason=found.not_determined,
-        unexplained=found.diagnostics["unexplained_over_floor"],
-        seconds=seconds,
-        printed=pair.as_printed.sprung_mass_kg - truth["M2"] if pair and pair.as_printed else np.nan,
+        unexplained=residual_over_noise(found),
+        seconds=spent.wall_s,
+        busy_s=spent.busy_s,
+        printed=printed_mass_kg(found) - truth["M2"],
         two_ratios=_mass_from_two_ratios(found, case.mass_removed_kg) - truth["M2"],
     )
 
@@ -183,7 +207,7 @@ def _law_values(law: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {f"{kind}.{key}": value for kind, values in law.items() for key, value in values.items()}
 
 
-def _mass_from_two_ratios(found: Identification, mass_removed_kg: float) -> float:
+def _mass_from_two_ratios(found: GearIdentification, mass_removed_kg: float) -> float:
     """M2 = dM r/(r - 1) with r the ratio of K2/M2 of the light run to that of the heavy one."""
-    heavy, light = (run.complex_fit.value[0] for run in found.evidence.runs)
+    heavy, light = stiffness_per_mass(found)
     return mass_removed_kg * light / (light - heavy)

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import integrate
+from scipy import integrate, signal
 
 from opid.errors import InputError
 from opid.mechanics.airframe import (
@@ -15,11 +15,12 @@ from opid.mechanics.airframe import (
     loaded,
     place_directions,
 )
+from opid.mechanics.landing_gear import LandingGear, gear_structure, tyre_force
 from opid.mechanics.laws import LINEAR
 from opid.mechanics.response import time_response
-from opid.mechanics.road import SpeedProfile
+from opid.mechanics.road import SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor
-from opid.mechanics.structure import natural_frequencies
+from opid.mechanics.structure import linear_matrices, natural_frequencies
 from opid.mechanics.taxiing_aircraft import aircraft_run, aircraft_test, tyre_forces
 from opid.mechanics.virtual_aircraft import default_aircraft, random_aircraft, with_bending
 from opid.mechanics.wheel_tracks import iso8608_tracks
@@ -62,15 +63,23 @@ def shifted(airframe, x_m, y_m):
     return replace(airframe, gears=gears, x_cg_m=airframe.x_cg_m + x_m, y_cg_m=airframe.y_cg_m + y_m)
 
 
+def on_ground_springs(airframe, stiffness):
+    """The same aircraft with a spring to the ground at each strut."""
+    gears = tuple(replace(gear, ground_stiffness_n_per_m=stiffness) for gear in airframe.gears)
+    return replace(airframe, gears=gears)
+
+
 # The structure
 
 
-def test_heave_and_pitch_are_those_of_a_beam_on_two_springs():
-    # wheels on tyres without give: the two roots for heave and pitch about the centre of gravity, and roll alone
-    aircraft = default_aircraft()
+@pytest.mark.parametrize("ground", [0.0, 1e5])
+def test_heave_and_pitch_are_those_of_a_beam_on_two_springs(ground):
+    # wheels on tyres without give: the two roots for heave and pitch about the centre of gravity, and roll alone; a
+    # spring to the ground is then beside each strut
+    aircraft = on_ground_springs(default_aircraft(), ground)
     hard = tuple(replace(gear, tyre_stiffness_n_per_m=1e10, unsprung_mass_kg=1.0) for gear in aircraft.gears)
     m, ixx, iyy, front, back = 5400.0, 1.6e4, 2.7e4, 5.0 - 0.6, 0.6
-    kn, km = 1.5e5, 2.0 * 4.7e5
+    kn, km = 1.5e5 + ground, 2.0 * (4.7e5 + ground)
     heave, pitch, both = (kn + km) / m, (kn * front**2 + km * back**2) / iyy, (km * back - kn * front) ** 2 / (m * iyy)
     middle, apart = 0.5 * (heave + pitch), np.sqrt(0.25 * (heave - pitch) ** 2 + both)
     squares = sorted([middle - apart, middle + apart, km * 1.6**2 / ixx])
@@ -114,8 +123,9 @@ def test_static_equilibrium_is_the_origin():
     assert np.abs(back.displacement[-1]).max() < 1e-5
 
 
-def test_the_response_is_that_of_the_equations_written_out():
-    aircraft = loaded(with_bending(default_aircraft()), LOPSIDED)
+@pytest.mark.parametrize("ground", [0.0, 1e5])
+def test_the_response_is_that_of_the_equations_written_out(ground):
+    aircraft = on_ground_springs(loaded(with_bending(default_aircraft()), LOPSIDED), ground)
     bending = aircraft.bending
     rng = np.random.default_rng(3)
     tracks = iso8608_tracks("C", lateral_m=[0.0, 1.6, -1.6], length_m=100.0, rng=rng)
@@ -143,7 +153,8 @@ def test_the_response_is_that_of_the_equations_written_out():
             z = w + y * rx - x * ry + bent[k] * b - wheels[k]
             rate = vw + y * vrx - x * vry + bent[k] * vb - rolling[k]
             force = stiff * z + damp * rate + friction * 2.0 / np.pi * np.arctan(rate / 0.02)
-            push -= force * np.array([1.0, y, -x, bent[k]])
+            held = ground * (w + y * rx - x * ry + bent[k] * b)
+            push -= (force + held) * np.array([1.0, y, -x, bent[k]])
             place, way = float(speed.position_m(t)) + x, float(speed.speed_m_per_s(t))
             under = tyre * (wheels[k] - tracks[k].elevation(place))
             under += tyre_damp * (rolling[k] - tracks[k].slope(place) * way)
@@ -163,6 +174,47 @@ def test_the_response_is_that_of_the_equations_written_out():
     )
     for found, expected in ((ours.displacement, exact.y[:7].T), (ours.velocity, exact.y[7:].T)):
         np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_an_aircraft_on_one_gear_is_a_landing_gear():
+    alone = LandingGear(ground_stiffness_n_per_m=1.67e5)
+    gear = Gear("main", 0.0, 0.0, 105.0, 3.9e5, 6e3, 6.2e5, 1.5e3, alone.law, 1.67e5)
+    aircraft = Airframe(1850.0, 5e3, 6e3, 0.0, 0.0, (gear,))
+    road = iso8608_road("C", length_m=100.0, rng=np.random.default_rng(5))
+    settings = {"fs": 1024.0, "duration_s": 2.0, "steps_per_sample": 4}
+
+    def under(force, vehicle, tracks):
+        return lambda t: force(vehicle, tracks, 15.0 * t, np.full(t.size, 15.0))
+
+    one = time_response(gear_structure(alone), under(tyre_force, alone, road), **settings)
+    loads = np.eye(4)[:, 3:]
+    all_motions = time_response(
+        airframe_structure(aircraft), under(tyre_forces, aircraft, [road]), loads=loads, **settings
+    )
+    # the wheel and the sprung mass are the last and the first motion of the aircraft, which does not roll or pitch
+    np.testing.assert_allclose(all_motions.acceleration[:, [3, 0]], one.acceleration, rtol=1e-9, atol=1e-9)
+    assert np.abs(all_motions.displacement[:, 1:3]).max() == 0.0
+
+
+def test_a_ground_spring_carries_its_part_of_a_static_load():
+    # pushed down over its centre of gravity between springs at three places: each strut and its tyre in series, the
+    # spring to the ground beside them
+    structure = airframe_structure(on_ground_springs(default_aircraft(), 1e5))
+    _, _, stiffness = linear_matrices(structure)
+    down = 1000.0 * np.array([-1.0, 0.0, 0.6, 0.0, 0.0, 0.0])
+    heave, roll, pitch, *_ = np.linalg.solve(stiffness, down)
+    front, back = (1.0 / (1.0 / k + 1.0 / tyre) + 1e5 for k, tyre in ((1.5e5, 2.4e5), (4.7e5, 7.4e5)))
+    on_nose = 1000.0 * 0.6 / 5.0
+    assert roll == pytest.approx(0.0, abs=1e-15)
+    assert heave - 5.0 * pitch == pytest.approx(-on_nose / front, rel=1e-9)
+    assert heave == pytest.approx(-(1000.0 - on_nose) / (2.0 * back), rel=1e-9)
+
+
+def test_a_ground_spring_stays_when_the_aircraft_is_loaded():
+    gears = on_ground_springs(default_aircraft(), 1e5)
+    assert [gear.ground_stiffness_n_per_m for gear in loaded(gears, LOPSIDED).gears] == [1e5] * 3
+    free, held = (natural_frequencies(airframe_structure(each)).frequency_hz for each in (default_aircraft(), gears))
+    assert (held > free).all()
 
 
 # Loadings
@@ -357,6 +409,26 @@ def test_another_sensor_changes_neither_the_runway_nor_the_other_channels(driven
         assert same == (name != "left_upper_z")
 
 
+def test_each_sensor_has_faults_of_its_own():
+    faults = {
+        "nose_upper_z": Sensor(noise_m_per_s2=0.0, gain=1.03),
+        "left_upper_z": Sensor(noise_m_per_s2=0.0, lag_s=1.0 / 512.0),
+        "left_lower_z": Sensor(noise_m_per_s2=0.0, corner_hz=0.33),
+        "right_lower_z": Sensor(noise_m_per_s2=0.02),
+    }
+    taxi = run(duration_s=6.0, sensor=Sensor(noise_m_per_s2=0.0), sensors=faults)
+    truth, read = ({name: one.channel(name) for name in taxi.recording.names} for one in (taxi.truth, taxi.recording))
+    np.testing.assert_allclose(read["nose_upper_z"], 1.03 * truth["nose_upper_z"], rtol=1e-12)
+    np.testing.assert_allclose(read["left_upper_z"][1:], truth["left_upper_z"][:-1], atol=1e-9)
+    # what the filter remembers from before the record has died away after three seconds
+    passed = signal.lfilter(*signal.butter(1, 0.33, "highpass", fs=512.0), truth["left_lower_z"])
+    late = slice(3 * 512, None)
+    np.testing.assert_allclose(read["left_lower_z"][late], passed[late], atol=0.01 * np.std(truth["left_lower_z"]))
+    assert np.std(read["right_lower_z"] - truth["right_lower_z"]) == pytest.approx(0.02, rel=0.05)
+    for name in ("nose_lower_z", "right_upper_z"):
+        np.testing.assert_array_equal(read[name], truth[name])
+
+
 def test_the_recording_is_the_truth_with_noise(driven):
     names = driven.recording.names
     noise = driven.recording.samples - driven.truth.samples[:, : len(names)]
@@ -399,6 +471,7 @@ NOSE = default_aircraft().gears[0]
         (lambda: replace(NOSE, unsprung_mass_kg=-45.0), "unsprung_mass_kg of the gear 'nose' is -45.0"),
         (lambda: replace(NOSE, suspension_stiffness_n_per_m=0.0), "give a positive number"),
         (lambda: replace(NOSE, tyre_damping_n_s_per_m=-1.0), "tyre_damping.* give zero or more"),
+        (lambda: replace(NOSE, ground_stiffness_n_per_m=-1e5), "ground_stiffness.* give zero or more"),
         (lambda: replace(NOSE, x_m=np.nan), "x_m of the gear 'nose' is nan: give a finite"),
         (lambda: replace(NOSE, name="heave"), "called 'heave'"),
         (lambda: replace(NOSE, name=""), "called ''"),

@@ -36,9 +36,11 @@ class Gear:
         tyre_stiffness_n_per_m: of the tyre.
         tyre_damping_n_s_per_m: of the tyre.
         law: f(z, z') of the strut.
+        ground_stiffness_n_per_m: of a spring from the airframe at (x, y) to the ground; 0 for a free aircraft.
 
     Raises:
-        InputError: no name, a place that is not finite, a mass or stiffness that is not positive, negative damping.
+        InputError: no name, a place that is not finite, a mass or stiffness that is not positive, negative damping or
+            ground stiffness.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Gear:
     tyre_stiffness_n_per_m: float
     tyre_damping_n_s_per_m: float
     law: Law = LINEAR
+    ground_stiffness_n_per_m: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.name or self.name in BODY_MOTIONS:
@@ -59,7 +62,7 @@ class Gear:
                 continue
             if field in ("x_m", "y_m"):
                 sound, needed = np.isfinite(value), "a finite number"
-            elif "damping" in field:
+            elif "damping" in field or field == "ground_stiffness_n_per_m":
                 sound, needed = 0.0 <= value < np.inf, "zero or more"
             else:
                 sound, needed = 0.0 < value < np.inf, "a positive number"
@@ -303,8 +306,8 @@ def airframe_structure(airframe: Airframe) -> Structure:
     """Return the structure of an airframe on its gears, displacements upward from static equilibrium.
 
     Degrees of freedom: "heave" (m), "roll" and "pitch" (rad) at the origin of coordinates, "bending" if it bends, and
-    the wheel of each gear by its name (m). The struts are joints by the same names. The road acts through forces on the
-    wheels.
+    the wheel of each gear by its name (m). The struts are joints by the same names. A ground spring K3 pulls the
+    airframe down at its strut by K3 times its upward motion there. The road acts through forces on the wheels.
 
     Args:
         airframe: the airframe.
@@ -324,6 +327,7 @@ def airframe_structure(airframe: Airframe) -> Structure:
     for row, (gear, at_strut) in enumerate(zip(airframe.gears, body, strict=True), start=n_body):
         mass[row, row] = gear.unsprung_mass_kg
         damping[row, row], stiffness[row, row] = gear.tyre_damping_n_s_per_m, gear.tyre_stiffness_n_per_m
+        stiffness[:n_body, :n_body] += gear.ground_stiffness_n_per_m * np.outer(at_strut, at_strut)
         wheel = -np.eye(n_gears)[row - n_body]
         joints.append(
             Joint(

@@ -1,0 +1,120 @@
+"""What is answered where the truth is no single gear of the model: a refusal, or an interval that holds.
+
+Run `python benchmarks/refusals.py`; in parts `--worlds Dahl,pushed --seeds 3`. The worlds are those of `worlds.py`,
+simulated without the estimator's predictor; the law is searched. Seeds count from 0 and none is dropped. The time is
+that of the processor (`time.process_time`) for the identification alone, after a warm-up that has compiled what an
+answer and a refusal need.
+"""
+
+import argparse
+import os
+import time
+from typing import NamedTuple
+
+# before numpy is loaded
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+from estimator import identify, residual_over_noise
+from worlds import WORLDS
+
+
+class Outcome(NamedTuple):
+    """Of one seed of one world.
+
+    Args:
+        busy_s: processor time, s.
+        residual: over the sensors' noise; NaN if there was no fit.
+        answer: mass and interval, or the reason why there is none.
+        refused: whether no mass is told.
+        holds: whether the interval of the mass holds the truth; None without an interval or a truth.
+        wide_percent: half the interval over the mass; NaN without an interval.
+        law: that was found.
+    """
+
+    busy_s: float
+    residual: float
+    answer: str
+    refused: bool
+    holds: bool | None
+    wide_percent: float
+    law: str
+
+
+def outcome(world: str, seed: int) -> Outcome:
+    """Identify one seed of a world."""
+    study, truth_kg = WORLDS[world].study(seed)
+    begun = time.process_time()
+    try:
+        found = identify(study)
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+        return Outcome(time.process_time() - begun, np.nan, said, True, None, np.nan, "-")
+    busy_s = time.process_time() - begun
+    mass, residual, law = found.parameters["sprung_mass_kg"], residual_over_noise(found), found.law.name
+    if mass.value is None:
+        return Outcome(busy_s, residual, found.not_determined or "no mass", True, None, np.nan, law)
+    if mass.interval95 is None:
+        return Outcome(busy_s, residual, f"{mass.value:.1f} kg, no interval", False, None, np.nan, law)
+    low, high = mass.interval95
+    holds = None if truth_kg is None else mass.holds(truth_kg)
+    said = f"{mass.value:.1f} kg, {low:.1f} to {high:.1f}"
+    said += "" if truth_kg is None else f" ({100 * (mass.value / truth_kg - 1):+.2f} %)"
+    return Outcome(busy_s, residual, said, False, holds, 50 * (high - low) / mass.value, law)
+
+
+def warm_up() -> None:
+    """Compile: an answer, and a refusal."""
+    for world in ("nominal", "noise"):
+        identify(WORLDS[world].study(1_000_000)[0])
+
+
+def summary(outcomes: list[Outcome]) -> str:
+    """One line of the second table."""
+    refused = sum(each.refused for each in outcomes)
+    held = [each.holds for each in outcomes if each.holds is not None]
+    busy = [each.busy_s for each in outcomes]
+    wide = [each.wide_percent for each in outcomes if np.isfinite(each.wide_percent)]
+    residual = [each.residual for each in outcomes if np.isfinite(each.residual)]
+    cells = [
+        f"{refused} of {len(outcomes)}",
+        f"{sum(held)} of {len(held)}" if held else "-",
+        f"{np.median(wide):.2f}" if wide else "-",
+        f"{np.median(residual):.2f} / {max(residual):.2f}" if residual else "-",
+        f"{np.median(busy):.1f} / {max(busy):.1f}",
+    ]
+    return " | ".join(cells)
+
+
+def main() -> None:
+    """Print a line for each seed, then one for each world."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", help=f"names joined by commas, of {', '.join(WORLDS)}; all where left out")
+    parser.add_argument("--seeds", type=int, default=3)
+    options = parser.parse_args()
+    names = options.worlds.split(",") if options.worlds else list(WORLDS)
+    unknown = set(names) - set(WORLDS)
+    if unknown:
+        parser.error(f"there is no world {', '.join(sorted(unknown))}: see --help")
+    warm_up()
+    found: dict[str, list[Outcome]] = {}
+    print("| world | seed | processor, s | residual over noise | law | answer or reason | interval holds |")
+    print("|---|---|---|---|---|---|---|")
+    # every world once before any a second time: a run that is broken off has seen all of them
+    for seed in range(options.seeds):
+        for name in names:
+            each = outcome(name, seed)
+            found.setdefault(name, []).append(each)
+            holds = "-" if each.holds is None else "yes" if each.holds else "NO"
+            print(
+                f"| {name} | {seed} | {each.busy_s:.1f} | {each.residual:.2f} | {each.law} | {each.answer} | {holds} |",
+                flush=True,
+            )
+    print("\n| world | refused | intervals that hold | half interval, % | residual: median / worst | processor, s |")
+    print("|---|---|---|---|---|---|")
+    for name, outcomes in found.items():
+        print(f"| {name}: {WORLDS[name].why} | {summary(outcomes)} |")
+
+
+if __name__ == "__main__":
+    main()

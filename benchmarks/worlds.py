@@ -1,0 +1,264 @@
+"""Gears and runs that are not what the estimator takes them for, simulated without its predictor.
+
+The gears with memory and those that something else pushes are integrated here, by a Runge-Kutta step of their own, over
+the roads of the virtual taxi runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from estimator import AnyStudy, gear_study
+from numba import njit
+from scipy import signal
+
+from opid.mechanics.airframe import Loading
+from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test, tyre_force
+from opid.mechanics.laws import FloatArray
+from opid.mechanics.road import SpeedProfile, iso8608_road
+from opid.mechanics.sensors import Sensor, decimate, measure
+from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.mechanics.virtual_aircraft import default_aircraft
+from opid.signals.recording import Recording, recording_from_arrays
+
+GEAR = LandingGear()
+REMOVED_KG = 220.0
+DURATION_S, LEAD_IN_S, TAIL_S = 40.0, 8.0, 0.25
+FS, STEPS = 512.0, 16
+# rms acceleration by a force that nobody measures, over that by the road
+UNMEASURED_SHARE = 0.03
+STIFFER = 1.02
+
+
+@dataclass(frozen=True)
+class World:
+    """What is simulated, and why its answer is none or wide.
+
+    Args:
+        why: in words.
+        study: of a seed, with the sprung mass that is true, kg; None if there is none.
+    """
+
+    why: str
+    study: Callable[[int], tuple[AnyStudy, float | None]]
+
+
+# Forces with memory: (state h, rate z', parameters) -> (h', force)
+
+
+@njit
+def arctan_friction(h: float, v: float, p: Any) -> Any:
+    """Friction without memory, A (2/pi) arctan(v/s): the estimator's own kind, to check this file by."""
+    return 0.0, p[0] * 2.0 / np.pi * np.arctan(v / p[1])
+
+
+@njit
+def dahl(h: float, v: float, p: Any) -> Any:
+    """Dahl (1968): dF/dz = sigma (1 - sgn(v) F/F_c)."""
+    stiffness, slip = p[0], p[1]
+    return stiffness * (v - np.abs(v) * h / slip), h
+
+
+@njit
+def bouc_wen(h: float, v: float, p: Any) -> Any:
+    """Bouc (1967) and Wen (1976): F = k h, h' = v (1 - |h/h_y|^n (b + (1 - b) sgn(v h)))."""
+    stiffness, yielding, power, share = p[0], p[1], p[2], p[3]
+    bent = np.abs(h / yielding) ** power
+    return v - bent * (share * v + (1.0 - share) * np.abs(v) * np.sign(h)), stiffness * h
+
+
+@njit
+def lugre(h: float, v: float, p: Any) -> Any:
+    """Canudas de Wit et al. (1995): F = s0 h + s1 h', h' = v - s0 |v| h / g(v), g with the Stribeck effect."""
+    stiffness, damping, slip, sticking, stribeck = p[0], p[1], p[2], p[3], p[4]
+    g = slip + (sticking - slip) * np.exp(-((v / stribeck) ** 2))
+    rate = v - stiffness * np.abs(v) * h / g
+    return rate, stiffness * h + damping * rate
+
+
+# seals and bearings of a strut that carries 1.85 t: they slip at 400 N, as the nominal gear's friction does
+FRICTION = (400.0, 0.02)
+# stuck, they give by 0.5 mm
+DAHL = (8e5, 400.0)
+# a bushing that yields slowly: 3e5 N/m beside a strut of 3.9e5 N/m, 600 N at most
+BOUC_WEN = (3e5, 2e-3, 2.0, 0.5)
+# 0.3 mm until they slip, half as much again to break loose, Stribeck velocity 20 mm/s
+LUGRE = (2e6, 1e3, 400.0, 600.0, 0.02)
+
+
+@njit
+def _rates(x: Any, memory: Any, p: Any, gear: Any, under: float, aside: float) -> Any:
+    m1, m2, k1, c1, k2, c2 = gear
+    z, v = x[2] - x[0], x[3] - x[1]
+    h_rate, force = memory(x[4], v, p)
+    force += k2 * z + c2 * v
+    return np.array([x[1], (force - k1 * x[0] - c1 * x[1] + under) / m1, x[3], (aside - force) / m2, h_rate])
+
+
+@njit
+def _integrated(memory: Any, p: Any, gear: Any, under: FloatArray, aside: FloatArray, step_s: float) -> FloatArray:
+    """Accelerations of both masses at every step, forces given at half steps."""
+    n = (under.size + 1) // 2
+    x, out = np.zeros(5), np.empty((n, 2))
+    for k in range(n):
+        one = _rates(x, memory, p, gear, under[2 * k], aside[2 * k])
+        out[k, 0], out[k, 1] = one[1], one[3]
+        if k == n - 1:
+            break
+        half, last = 2 * k + 1, 2 * k + 2
+        two = _rates(x + 0.5 * step_s * one, memory, p, gear, under[half], aside[half])
+        three = _rates(x + 0.5 * step_s * two, memory, p, gear, under[half], aside[half])
+        four = _rates(x + step_s * three, memory, p, gear, under[last], aside[last])
+        x = x + step_s / 6.0 * (one + 2.0 * two + 2.0 * three + four)
+    return out
+
+
+def rolled(
+    gear: LandingGear,
+    memory: Callable,
+    parameters: tuple[float, ...],
+    *,
+    rng: np.random.Generator,
+    aside_n: Callable[[np.random.Generator, int, float], FloatArray] | None = None,
+    sensor: Sensor = Sensor(),  # noqa: B008
+) -> Recording:
+    """Return one braked run of a gear whose strut has a force with memory in place of its law.
+
+    Args:
+        gear: the gear; its law does not count.
+        memory: one of the functions above.
+        parameters: of it.
+        rng: source of road, noise and push.
+        aside_n: (rng, number of half steps, their rate) -> force on the sprung mass, N; none where left out.
+        sensor: both of them.
+    """
+    road_rng, push_rng, *noise_rngs = rng.spawn(4)
+    speed = SpeedProfile(18.0, 0.5, DURATION_S)
+    begin_m = float(speed.position_m(-LEAD_IN_S))
+    road = iso8608_road("B", length_m=float(speed.position_m(DURATION_S + TAIL_S)) - begin_m, rng=road_rng)
+    step_rate_hz = FS * STEPS
+    time = np.arange(2 * round((LEAD_IN_S + DURATION_S + TAIL_S) * step_rate_hz) + 1) / (2.0 * step_rate_hz) - LEAD_IN_S
+    under = tyre_force(gear, road, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))[:, 0]
+    aside = np.zeros(time.size) if aside_n is None else aside_n(push_rng, time.size, 2.0 * step_rate_hz)
+    numbers = (
+        gear.unsprung_mass_kg,
+        gear.sprung_mass_kg,
+        gear.tyre_stiffness_n_per_m,
+        gear.tyre_damping_n_s_per_m,
+        gear.suspension_stiffness_n_per_m,
+        gear.suspension_damping_n_s_per_m,
+    )
+    motion = _integrated(memory, parameters, numbers, under, aside, 1.0 / step_rate_hz)
+    record = slice(round(LEAD_IN_S * FS), round((LEAD_IN_S + DURATION_S) * FS))
+    columns = [
+        measure(column, fs=FS, sensor=sensor, rng=noise)[record]
+        for column, noise in zip(decimate(motion, STEPS).T, noise_rngs, strict=True)
+    ]
+    return recording_from_arrays(columns, ["lower_z", "upper_z"], fs=FS)
+
+
+def _two_runs(
+    title: str, memory: Callable, parameters: tuple[float, ...], seed: int, **settings: Any
+) -> tuple[AnyStudy, float]:
+    light = replace(GEAR, sprung_mass_kg=GEAR.sprung_mass_kg - REMOVED_KG)
+    streams = np.random.default_rng(seed).spawn(2)
+    runs = [
+        (name, rolled(gear, memory, parameters, rng=rng, **settings), change_kg)
+        for name, gear, change_kg, rng in zip(
+            ("heavy", "light"), (GEAR, light), (0.0, -REMOVED_KG), streams, strict=True
+        )
+    ]
+    return gear_study(title, runs), GEAR.sprung_mass_kg
+
+
+def with_memory(title: str, memory: Callable, parameters: tuple[float, ...]) -> Callable[[int], Any]:
+    return lambda seed: _two_runs(title, memory, parameters, seed)
+
+
+def pushed(seed: int) -> tuple[AnyStudy, float]:
+    """A force on the airframe from 0.5 to 40 Hz: it alone would move the free mass by 3 % of what the road does."""
+    plain, _ = _two_runs("not pushed", arctan_friction, FRICTION, seed)
+    rms = float(np.std(plain.runs[0].recording.channel("upper_z")))
+
+    def aside_n(rng: np.random.Generator, n: int, rate_hz: float) -> FloatArray:
+        # drawn at 512 Hz, where such a band-pass is sound, and interpolated
+        slow = round(rate_hz / FS)
+        sections = signal.butter(2, (0.5, 40.0), "bandpass", fs=FS, output="sos")
+        drawn = signal.sosfiltfilt(sections, rng.standard_normal(n // slow + 2))
+        fine = np.interp(np.arange(n) / slow, np.arange(drawn.size), drawn)
+        return GEAR.sprung_mass_kg * UNMEASURED_SHARE * rms * fine / np.std(fine)
+
+    return _two_runs("pushed", arctan_friction, FRICTION, seed, aside_n=aside_n)
+
+
+def _taxi(seed: int) -> TaxiTest:
+    return taxi_test(GEAR, rng=np.random.default_rng(seed), mass_removed_kg=REMOVED_KG)
+
+
+def nominal(seed: int) -> tuple[AnyStudy, float]:
+    """Nothing is wrong: what an answer costs, to compare with a refusal."""
+    test = _taxi(seed)
+    runs = [("heavy", test.heavy.recording, 0.0), ("light", test.light.recording, test.mass_change_kg)]
+    return gear_study("nominal", runs), GEAR.sprung_mass_kg
+
+
+def stiffer(seed: int) -> tuple[AnyStudy, float]:
+    heavy_rng, light_rng = np.random.default_rng(seed).spawn(2)
+    light = replace(
+        GEAR,
+        sprung_mass_kg=GEAR.sprung_mass_kg - REMOVED_KG,
+        suspension_stiffness_n_per_m=STIFFER * GEAR.suspension_stiffness_n_per_m,
+    )
+    recordings = (taxi_run(GEAR, rng=heavy_rng).recording, taxi_run(light, rng=light_rng).recording)
+    return gear_study("stiffer", zip(("heavy", "light"), recordings, (0.0, -REMOVED_KG), strict=True)), 1850.0
+
+
+def swapped(seed: int) -> tuple[AnyStudy, float]:
+    test = _taxi(seed)
+    runs = [("heavy", test.heavy.recording, 0.0), ("light", test.light.recording, test.mass_change_kg)]
+    return gear_study("swapped", runs, sprung="lower_z", unsprung="upper_z"), GEAR.sprung_mass_kg
+
+
+def exchanged(seed: int) -> tuple[AnyStudy, float]:
+    test = _taxi(seed)
+    runs = [("heavy", test.light.recording, 0.0), ("light", test.heavy.recording, test.mass_change_kg)]
+    return gear_study("exchanged", runs), GEAR.sprung_mass_kg
+
+
+def noise(seed: int) -> tuple[AnyStudy, None]:
+    rng = np.random.default_rng(seed)
+    samples = rng.standard_normal((2, 2, round(DURATION_S * FS)))
+    recordings = [recording_from_arrays(each, ["lower_z", "upper_z"], fs=FS) for each in samples]
+    return gear_study("noise", zip(("heavy", "light"), recordings, (0.0, -REMOVED_KG), strict=True)), None
+
+
+def rolling(seed: int) -> tuple[AnyStudy, float]:
+    """The left main gear under its static part of the mass, and of a load over the centre of gravity."""
+    aircraft = default_aircraft()
+    load = Loading(500.0, aircraft.x_cg_m, aircraft.y_cg_m)
+    rng = np.random.default_rng(seed)
+    test = aircraft_test(aircraft, rng=rng, loadings=[[load]], coherent_tracks=False)
+    # of what is over the centre of gravity, the nose 5 m before the main gears carries x_cg / 5
+    part = 0.5 * (1.0 - aircraft.x_cg_m / 5.0)
+    runs = zip(("light", "heavy"), (run.recording for run in test.runs), (0.0, part * load.mass_kg), strict=True)
+    return gear_study("left", runs, sprung="left_upper_z", unsprung="left_lower_z"), part * aircraft.mass_kg
+
+
+WORLDS = {
+    "nominal": World("nothing is wrong, for comparison", nominal),
+    "own integrator": World(
+        "nothing is wrong, integrated in worlds.py", with_memory("arctan", arctan_friction, FRICTION)
+    ),
+    "Dahl": World("friction that springs back", with_memory("Dahl", dahl, DAHL)),
+    "Bouc-Wen": World("a bushing with hysteresis", with_memory("Bouc-Wen", bouc_wen, BOUC_WEN)),
+    "LuGre": World("friction that sticks, breaks loose and slips", with_memory("LuGre", lugre, LUGRE)),
+    "stiffer": World("the second flight's strut is 2 % stiffer", stiffer),
+    "pushed": World("an unmeasured force on the airframe, 3 % of its motion", pushed),
+    "rolling": World("one gear of a rolling aircraft, taken alone", rolling),
+    "swapped": World("the two channels are swapped", swapped),
+    "exchanged": World("the two runs are exchanged", exchanged),
+    "noise": World("two channels of independent noise", noise),
+}

@@ -1,0 +1,131 @@
+"""What the benchmarks simulate by themselves: gears whose struts remember, and laws of every kind."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from opid.mechanics.kinds import LAWS
+from opid.mechanics.landing_gear import LandingGear, gear_structure
+from opid.mechanics.response import time_response
+
+BENCHMARKS = str(Path(__file__).parent.parent / "benchmarks")
+
+
+def of_the_benchmarks(name):
+    sys.path.insert(0, BENCHMARKS)
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(BENCHMARKS)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    return of_the_benchmarks("worlds")
+
+
+@pytest.fixture(scope="module")
+def drawn_laws():
+    return of_the_benchmarks("drawn_laws")
+
+
+def force_along(memory, parameters, rate, *, step_s=1e-5):
+    """Force of a strut that is moved at a rate, and its travel, each (n,); the midpoint rule."""
+    h, z, forces, travels = 0.0, 0.0, [], []
+    for v in rate:
+        middle = h + 0.5 * step_s * memory.py_func(h, v, parameters)[0]
+        h += step_s * memory.py_func(middle, v, parameters)[0]
+        z += step_s * v
+        forces.append(memory.py_func(h, v, parameters)[1])
+        travels.append(z)
+    return np.array(forces), np.array(travels)
+
+
+def there_and_back(n=20000):
+    return np.concatenate([np.full(n, 0.02), np.full(n, -0.02)])
+
+
+def test_dahl_friction_is_its_closed_form(worlds):
+    stiffness, slip = worlds.DAHL
+    force, travel = force_along(worlds.dahl, worlds.DAHL, there_and_back())
+    out, back = slice(0, 20000), slice(20000, None)
+    expected = slip * (1.0 - np.exp(-stiffness * travel[out] / slip))
+    np.testing.assert_allclose(force[out], expected, atol=1e-3 * slip)
+    # on the way back it starts from full slip the other way
+    gone = travel[out][-1] - travel[back]
+    expected = -slip + (slip + force[19999]) * np.exp(-stiffness * gone / slip)
+    np.testing.assert_allclose(force[back], expected, atol=1e-3 * slip)
+
+
+def test_a_bushing_of_bouc_and_wen_is_a_spring_that_yields_and_leaves_a_loop(worlds):
+    stiffness, yielding, _, _ = worlds.BOUC_WEN
+    force, travel = force_along(worlds.bouc_wen, worlds.BOUC_WEN, there_and_back(40000))
+    small = travel[:40000] < 0.05 * yielding
+    np.testing.assert_allclose(force[:40000][small], stiffness * travel[:40000][small], rtol=5e-3)
+    assert force[39999] == pytest.approx(stiffness * yielding, rel=1e-3)
+    # the way out and back encloses what is lost: two yield forces times the way, but for the springing back
+    lost = np.sum(np.diff(travel) * 0.5 * (force[1:] + force[:-1]))
+    assert 1.2 < lost / (stiffness * yielding * travel.max()) < 2.0
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.02, 0.2])
+def test_lugre_slides_with_the_stribeck_curve(worlds, speed):
+    _, _, slip, sticking, stribeck = worlds.LUGRE
+    force, _ = force_along(worlds.lugre, worlds.LUGRE, np.full(int(0.0025 / speed / 1e-5) + 1000, speed))
+    assert force[-1] == pytest.approx(slip + (sticking - slip) * np.exp(-((speed / stribeck) ** 2)), rel=1e-3)
+
+
+def test_the_integrator_of_the_worlds_agrees_with_the_time_response(worlds):
+    gear = LandingGear()
+    n = 1025
+    rng = np.random.default_rng(4)
+    knots = np.cumsum(rng.standard_normal((2, 2 * n - 1)), axis=1)
+    under, aside = 1e3 * knots[0], 30.0 * knots[1]
+    numbers = (105.0, 1850.0, 6.2e5, 1.5e3, 3.9e5, 6e3)
+    own = worlds._integrated(worlds.arctan_friction, (400.0, 0.02), numbers, under, aside, 1.0 / 4096.0)
+    theirs = time_response(gear_structure(gear), np.stack([under, aside], axis=1), fs=4096.0, duration_s=n / 4096.0)
+    np.testing.assert_allclose(own, theirs.acceleration, rtol=1e-9, atol=1e-9 * np.abs(own).max())
+
+
+def test_a_push_of_three_per_cent_moves_the_airframe_by_about_that(worlds):
+    plain, _ = worlds._two_runs("plain", worlds.arctan_friction, worlds.FRICTION, 1)
+    pushed, mass_kg = worlds.pushed(1)
+    assert mass_kg == 1850.0
+    moved, road = (np.std(each) for each in (
+        pushed.runs[0].recording.channel("upper_z") - plain.runs[0].recording.channel("upper_z"),
+        plain.runs[0].recording.channel("upper_z"),
+    ))  # fmt: skip
+    assert 0.01 < moved / road < 0.1
+
+
+def test_every_kind_that_is_searched_by_its_scales_is_drawn(drawn_laws):
+    of_scales = {
+        name
+        for name, kind in LAWS.items()
+        if kind.searched and all(each.role in ("amplitude", "scale") for each in kind.parameters)
+    }
+    assert set(drawn_laws.ALL_KINDS) == of_scales | {"arctan_mixed"}
+
+
+def test_drawn_laws_leave_damping_and_stiffness_positive(drawn_laws):
+    gear, motion = LandingGear(), drawn_laws.Motion(4e-3, 0.06)
+    travel, rate = (each.ravel() for each in np.meshgrid(np.linspace(-0.03, 0.03, 61), np.linspace(-0.4, 0.4, 81)))
+    rng = np.random.default_rng(2)
+    for kind in drawn_laws.ALL_KINDS:
+        for _ in range(20):
+            law = drawn_laws.law_of_kind(kind, gear, motion, rng)
+            assert law.name == kind
+            by_travel = np.diff(law.force(travel, rate).reshape(81, 61), axis=1) / 1e-3
+            by_rate = np.diff(law.force(travel, rate).reshape(81, 61), axis=0) / 1e-2
+            assert (by_travel + gear.suspension_stiffness_n_per_m > 0.0).all(), kind
+            assert (by_rate + gear.suspension_damping_n_s_per_m > 0.0).all(), kind
+
+
+def test_a_kind_without_ranges_is_refused(drawn_laws):
+    with pytest.raises(ValueError, match="no range is given for the kind 'quartic_damping'"):
+        drawn_laws.law_of_kind(
+            "quartic_damping", LandingGear(), drawn_laws.Motion(4e-3, 0.06), np.random.default_rng(1)
+        )
