@@ -72,39 +72,40 @@ from .signals.segments import sound_segments, taxi_segment
 from .signals.spectra import cross_spectra, transmissibility
 from .suspensions.bench.law import BenchLaw, law_of_bench
 from .suspensions.bench.record import Bench, bench_from_recording
+from .suspensions.fit import Fit, fit_model
 from .suspensions.flights.comparison import Comparison, compare
 from .suspensions.flights.results import read_flights
-from .suspensions.identification import identify_body
-from .suspensions.one_gear.demands import let_in
-from .suspensions.one_gear.driven_run import driven_run
-from .suspensions.one_gear.force_surface import force_surface
-from .suspensions.one_gear.identification import identify_study
-from .suspensions.one_gear.model_chain import driven_runs
-from .suspensions.one_gear.model_fit import ModelFit, fit_model
-from .suspensions.one_gear.pursuit import pursue_law
-from .suspensions.one_gear.result import Identification
-from .suspensions.one_gear.sparse_road import sparse_road, which_law
-from .suspensions.one_gear.study import Run, Study
-from .suspensions.one_gear.study_file import read_study, study_from_logs, write_study
-from .suspensions.one_gear.whiteness import whiteness
+from .suspensions.identification import identify
+from .suspensions.law_search import search_laws
 from .suspensions.own_structure import StructureIdentification, identify_structure
 from .suspensions.paper.added_mass import absolute_parameters, match_peaks, two_peak_mass
-from .suspensions.paper.classical import classical_chain
+from .suspensions.paper.chain import PaperChain, compute_chain
 from .suspensions.paper.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
-from .suspensions.paper.joint_fit import JointFit, chosen
+from .suspensions.paper.joint_fit import JointFit
 from .suspensions.paper.law_search import fit_law, search_law
 from .suspensions.paper.nonlinearity import fit_slice, fit_surface
 from .suspensions.paper.restoring_force import binned_surface, restoring_force, slice_curve
+from .suspensions.paper.result import PaperIdentification
 from .suspensions.paper.spectral_equation import equation_lines, fit_equation
 from .suspensions.paper.transmissibility import (
     suspension_transmissibility,
     transmissibility_peaks,
     transmissibility_without_force,
 )
-from .suspensions.result import BodyIdentification
+from .suspensions.result import Identification
+from .suspensions.run import driven_run
 from .suspensions.sensor_facts import Leak, SensorFacts, SensorPair
-from .suspensions.study import BodySensor, BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
-from .suspensions.study_file import read_body_study, write_body_study
+from .suspensions.settings import Settings
+from .suspensions.study import (
+    BodySensor,
+    MeasuredInterface,
+    PointMass,
+    Run,
+    StructureSettings,
+    Study,
+    study_of_gear,
+)
+from .suspensions.study_file import read_study, study_from_logs, write_study
 from .updating.arviz_export import to_inference_data
 from .updating.identification import update_study
 from .updating.linear_updating import update_linear

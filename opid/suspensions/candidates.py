@@ -83,7 +83,7 @@ class Fitted:
     @property
     def level(self) -> float:
         """Noise known beforehand, as white noise of one level on all sensors, m/s^2."""
-        return mean_level([mean_level(side) for side in self.noise])
+        return mean_level([mean_level(side.tolist()) for side in self.noise])
 
     @property
     def residual_over_noise(self) -> float:
@@ -91,7 +91,7 @@ class Fitted:
         if self.found is None:
             return float("inf")
         sides = zip(self.fit.model.noise, self.noise, strict=True)
-        return self.fit.ratio * max(mean_level(now) / mean_level(known) for now, known in sides)
+        return self.fit.ratio * max(mean_level(now.tolist()) / mean_level(known.tolist()) for now, known in sides)
 
     @property
     def left_out_over_noise(self) -> float | None:

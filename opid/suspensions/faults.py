@@ -246,9 +246,9 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
 def _slight(before: Sensors, after: Sensors, known: FaultSettings) -> Sensors:
     """The sensors with a new AC coupling next to none: a score is taken where the fault begins."""
     for side in ("unsprung", "sprung"):
-        for channel, (was, now) in enumerate(zip(before.facts(side), after.facts(side), strict=True)):  # type: ignore[arg-type]
+        for channel, (was, now) in enumerate(zip(before.facts(side), after.facts(side), strict=True)):
             if now.corner_hz and not was.corner_hz:
-                after = after.changed(side, channel, corner_hz=known.slight_corner_hz)  # type: ignore[arg-type]
+                after = after.changed(side, channel, corner_hz=known.slight_corner_hz)
     return after
 
 

@@ -106,7 +106,7 @@ def identify(
     arrays, mended = _arrays(study)
     sensors = study.sensor_facts()
     if study.structure.noise_m_per_s2 is not None:
-        noise_free = [(side, k) for side in ("unsprung", "sprung") for k in range(len(sensors.facts(side)))]  # type: ignore[arg-type]
+        noise_free = [(side, k) for side in ("unsprung", "sprung") for k in range(len(sensors.facts(side)))]
         for side, k in noise_free:
             if sensors.facts(side)[k].noise_m_per_s2 is None:  # type: ignore[arg-type]
                 sensors = sensors.changed(side, k, noise_m_per_s2=study.structure.noise_m_per_s2)  # type: ignore[arg-type]
@@ -182,7 +182,7 @@ def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
         sides: list[FloatArray] = []
         for side in ("unsprung", "sprung"):
             columns = []
-            for name in study.channels(side):  # type: ignore[arg-type]
+            for name in study.channels(side):
                 samples, places = without_spikes(run.recording.channel(name), fs=study.fs)
                 columns.append(samples)
                 mended[side] += places.size

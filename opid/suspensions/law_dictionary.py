@@ -190,7 +190,8 @@ def make_dictionary(
         nodes: of each further kind.
         settings: of the search.
     """
-    columns, terms, target, fitted = list(by_law.T), [], errors.copy(), {}
+    columns, terms, target = list(by_law.T), list[Term](), np.array(errors)
+    fitted: dict[str, list[int]] = {}
     for term in law.terms:
         fitted[term.name] = list(range(len(terms), len(terms) + len(term.values)))
         target -= term.amplitude * by_law[:, len(terms)]

@@ -129,8 +129,8 @@ def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]
     """The model of one gear in which all usual faults are free, and values of those that cannot stay as they are."""
     slight_hz, sensors, values = 1e-3, model.sensors, dict[str, float]()
     for side in ("unsprung", "sprung"):
-        corner_hz = sensors.facts(side)[0].corner_hz or slight_hz  # type: ignore[arg-type]
-        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=0.5)  # type: ignore[arg-type]
+        corner_hz = sensors.facts(side)[0].corner_hz or slight_hz
+        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=0.5)
     sensors = sensors.changed("unsprung", 0, gain_tolerance=0.0)
     sensors = sensors.changed("sprung", 0, gain_tolerance=0.01, lag_tolerance_s=1e-3)
     if "gain_unsprung" in fit.model.names:

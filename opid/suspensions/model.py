@@ -561,6 +561,7 @@ class Model:
         spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
         ground = np.array([slot.ground_stiffness for slot in slots])
         for k, slot in enumerate(slots):
+            assert isinstance(slot.law, Law)  # without candidates
             by_z, by_v = slot.law.gradient(prediction.travel[:, k], prediction.velocity[:, k])
             spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
         square = (omega**2)[:, np.newaxis, np.newaxis]

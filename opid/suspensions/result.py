@@ -21,6 +21,7 @@ from opid.suspensions.limits import GroundImitations
 from opid.suspensions.residual import Whiteness
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
+from opid.suspensions.visited_force import VisitedForce, visited_force
 
 if TYPE_CHECKING:
     from opid.suspensions.paper.chain import PaperChain
@@ -49,25 +50,6 @@ BODY_PARAMETERS = ("sprung_mass_kg", "roll_inertia_kg_m2", "pitch_inertia_kg_m2"
 
 BODY_RATIOS = ("roll_radius_m", "pitch_radius_m", "x_cg_m", "y_cg_m")
 """What one loading alone gives: radii of gyration, and the centre of gravity."""
-
-
-@dataclass(frozen=True, eq=False)
-class VisitedForce:
-    """An identified restoring force at the places of the plane that the runs visited.
-
-    Args:
-        travel: (n,) z, m.
-        velocity: (n,) z', m/s.
-        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 where the mass is not determined.
-        nonlinear_force: (n,) f(z, z') alone.
-        per_mass: whether the forces are per unit of mass.
-    """
-
-    travel: FloatArray
-    velocity: FloatArray
-    force: FloatArray
-    nonlinear_force: FloatArray
-    per_mass: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,36 +294,3 @@ class Identification:
             inverse_mass=fit.model.inverse_mass(fit.theta) if fit.model.mass_free else 0.0,
             ground=self.options.ground,
         )
-
-
-def visited_force(
-    travel: FloatArray,
-    velocity: FloatArray,
-    law: Law,
-    *,
-    stiffness: float,
-    damping: float,
-    per_mass: bool,
-    n_bins: int = 31,
-) -> VisitedForce:
-    """Evaluate an identified restoring force at the visited cells of the plane.
-
-    Args:
-        travel: (n,) where the runs were, m.
-        velocity: (n,) likewise, m/s.
-        law: the nonlinear law.
-        stiffness: K2 (or K2/M2).
-        damping: C2 (or C2/M2).
-        per_mass: whether the three are per unit of mass.
-        n_bins: cells along each axis.
-
-    >>> z, v = np.linspace(-1, 1, 99), np.linspace(-2, 2, 99)
-    >>> force = visited_force(z, v, LINEAR, stiffness=2.0, damping=0.0, per_mass=False)
-    >>> bool(np.allclose(force.force, 2 * force.travel))
-    True
-    """
-    counts, z_edges, v_edges = np.histogram2d(travel, velocity, bins=n_bins)
-    i, j = np.nonzero(counts)
-    z, v = (z_edges[i] + z_edges[i + 1]) / 2, (v_edges[j] + v_edges[j + 1]) / 2
-    nonlinear = law.force(z, v)
-    return VisitedForce(z, v, stiffness * z + damping * v + nonlinear, nonlinear, per_mass)

@@ -67,7 +67,7 @@ class Leak:
     """
 
     channel: str
-    into: str
+    into: Side
     tolerance: float = LEAK_TOLERANCE
 
     def __post_init__(self) -> None:
@@ -155,7 +155,7 @@ class Sensors:
             facts: fields of `SensorFacts`.
         """
         row = list(self.facts(side))
-        row[channel] = replace(row[channel], **facts)  # type: ignore[arg-type]
+        row[channel] = replace(row[channel], **facts)
         return replace(self, unsprung=tuple(row)) if side == "unsprung" else replace(self, sprung=tuple(row))
 
     @cached_property

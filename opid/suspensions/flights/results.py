@@ -16,7 +16,7 @@ from typing import Any
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
-from opid.suspensions.one_gear.result import SCHEMA
+from opid.suspensions.result import SCHEMA
 
 RESULT_FILE, STUDY_FILE = "result.json", "study.toml"
 

@@ -15,7 +15,6 @@ import numpy as np
 from opid.mechanics.laws import Law
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.spectra import Transmissibility, transmissibility
-from opid.suspensions.one_gear.study import Study
 from opid.suspensions.paper.added_mass import PeakMatch, TwoPeakMass, match_peaks, two_peak_mass
 from opid.suspensions.paper.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
 from opid.suspensions.paper.law_search import thinned
@@ -24,6 +23,7 @@ from opid.suspensions.paper.preparation import PreparedRun, combined_noise, prep
 from opid.suspensions.paper.restoring_force import BinnedSurface, SliceCurve, binned_surface, slice_curve
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.transmissibility import Peak, transmissibility_peaks, transmissibility_without_force
+from opid.suspensions.study import Study
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
-from opid.suspensions.one_gear.study import Study
+from opid.suspensions.law_search import LawStep, chosen
 from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
 from opid.suspensions.paper.chain import PaperChain, chain_of
 from opid.suspensions.paper.direct_parameters import NAMES
@@ -20,13 +20,14 @@ from opid.suspensions.paper.estimates import (
     ratios_of,
     straight_terms,
 )
-from opid.suspensions.paper.joint_fit import JointFit, LadderStep, chosen
+from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.preparation import PreparedRun, prepare_runs
-from opid.suspensions.paper.restoring_force import VisitedForce, visited_force
 from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS, PaperIdentification, PaperMethod
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.warnings import warnings_of
+from opid.suspensions.study import Study
+from opid.suspensions.visited_force import VisitedForce, visited_force
 
 
 def identify_by_paper(
@@ -78,24 +79,24 @@ def identify_by_paper(
     return _refuse(result) if result.residual_over_noise > settings.refused else _conclude(result)
 
 
-def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LadderStep, ...]:
+def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LawStep[JointFit], ...]:
     lines, surfaces = [run.lines for run in runs], [run.surface for run in runs]
     changes = {run.mass_change_kg for run in runs}
     mu = 1 / (settings.start_mass_over_change * (max(changes) - min(changes))) if len(changes) > 1 else None
     if settings.law is None:
         return search_law(lines, surfaces, inverse_mass=mu, ground=settings.ground, settings=settings)
     return tuple(
-        LadderStep(
-            name,
+        LawStep(
             fit_law(lines, surfaces, name, inverse_mass=mu, ground=settings.ground, settings=settings),
             name == settings.law,
+            "given",
         )
         for name in dict.fromkeys(["linear", settings.law])
     )
 
 
 def _without_numbers(
-    study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LadderStep, ...], settings: PaperSettings
+    study: Study, method: PaperMethod, chain: PaperChain, ladder: tuple[LawStep[JointFit], ...], settings: PaperSettings
 ) -> PaperIdentification:
     """Return the result with its evidence, before anything is concluded."""
     joint, nothing = chosen(ladder).fit, np.empty(0)
@@ -224,7 +225,8 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
 
 def _force_of(result: PaperIdentification, stiffness: float, damping: float, *, per_mass: bool) -> VisitedForce:
     return visited_force(
-        [run.surface for run in result.chain.runs],
+        np.concatenate([run.surface.travel for run in result.chain.runs]),
+        np.concatenate([run.surface.velocity for run in result.chain.runs]),
         result.law,
         stiffness=stiffness,
         damping=damping,

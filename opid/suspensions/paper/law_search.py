@@ -13,14 +13,12 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.mechanics.laws import LAWS, Law, default_law
-from opid.suspensions.paper.joint_fit import JointFit, LadderStep
+from opid.suspensions.law_search import LawStep
+from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.nonlinearity import fit_surface
 from opid.suspensions.paper.restoring_force import RestoringForce
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, fit_equation
-
-# for opid.suspensions.one_gear.pursuit
-BIC_MARGIN = PaperSettings.bic_margin
 
 
 def search_law(
@@ -30,7 +28,7 @@ def search_law(
     inverse_mass: float | None,
     ground: bool = True,
     settings: PaperSettings = DEFAULTS,
-) -> tuple[LadderStep, ...]:
+) -> tuple[LawStep[JointFit], ...]:
     """Return the ladder of laws that were tried; the last one with `kept` is the choice.
 
     Args:
@@ -52,7 +50,7 @@ def search_law(
             default_law(name)  # says which law is meant
     if settings.most_terms < 0:
         raise InputError(f"most_terms is {settings.most_terms}: give 0 or more")
-    current = LadderStep("linear", fitted("linear"), True)
+    current = LawStep(fitted("linear"), True, "equation")
     ladder = [current]
     names: list[str] = []
     while len(names) < settings.most_terms:
@@ -65,11 +63,11 @@ def search_law(
             best.bic < current.fit.bic - settings.bic_margin
             and best.noise_m_per_s2 < (1 - settings.noise_margin) * current.fit.noise_m_per_s2
         )
-        ladder += [LadderStep(fit.law.name, fit, is_better and fit is best) for fit in tried]
+        ladder += [LawStep(fit, is_better and fit is best, "equation") for fit in tried]
         if not is_better:
             break
         names.append(rest[tried.index(best)])
-        current = LadderStep(best.law.name, best, True)
+        current = LawStep(best, True, "equation")
     return tuple(ladder)
 
 

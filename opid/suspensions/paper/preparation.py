@@ -11,10 +11,10 @@ from opid.errors import InputError
 from opid.signals.health import Finding, check_pair, inspect, without_spikes
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import noise_floor
-from opid.suspensions.one_gear.study import Run, Study
 from opid.suspensions.paper.restoring_force import RestoringForce, restoring_force
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, equation_lines
+from opid.suspensions.study import Run, Study
 
 
 @dataclass(frozen=True, eq=False)

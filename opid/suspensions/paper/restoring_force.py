@@ -6,7 +6,6 @@ force per unit mass. Drawn over the travel z and the rate z' it shows the law (M
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError
-from opid.mechanics.laws import Law
 from opid.signals.motion import IntegrationMethod, filter_like, relative_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.paper.settings import PaperSettings
@@ -98,25 +96,6 @@ class SliceCurve:
     sample: np.ndarray
     half_width: float
     fs: float
-
-
-@dataclass(frozen=True, eq=False)
-class VisitedForce:
-    """The identified restoring force at the points of the plane that the runs visited.
-
-    Args:
-        travel: (n,) z, m.
-        velocity: (n,) z', m/s.
-        force: (n,) K2 z + C2 z' + f(z, z'), N, or per unit of mass in m/s^2 where the mass is not determined.
-        nonlinear_force: (n,) f(z, z') alone.
-        per_mass: whether the forces are per unit of mass.
-    """
-
-    travel: FloatArray
-    velocity: FloatArray
-    force: FloatArray
-    nonlinear_force: FloatArray
-    per_mass: bool
 
 
 def restoring_force(
@@ -237,36 +216,3 @@ def slice_curve(
             f"the slice along the {along} holds {sample.size} points: widen it (half_width_std is {half_width_std:g})"
         )
     return SliceCurve(along, position[sample], surface.force_per_mass[sample], sample, half_width, surface.fs)
-
-
-def visited_force(
-    surfaces: Sequence[RestoringForce],
-    law: Law,
-    *,
-    stiffness: float,
-    damping: float,
-    per_mass: bool,
-    n_cells: int = PaperSettings.force_cells,
-) -> VisitedForce:
-    """Evaluate an identified restoring force at the centres of the visited cells of the plane.
-
-    Args:
-        surfaces: restoring-force points of the runs; they say which cells were visited.
-        law: the nonlinear law.
-        stiffness: K2 (or K2/M2).
-        damping: C2 (or C2/M2).
-        per_mass: whether the three are per unit of mass.
-        n_cells: cells along each axis.
-
-    >>> points = RestoringForce(np.linspace(-1, 1, 99), np.linspace(-2, 2, 99), np.zeros(99), 10.0, "spectral", 0.3)
-    >>> force = visited_force([points], Law(), stiffness=2.0, damping=0.0, per_mass=False)
-    >>> bool(np.allclose(force.force, 2 * force.travel))
-    True
-    """
-    z = np.concatenate([surface.travel for surface in surfaces])
-    v = np.concatenate([surface.velocity for surface in surfaces])
-    counts, z_edges, v_edges = np.histogram2d(z, v, bins=n_cells)
-    i, j = np.nonzero(counts)
-    travel, velocity = (z_edges[i] + z_edges[i + 1]) / 2, (v_edges[j] + v_edges[j + 1]) / 2
-    nonlinear = law.force(travel, velocity)
-    return VisitedForce(travel, velocity, stiffness * travel + damping * velocity + nonlinear, nonlinear, per_mass)

@@ -9,12 +9,14 @@ from typing import Literal
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import Law
-from opid.suspensions.one_gear.study import Study
+from opid.suspensions.law_search import LawStep, alternatives
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
-from opid.suspensions.paper.joint_fit import JointFit, LadderStep, alternatives
-from opid.suspensions.paper.restoring_force import VisitedForce
+from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.settings import SearchSettings
+from opid.suspensions.study import Study
+from opid.suspensions.visited_force import VisitedForce
 
 PaperMethod = Literal["classical", "paper"]
 METHODS: tuple[PaperMethod, ...] = ("classical", "paper")
@@ -68,7 +70,7 @@ class PaperIdentification:
     restoring_force: VisitedForce
     chain: PaperChain
     joint: JointFit
-    ladder: tuple[LadderStep, ...]
+    ladder: tuple[LawStep[JointFit], ...]
     added_mass: AddedMass | None
     settings: PaperSettings
     warnings: tuple[str, ...]
@@ -92,4 +94,4 @@ class PaperIdentification:
     @property
     def alternative_laws(self) -> tuple[str, ...]:
         """Which other laws explain the runs as well, a sentence each."""
-        return alternatives(self.ladder, bic_margin=self.settings.bic_margin)
+        return alternatives(self.ladder, SearchSettings(alike_bic=self.settings.bic_margin))
