@@ -17,7 +17,7 @@ from opid.mechanics.kernels.backbone_steps import _backbones
 from opid.mechanics.kernels.choice import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
 from opid.mechanics.kernels.steps import _force_many, _structure_steps
-from opid.mechanics.kinds import BUILT_IN, Kind
+from opid.mechanics.kinds import Kind
 from opid.mechanics.laws import FloatArray, Law
 
 __all__ = [
@@ -105,8 +105,8 @@ def predictions(
     """Return innovation and spread (n_interfaces, n), derivatives of the first, and motion (3, n_interfaces, n).
 
     Args:
-        joints: stiffness, damping, ground stiffness (n_interfaces, 3); rows, codes, number of inner values and values
-            of the laws.
+        joints: stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law
+            (n_interfaces, 4); rows, codes, number of inner values and values of the laws.
         accelerance: (n_interfaces, n_interfaces), 1/kg.
         by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
         reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg.

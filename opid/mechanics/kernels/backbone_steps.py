@@ -1,7 +1,4 @@
-"""Newton's method for a backbone, condensed on the joints, as plain functions of numbers and arrays.
-
-Nothing here is called as it stands: `opid.mechanics.kernels` compiles it, and puts in `_evaluate`, the choice of kinds.
-"""
+"""Newton's method for a backbone, condensed on the joints, compiled."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ import numpy as np
 
 from opid.mechanics.kernels.choice import evaluate
 from opid.mechanics.kernels.compilation import kernel, part
-
 
 # the relative step after which Newton's method stops: the error it leaves is about its square
 _SMALL_STEP = 1e-8

@@ -1,4 +1,4 @@
-"""Predict, correct, repeat: the filter of `opid.mechanics.prediction` as plain functions, for `kernels` to compile.
+"""Predict, correct, repeat: the filter of `opid.mechanics.prediction`, compiled.
 
 State of n interfaces, n numbers each: z, v, offset of the drive o, offset of the readings r, [d, e]. The last two only
 where a ground spring needs the place of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. With
@@ -72,7 +72,7 @@ def _by_offset_and_ground(linear, of_acceleration, of_force, step_s, ground, tra
 
 @part(inline=True, freedom="fused")
 def _carry(transition, ground, moving, resting, carried):  # type: ignore[no-untyped-def]
-    """carried += rows z and v of Phi times columns, of which `moving` holds rows z and v, `resting` o, r, d and e."""
+    """Add rows z and v of Phi times columns to `carried`; `moving` has rows z and v of them, `resting` the others."""
     n = transition.shape[0] // 2
     for row in range(2 * n):
         for i in range(n):
@@ -90,7 +90,7 @@ def _carry(transition, ground, moving, resting, carried):  # type: ignore[no-unt
 
 @part(inline=True, freedom="fused")
 def _carry_ground(step_s, n, resting):  # type: ignore[no-untyped-def]
-    """Rows d and e of Phi times columns: d' = e, e' = o."""
+    """Put rows d and e of Phi times columns in place of those in `resting`: d' = e, e' = o."""
     for i in range(n):
         for c in range(resting.shape[1]):
             e, o = resting[3 * n + i, c], resting[i, c]
@@ -197,8 +197,8 @@ def _gain(ground, covariance, by_state, noise, gain, scale):  # type: ignore[no-
 
 
 @part(inline=True, freedom="fused")
-def _push(owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, body, carried):  # type: ignore[no-untyped-def]
-    """carried += what the parameters do themselves to z and v in a step; `body` is room for what they do to the body."""
+def _push(owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried):  # type: ignore[no-untyped-def]
+    """Add to `carried` what the parameters themselves do to z and v in a step."""
     n, n_own, n_mass, n_drive = force.shape[1], by_own.shape[1], by_mass.shape[2], by_drive.shape[1]
     for row in range(2 * n):
         for i in range(n):
@@ -219,17 +219,13 @@ def _push(owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_forc
                 for i in range(n):
                     total += of_drive[half, row, i] * by_drive[2 * step + half, c, i]
             carried[row, n_own + n_mass + c] += total
-    if n_mass > 0:
-        for stage in range(4):
-            for i in range(n):
+        for i in range(n if n_mass > 0 else 0):
+            for k in range(n):
+                share = 0.0
+                for stage in range(4):
+                    share += of_acceleration[stage, row, i] * force[stage, k]
                 for m in range(n_mass):
-                    body[m] = 0.0
-                for k in range(n):
-                    for m in range(n_mass):
-                        body[m] += by_mass[i, k, m] * force[stage, k]
-                for row in range(2 * n):
-                    for m in range(n_mass):
-                        carried[row, n_own + m] -= of_acceleration[stage, row, i] * body[m]
+                    carried[row, n_own + m] -= share * by_mass[i, k, m]
 
 
 @part(inline=True, freedom="fused")
@@ -243,27 +239,15 @@ def _push_ground(step, step_s, first_drive, by_drive, resting):  # type: ignore[
             resting[3 * n + i, first_drive + c] += step_s * (first + 4.0 * middle + last) / 6.0
 
 
-@part(inline=False)
-def _ground_shares(joints, by_own):  # type: ignore[no-untyped-def]
-    """Share of the ground spring in the stiffness of both springs of each interface at rest; 0 without stiffness."""
-    linear = joints[0]
-    shares, place = np.zeros(linear.shape[0]), 0
-    for i in range(shares.size):
-        _, slope, _, place = _joint_force(joints, i, place, 0, 0.0, 0.0, 0.0, by_own)
-        if slope + linear[i, 2] > 0.0:
-            shares[i] = linear[i, 2] / (slope + linear[i, 2])
-    return shares
-
-
 @kernel(freedom="fused")
 def _predictions(  # type: ignore[no-untyped-def]
-    several, ground_is_followed, joints, accelerance, by_mass, reading, by_reading, drive, by_drive, measured, by_measured,
-    step_s, start, by_start, covariance_start, noise, correct, differentiate,
+    several, ground_is_followed, joints, accelerance, by_mass, reading, by_reading, drive, by_drive, measured,
+    by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
 ):  # fmt: skip
     """Predict each sample from the ones before it, see `opid.mechanics.prediction`.
 
-    `several` is the number of interfaces, or None for one: the compiler then knows all sizes of small arrays. Likewise
-    the ground of one is followed with True, and None leaves out what it needs.
+    `several` is the number of interfaces, or None for one: the compiler then knows the sizes of all small arrays and
+    keeps their numbers in registers. For one interface `ground_is_followed` is True or None, for several a bool.
 
     The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
     reading sees it in the long run, and with it z: their small difference would drown.
@@ -285,7 +269,7 @@ def _predictions(  # type: ignore[no-untyped-def]
         state[s] = start[s]
         for q in range(n_states):
             covariance[s, q] = covariance_start[s, q]
-    # columns nobody reads fill up the last of the blocks that the compiler takes at once
+    # The compiler takes blocks of columns at once; columns that nobody reads fill up the last block.
     width = (n_parameters + 15) // 16 * 16
     moving, carried, resting = np.zeros((2 * n, width)), np.zeros((2 * n, width)), np.zeros((n_states - 2 * n, width))
     if differentiate:
@@ -308,7 +292,6 @@ def _predictions(  # type: ignore[no-untyped-def]
         small_zeros(several, (3, 2 * n, n)),
     )
     transition, work = small_zeros(several, (2 * n, n_states)), small_zeros(several, (2 * n,))
-    body_by_mass = np.zeros(n_mass)
     product = small_zeros(several, (2 * n, n_states))
     by_state, gain, scale = (
         small_zeros(several, (n, n_states)),
@@ -317,10 +300,12 @@ def _predictions(  # type: ignore[no-untyped-def]
     )
     white, change = small_zeros(several, (n,)), np.zeros((n, width))
     here, following = small_zeros(several, (4, n)), small_zeros(several, (4, n))
-    tied = _ground_shares(joints, by_own)
+    tied = small_zeros(several, (n,))
     for i in range(n):
         by_state[i, 3 * n + i], scale[i, i] = 1.0, noise[1, i]
         if ground:
+            if linear[i, 3] + linear[i, 2] > 0.0:
+                tied[i] = linear[i, 2] / (linear[i, 3] + linear[i, 2])
             for s in range(n_states):
                 covariance[i, s] += tied[i] * covariance[4 * n + i, s]
             for s in range(n_states):
@@ -443,9 +428,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                 for i in range(n):
                     for p in range(width):
                         resting[s - 2 * n, p] += gain[i, s] * change[i, p]
-            _push(
-                owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, body_by_mass, carried
-            )
+            _push(owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried)
             if ground:
                 _carry_ground(step_s, n, resting)
                 _push_ground(step, step_s, n_own + n_mass, by_drive, resting)

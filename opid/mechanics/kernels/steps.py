@@ -1,7 +1,4 @@
-"""The time steps as plain functions of numbers and arrays, for `opid.mechanics.kernels` to compile.
-
-Nothing here is called as it stands: `_evaluate` is the choice among the kinds of law, which the compiler puts in.
-"""
+"""Forces of laws and sliders, and the time steps of a structure, compiled."""
 
 from __future__ import annotations
 
