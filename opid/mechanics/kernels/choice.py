@@ -10,14 +10,16 @@ from functools import cache
 from typing import Any
 
 from llvmlite import ir
-from numba import carray, cfunc, njit, types
+from numba import carray, cfunc, extending, njit, types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
 from opid.mechanics.kinds import BUILT_IN, LAWS, Kind
 
+# Any: the functions it decorates take one argument less than they state
+_intrinsic: Any = extending.intrinsic
 _NUMBER = types.float64
 _FIVE = types.UniTuple(_NUMBER, 5)
+_PLACES = {kind.name: place for place, kind in enumerate(BUILT_IN)}
 
 
 def code_of(name: str) -> int:
@@ -26,8 +28,7 @@ def code_of(name: str) -> int:
     Args:
         name: of a kind in `opid.mechanics.kinds.LAWS`.
     """
-    kind = LAWS[name]
-    return BUILT_IN.index(kind) if kind in BUILT_IN else int(_compile_own(kind).address)
+    return _PLACES[name] if name in _PLACES else int(_compile_own(LAWS[name]).address)
 
 
 @cache
@@ -47,8 +48,8 @@ def _inlined(kind: Kind) -> Any:
     return njit(kind.function, error_model="numpy", forceinline=True)
 
 
-@intrinsic
-def evaluate(typing_context: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
+@_intrinsic
+def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
     """Compile a call of the kind with this code: (code, z, v, a, b) -> force for unit amplitude and its derivatives.
 
     Compiled code cannot index a tuple of functions, so the choice is written in the language of LLVM: one branch a
@@ -62,8 +63,8 @@ def evaluate(typing_context: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> 
         b: second inner value.
     """
     four = (_NUMBER,) * 4
-    functions = [typing_context.resolve_value_type(_inlined(kind)) for kind in BUILT_IN]
-    signatures = [function.get_call_type(typing_context, four, {}) for function in functions]
+    functions = [_typing.resolve_value_type(_inlined(kind)) for kind in BUILT_IN]
+    signatures = [function.get_call_type(_typing, four, {}) for function in functions]
 
     def write_choice(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         code, *numbers = arguments

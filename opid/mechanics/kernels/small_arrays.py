@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import extending, types
 from numba.core import cgutils
-from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
+# Any: the function it decorates takes one argument less than it states
+_intrinsic: Any = extending.intrinsic
 # the largest array of one interface: its six states by six
 _MOST_NUMBERS = 36
 
 
-@intrinsic
+@_intrinsic
 def small_zeros(_: Any, several: Any, shape: Any) -> Any:
     """Compile np.zeros(shape), which for one interface lies on the stack of the kernel; a kernel must not return it.
 
