@@ -13,6 +13,7 @@ from llvmlite import ir
 from numba import carray, cfunc, extending, njit, types
 from numba.core import cgutils
 
+from opid.mechanics.kernels.compilation import part
 from opid.mechanics.kinds import BUILT_IN, LAWS, Kind
 
 # Any: the functions it decorates take one argument less than they state
@@ -45,7 +46,7 @@ def _compile_own(kind: Kind) -> Any:
 
 @cache
 def _inlined(kind: Kind) -> Any:
-    return njit(kind.function, error_model="numpy", forceinline=True)
+    return part(inline=True)(kind.function)
 
 
 @_intrinsic

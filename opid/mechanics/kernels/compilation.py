@@ -32,7 +32,9 @@ def part(*, inline: bool, freedom: Freedom = "none") -> Callable[[Callable[..., 
             one instruction, rounded once; "any order", sums in any order besides, so that it takes several numbers at
             once.
     """
-    return njit(error_model="numpy", fastmath=_FLAGS[freedom], forceinline=inline)
+    # Python does not call it, and the wrappers that numba would make for that lengthen the compilation
+    no_wrappers: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return njit(error_model="numpy", fastmath=_FLAGS[freedom], forceinline=inline, **no_wrappers)
 
 
 def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
