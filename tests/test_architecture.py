@@ -102,6 +102,13 @@ def matplotlib_outside_plots(path, tree):
                 yield f"line {line}: matplotlib"
 
 
+def numba_outside_kernels(path, tree):
+    if "kernels" not in path.relative_to(PACKAGE).parts:
+        for name, line in imports(path, tree):
+            if name.split(".")[0] in ("numba", "llvmlite"):
+                yield f"line {line}: numba belongs in mechanics/kernels"
+
+
 def pysindy_outside_functions(path, tree):
     found = [line for name, line in imports(path, tree) if name.split(".")[0] == "pysindy"]
     functions = [node for node in nodes_of(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
@@ -139,6 +146,10 @@ def test_matplotlib_stays_in_plots():
     assert faults(matplotlib_outside_plots) == []
 
 
+def test_numba_stays_in_kernels():
+    assert faults(numba_outside_kernels) == []
+
+
 def test_pysindy_is_imported_only_where_it_is_used():
     assert faults(pysindy_outside_functions) == []
 
@@ -157,6 +168,7 @@ def test_nothing_is_done_at_import():
         (against_the_arrows, "from opid.suspensions import study"),
         (reaching_upward, "from ..errors import InputError"),
         (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
+        (numba_outside_kernels, "from numba import njit"),
         (pysindy_outside_functions, "import pysindy"),
         (printing_or_silencing, "print(1)"),
         (printing_or_silencing, "warnings.catch_warnings()"),
