@@ -17,7 +17,8 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from opid.suspensions.paper.classical import RunEvidence
+from opid.suspensions.paper.chain import RunEvidence
+from opid.suspensions.study import Run
 
 # the palette of Okabe & Ito (2008), told apart by colour-blind readers
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
@@ -152,11 +153,11 @@ def run_colors(n_runs: int) -> list[str]:
     return [RUN_COLORS[i % len(RUN_COLORS)] for i in range(n_runs)]
 
 
-def run_title(run: RunEvidence) -> str:
+def run_title(run: RunEvidence | Run) -> str:
     """Return the name of a run with its mass against the reference.
 
     Args:
-        run: one run of the evidence.
+        run: of a study, or what was made of it.
     """
     change = "reference mass" if run.mass_change_kg == 0 else f"{run.mass_change_kg:+g} kg".replace("-", "−")
     return f"run {run.name!r}, {change}"
