@@ -14,7 +14,7 @@ from opid.plots.laws import model_ladder
 from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
 from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.direct_parameters import NAMES
-from opid.suspensions.paper.result import GearResult, PaperIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 __all__ = ["estimates", "law_ladder"]
 
@@ -22,7 +22,7 @@ __all__ = ["estimates", "law_ladder"]
 _PAIR_MARKERS = ("D", "s", "^")
 
 
-def law_ladder(result: GearResult, ax: Any = None) -> Axes:
+def law_ladder(result: AnyIdentification, ax: Any = None) -> Axes:
     """Draw the noise that each law leaves unexplained, against the noise floor of the sensors.
 
     Args:
@@ -57,7 +57,7 @@ _METHODS = (
 _COLUMNS = ("M₂ [kg]", "K₂/M₂ [1/s²]", "C₂/M₂ [1/s]", "K₃/M₂ [1/s²]")
 
 
-def estimates(result: GearResult, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+def estimates(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
     """Draw mass and ratios to it as every method of the chain finds them, with 95 % intervals.
 
     A value beyond the frame is written at its edge. The peak formula has one mark for each of the strongest matched
@@ -101,7 +101,7 @@ def estimates(result: GearResult, axes: Any = None, *, truth: Mapping[str, Any] 
     return grid
 
 
-def _marks(result: GearResult) -> Iterator[_Mark]:
+def _marks(result: AnyIdentification) -> Iterator[_Mark]:
     runs = result.paper_chain.runs
     colors = run_colors(len(runs))
     shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
@@ -132,7 +132,7 @@ def _marks(result: GearResult) -> Iterator[_Mark]:
         yield _Mark(4, 0, INK, 0.0, mass_estimate)
 
 
-def _of_all_runs(result: GearResult) -> tuple[Estimate, list[Estimate], float]:
+def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], float]:
     """Mass, ratios and 1/M2 of all runs: as the result tells them, or of the fit behind the printed formula."""
     if isinstance(result, PaperIdentification) and result.method == "paper":
         joint, added = result.joint, result.added_mass

@@ -21,6 +21,7 @@ from opid.plots.style import (
     house_style,
     panels,
     plain_numbers,
+    require_answer,
     run_colors,
     thick,
 )
@@ -48,7 +49,11 @@ def suspension_forces(result: Identification, axes: Any = None, *, truth: Truth 
 
     Returns:
         (n_rows, 2) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     shown = [
         each
         for place, each in enumerate(result.interfaces)
@@ -78,7 +83,11 @@ def predicted_accelerations(
 
     Returns:
         (n_sensors, 1) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     shown = next((each for each in result.runs if each.name == run), result.runs[0])
     begin = _loudest(shown) if start_s is None else start_s
     part = (shown.time_s >= begin) & (shown.time_s <= begin + SHOWN_S)
@@ -110,7 +119,11 @@ def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
 
     Returns:
         (n_rows, n_columns) Axes, the last switched off if it is not needed.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     names = sensor_names(result, max(len(run.residual) for run in result.runs))
     columns = 1 if len(names) < 4 else 2
     rows = -(-len(names) // columns)

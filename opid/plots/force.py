@@ -22,13 +22,14 @@ from opid.plots.style import (
     every,
     house_style,
     panels,
+    require_answer,
     run_title,
     thick,
 )
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.nonlinearity import LawFit
 from opid.suspensions.paper.restoring_force import SliceCurve
-from opid.suspensions.paper.result import GearResult, PaperIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 __all__ = ["law_curves", "restoring_force_map", "restoring_force_surface", "slices"]
 
@@ -161,7 +162,7 @@ def _verdict(curve: SliceCurve, fit: LawFit) -> str:
     return f"amplitude {amplitude:.3g} m/s²\nscale {1e3 * inner if unit == 'mm' else inner:.3g} {unit}"
 
 
-def law_curves(result: GearResult, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+def law_curves(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
     """Draw the identified force over velocity (at z = 0) and over travel (at z' = 0), with its linear share.
 
     Args:
@@ -171,7 +172,11 @@ def law_curves(result: GearResult, axes: Any = None, *, truth: Mapping[str, Any]
 
     Returns:
         (1, 2) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     visited = result.restoring_force
     travelled, moved = _motion(result)
     if visited.per_mass:
@@ -192,7 +197,7 @@ def law_curves(result: GearResult, axes: Any = None, *, truth: Mapping[str, Any]
     return grid
 
 
-def _motion(result: GearResult) -> tuple[np.ndarray, np.ndarray]:
+def _motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:
     """Travel and velocity of all runs."""
     if isinstance(result, PaperIdentification):
         surfaces = [run.surface for run in result.chain.runs]

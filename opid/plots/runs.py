@@ -22,12 +22,12 @@ from opid.plots.style import (
 from opid.signals.recording import Recording
 from opid.signals.spectra import cross_spectra
 from opid.suspensions.paper.chain import RunEvidence
-from opid.suspensions.paper.result import GearResult
+from opid.suspensions.paper.result import AnyIdentification
 
 __all__ = ["accelerations", "integration", "recording"]
 
 
-def accelerations(result: GearResult, axes: Any = None) -> np.ndarray:
+def accelerations(result: AnyIdentification, axes: Any = None) -> np.ndarray:
     """Draw the acceleration of the spindle and of the airframe, one panel a run.
 
     Args:

@@ -9,13 +9,25 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, plain_numbers, run_colors, run_title, thick
+from opid.plots.style import (
+    GREEN,
+    GREY,
+    INK,
+    PALE,
+    house_style,
+    panels,
+    plain_numbers,
+    require_answer,
+    run_colors,
+    run_title,
+    thick,
+)
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_search import LawStep
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
-from opid.suspensions.paper.result import GearResult, PaperIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.transmissibility import suspension_transmissibility
 
 __all__ = ["equation_residual", "transmissibilities"]
@@ -45,7 +57,7 @@ class _Suspension:
         )
 
 
-def transmissibilities(result: GearResult, axes: Any = None) -> np.ndarray:
+def transmissibilities(result: AnyIdentification, axes: Any = None) -> np.ndarray:
     """Draw |T|, its phase and its coherence, one column a run (Iwaniec & Uhl 2007, Figs. 8 and 9).
 
     Args:
@@ -137,7 +149,7 @@ def _transmissibility(
         ax.axvspan(*band_hz, color="#F6F6F6", zorder=0)
 
 
-def _suspension(result: GearResult) -> _Suspension | None:
+def _suspension(result: AnyIdentification) -> _Suspension | None:
     """What all runs tell of the linear suspension; None where it is refused or not told."""
     if isinstance(result, PaperIdentification):
         joint = result.joint
@@ -149,13 +161,17 @@ def _suspension(result: GearResult) -> _Suspension | None:
     return _Suspension(stiffness, damping, ground or 0.0, 1 / mass if mass else 0.0)
 
 
-def equation_residual(result: GearResult, ax: Any = None) -> Axes:
+def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
     """Draw the residual of the fitted equation, as the white sensor noise that would explain it, line by line.
 
     Args:
         result: the identification.
         ax: one Axes, or None for a new figure.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     fit, ladder, floor = _fit_of(result)
     linear = next((step.fit for step in ladder if step.law_name == "linear"), None)
     names = [run.name for run in result.study.runs]
@@ -179,7 +195,7 @@ def equation_residual(result: GearResult, ax: Any = None) -> Axes:
     return ax
 
 
-def _fit_of(result: GearResult) -> tuple[Fit | JointFit, Sequence[LawStep[Any]], float]:
+def _fit_of(result: AnyIdentification) -> tuple[Fit | JointFit, Sequence[LawStep[Any]], float]:
     """The fit of all runs, the laws that were tried, and the noise floor of the sensors."""
     if isinstance(result, PaperIdentification):
         return result.joint, result.ladder, result.chain.noise_floor_m_per_s2
@@ -192,7 +208,7 @@ def _noise_lines(fit: Fit | JointFit, place: int) -> tuple[np.ndarray, np.ndarra
         frequency_hz, residual = fit.frequency_hz[place], fit.residual[place]
     else:
         frequency_hz = fit.model.runs[place].omega / (2 * np.pi)
-        residual = fit.model.level * fit.errors.lines[place] / np.sqrt(2)
+        residual = fit.model.level * fit.errors.lines[place].ravel() / np.sqrt(2)
     n = max(1, round(SMOOTHING_HZ / float(frequency_hz[1] - frequency_hz[0])))
     power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
     middle = np.convolve(frequency_hz, np.ones(n), "valid") / n

@@ -17,7 +17,9 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from opid.errors import NotDeterminedError
 from opid.suspensions.paper.chain import RunEvidence
+from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.study import Run
 
 # the palette of Okabe & Ito (2008), told apart by colour-blind readers
@@ -139,6 +141,19 @@ def every(n_samples: int, n_points: int = N_POINTS) -> slice:
     5000
     """
     return slice(None, None, max(1, n_samples // n_points))
+
+
+def require_answer(result: AnyIdentification) -> None:
+    """Refuse to draw a fit of which the identification tells no number.
+
+    Args:
+        result: the identification.
+
+    Raises:
+        NotDeterminedError: it was refused.
+    """
+    if result.is_refused:
+        raise NotDeterminedError(f"there is no fit to draw: {result.not_determined}")
 
 
 def run_colors(n_runs: int) -> list[str]:

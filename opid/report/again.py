@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, fields, replace
 
-from opid.suspensions.paper.result import GearResult, PaperIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Identification
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
@@ -21,7 +21,7 @@ class _Asked:
     has_command: bool = True
 
 
-def command_of(result: GearResult) -> str | None:
+def command_of(result: AnyIdentification) -> str | None:
     """Return the command that gives a result; None where no command does: a study or settings made in Python.
 
     Args:
@@ -40,7 +40,7 @@ def command_of(result: GearResult) -> str | None:
     return shlex.join(["opid", "identify", *logs, *channels, *changes, *asked.options])
 
 
-def python_of(result: GearResult) -> str:
+def python_of(result: AnyIdentification) -> str:
     """Return the lines of Python that give a result; the study is called so where it was made in Python.
 
     Args:
@@ -71,7 +71,7 @@ def _changes(study: Study) -> list[float]:
     return [run.mass_change_kg - first.mass_change_kg for run in others]
 
 
-def _asked(result: GearResult) -> _Asked:
+def _asked(result: AnyIdentification) -> _Asked:
     return _of_paper(result) if isinstance(result, PaperIdentification) else _of_model(result)
 
 

@@ -26,7 +26,7 @@ from opid.suspensions.law_search import LawStep, chosen
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
 from opid.suspensions.paper.joint_fit import JointFit
-from opid.suspensions.paper.result import GearResult, PaperIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import (
     BODY_PARAMETERS,
     BODY_RATIOS,
@@ -79,7 +79,7 @@ def result_json(result: Identification | PaperIdentification) -> Json:
     )
 
 
-def chain_of(result: GearResult) -> PaperChain | None:
+def chain_of(result: AnyIdentification) -> PaperChain | None:
     """Return the steps of the paper on the runs of one gear; None where they cannot be taken.
 
     Args:
@@ -150,7 +150,7 @@ def _tail(result: Identification | PaperIdentification) -> Json:
     return {"warnings": result.warnings, "not_determined": result.not_determined}
 
 
-def _of_gear(result: GearResult) -> Json:
+def _of_gear(result: AnyIdentification) -> Json:
     return {
         "parameters": _estimates(result.parameters),
         "ratios": _estimates(result.ratios),

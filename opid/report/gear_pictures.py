@@ -6,7 +6,7 @@ from opid.report.as_json import chain_of
 from opid.report.page import Picture
 from opid.suspensions.force_surface import ForceSurface
 from opid.suspensions.paper.chain import RunEvidence
-from opid.suspensions.paper.result import GearResult
+from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 
 _OF_CHAIN = {
@@ -24,7 +24,7 @@ _OF_ANSWER = {"force_sections", "force_departures", "law_curves", "equation_resi
 """Figures of a fit, which are not drawn of a fit that is refused."""
 
 
-def gear_pictures(result: GearResult) -> tuple[Picture, ...]:
+def gear_pictures(result: AnyIdentification) -> tuple[Picture, ...]:
     """Return the figures of the report in the order of the page; those that have nothing to show are left out.
 
     Args:
@@ -131,7 +131,7 @@ def gear_pictures(result: GearResult) -> tuple[Picture, ...]:
     return tuple(picture for picture in every if picture.name not in without)
 
 
-def _reference_run(result: GearResult) -> RunEvidence:
+def _reference_run(result: AnyIdentification) -> RunEvidence:
     """The run without a mass change, or the first one."""
     runs = result.paper_chain.runs
     return next((run for run in runs if run.mass_change_kg == 0), runs[0])

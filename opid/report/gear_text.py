@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
-from opid.suspensions.paper.result import GearResult, PaperIdentification
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Evidence, Identification
 
 Truth = Mapping[str, Any]
@@ -29,7 +29,7 @@ RATIO_LABELS = {
 _MOST_NAMED = 6
 
 
-def gear_text(result: GearResult, truth: Truth | None = None) -> str:
+def gear_text(result: AnyIdentification, truth: Truth | None = None) -> str:
     """Return the identification of one gear as text: the numbers, what limits them, and what to doubt.
 
     Args:
@@ -50,7 +50,7 @@ def gear_text(result: GearResult, truth: Truth | None = None) -> str:
     return "\n".join(parts) + "\n"
 
 
-def gear_rows(result: GearResult, truth: Truth | None = None) -> list[Row]:
+def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row]:
     """Return the table of numbers: parameters, law, ratios to the mass.
 
     Args:
@@ -71,7 +71,7 @@ def gear_rows(result: GearResult, truth: Truth | None = None) -> list[Row]:
     return table
 
 
-def gear_limits(result: GearResult) -> str:
+def gear_limits(result: AnyIdentification) -> str:
     """Return the sentences that say what the answer rests on.
 
     Args:
@@ -80,7 +80,7 @@ def gear_limits(result: GearResult) -> str:
     return _limits_of_model(result) if isinstance(result, Identification) else _limits_of_chain(result)
 
 
-def alternatives_of(result: GearResult) -> tuple[str, ...]:
+def alternatives_of(result: AnyIdentification) -> tuple[str, ...]:
     """Return which other laws explain the runs as well, a sentence each.
 
     Args:
@@ -147,7 +147,7 @@ def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
     )
 
 
-def _law_rows(result: GearResult, truth: Truth | None) -> Iterator[Row]:
+def _law_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
     per_mass = result.per_mass
     terms = result.law.terms
     shown = f", {'f/M2' if per_mass else 'f'} = {formula(result.law.latex)}" if len(terms) == 1 else ""

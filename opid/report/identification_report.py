@@ -24,11 +24,11 @@ from opid.report.directory import write_together
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_limits, gear_rows, gear_text
 from opid.report.page import Picture, Truth, drawn, rendered
-from opid.suspensions.paper.result import GearResult
+from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 
 
-def result_text(result: GearResult, truth: Truth | None = None) -> str:
+def result_text(result: AnyIdentification, truth: Truth | None = None) -> str:
     """Return an identification as text: the numbers, what limits them, and what to doubt.
 
     Args:
@@ -39,7 +39,7 @@ def result_text(result: GearResult, truth: Truth | None = None) -> str:
 
 
 def write_report(
-    result: GearResult,
+    result: AnyIdentification,
     directory: str | os.PathLike[str],
     truth: Truth | None = None,
     *,
@@ -93,12 +93,12 @@ class RunRow:
     n_averages: float | None = None
 
 
-def _is_body(result: GearResult) -> bool:
+def _is_body(result: AnyIdentification) -> bool:
     return isinstance(result, Identification) and not result.study.is_one_gear
 
 
 def _gear_page(
-    result: GearResult, truth: Truth | None, images: Mapping[str, bytes], pictures: Sequence[Picture]
+    result: AnyIdentification, truth: Truth | None, images: Mapping[str, bytes], pictures: Sequence[Picture]
 ) -> str:
     return rendered(
         "page.html.jinja",
@@ -116,7 +116,7 @@ def _gear_page(
     )
 
 
-def _run_rows(result: GearResult) -> list[RunRow]:
+def _run_rows(result: AnyIdentification) -> list[RunRow]:
     chain = chain_of(result)
     rows = []
     for place, run in enumerate(result.study.runs):

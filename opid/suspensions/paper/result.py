@@ -108,5 +108,5 @@ class PaperIdentification:
         return alternatives(self.ladder, SearchSettings(alike_bic=self.settings.bic_margin))
 
 
-GearResult = Identification | PaperIdentification
-"""What reports and figures of one gear take."""
+AnyIdentification = Identification | PaperIdentification
+"""What `identify` returns: the driven model's answer, or that of the paper's chain."""
