@@ -153,12 +153,12 @@ def _suspension(result: AnyIdentification) -> _Suspension | None:
     """What all runs tell of the linear suspension; None where it is refused or not told."""
     if isinstance(result, PaperIdentification):
         joint = result.joint
-        return None if result.is_refused else _Suspension(*(joint[name] for name in NAMES), joint["inverse_mass"])
-    stiffness, damping, ground = (result.ratios[name].value for name in NAMES)
-    if stiffness is None or damping is None:
+        stiffness, damping, ground = (joint[name] for name in NAMES)
+        return None if result.is_refused else _Suspension(stiffness, damping, ground, joint["inverse_mass"])
+    told, mass = [result.ratios[name].value for name in NAMES], result.parameters["sprung_mass_kg"].value
+    if told[0] is None or told[1] is None:
         return None
-    mass = result.parameters["sprung_mass_kg"].value
-    return _Suspension(stiffness, damping, ground or 0.0, 1 / mass if mass else 0.0)
+    return _Suspension(told[0], told[1], told[2] or 0.0, 1 / mass if mass else 0.0)
 
 
 def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from dataclasses import dataclass, fields, replace
 
@@ -48,12 +49,15 @@ def python_of(result: AnyIdentification) -> str:
     """
     asked, study = _asked(result), result.study
     if study.source is not None:
-        made = f"opid.read_study({str(study.source)!r})"
+        made = f"opid.read_study({_quoted(str(study.source))})"
     elif logs := _logs(study):
-        made = (
-            f"opid.study_from_logs(\n        {logs!r},\n        sprung={study.sprung!r},\n"
-            f"        unsprung={study.unsprung!r},\n        mass_changes_kg={_changes(study)!r},\n    )"
-        )
+        arguments = [
+            f"[{', '.join(map(_quoted, logs))}]",
+            f"sprung={_quoted(study.sprung)}",
+            f"unsprung={_quoted(study.unsprung)}",
+            f"mass_changes_kg={_changes(study)!r}",
+        ]
+        made = "\n".join(["opid.study_from_logs(", *(f"        {each}," for each in arguments), "    )"])
     else:
         made = "study"
     lines = ["import opid", *asked.imports, "", "result = opid.identify("]
@@ -78,7 +82,11 @@ def _asked(result: AnyIdentification) -> _Asked:
 def _of_paper(result: PaperIdentification) -> _Asked:
     known = result.settings
     options = ["--method", result.method, *_band(known.band_hz), "--high-pass", _number(known.high_pass_hz)]
-    arguments = [f"method={result.method!r}", f"band_hz={known.band_hz!r}", f"high_pass_hz={known.high_pass_hz!r}"]
+    arguments = [
+        f"method={_quoted(result.method)}",
+        f"band_hz={known.band_hz!r}",
+        f"high_pass_hz={known.high_pass_hz!r}",
+    ]
     return _with_law(known.law, known.ground, options, arguments)
 
 
@@ -87,7 +95,7 @@ def _of_model(result: Identification) -> _Asked:
     options, arguments = _band(band_hz), [f"band_hz={band_hz!r}"]
     if asked.method_of_law != "pursuit":
         options += ["--method-of-law", asked.method_of_law]
-        arguments.append(f"method_of_law={asked.method_of_law!r}")
+        arguments.append(f"method_of_law={_quoted(asked.method_of_law)}")
     if asked.seed:
         arguments.append(f"seed={asked.seed!r}")
     changed, names = _changed(result.settings)
@@ -100,7 +108,7 @@ def _of_model(result: Identification) -> _Asked:
 
 def _with_law(law: str | None, ground: bool, options: list[str], arguments: list[str]) -> _Asked:
     if law is not None:
-        options, arguments = [*options, "--law", law], [*arguments, f"law={law!r}"]
+        options, arguments = [*options, "--law", law], [*arguments, f"law={_quoted(law)}"]
     if not ground:
         options, arguments = [*options, "--no-ground"], [*arguments, "ground=False"]
     return _Asked(tuple(options), tuple(arguments))
@@ -108,6 +116,11 @@ def _with_law(law: str | None, ground: bool, options: list[str], arguments: list
 
 def _band(band_hz: tuple[float, float]) -> list[str]:
     return ["--band", *map(_number, band_hz)]
+
+
+def _quoted(text: str) -> str:
+    """The text as Python writes it, in the quotes of this house."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _number(value: float) -> str:

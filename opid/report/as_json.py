@@ -21,11 +21,9 @@ from opid.report.body_text import reason, recommended, units_of
 from opid.report.gear_text import alternatives_of
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import Demand
-from opid.suspensions.fit import Fit
 from opid.suspensions.law_search import LawStep, chosen
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
-from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import (
     BODY_PARAMETERS,
@@ -343,8 +341,8 @@ def _asked(result: Identification) -> Json:
     }
 
 
-def _ladder(ladder: Sequence[LawStep[Fit]] | Sequence[LawStep[JointFit]]) -> list[Json]:
-    choice = chosen(ladder)  # type: ignore[type-var]
+def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
+    choice = chosen(ladder)
     return [
         {
             "law": step.law_name,

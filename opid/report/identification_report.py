@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeGuard
 
 from opid.report.again import command_of, python_of
 from opid.report.as_json import chain_of, json_text, result_json
@@ -17,13 +18,15 @@ from opid.report.body_text import (
     body_text,
     candidate_table,
     kind_in_words,
+    law_sentences,
     recommendation,
+    sensor_sentences,
     suspension_rows,
 )
 from opid.report.directory import write_together
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_limits, gear_rows, gear_text
-from opid.report.page import Picture, Truth, drawn, rendered
+from opid.report.page import Truth, drawn, rendered
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 
@@ -61,9 +64,20 @@ def write_report(
     """
     pictures = body_pictures(result) if _is_body(result) else gear_pictures(result)
     images = drawn(pictures, result, truth, progress=progress)
-    page = _body_page if _is_body(result) else _gear_page
     contents = {f"{name}.png": image for name, image in images.items()}
-    contents["report.html"] = page(result, truth, images, pictures).encode()
+    page = _body_page(result, truth) if _is_body(result) else _gear_page(result, truth)
+    contents["report.html"] = rendered(
+        page.template,
+        images,
+        title=result.title or "Identification",
+        result=result,
+        truth=truth,
+        columns=columns(truth),
+        pictures=pictures,
+        command=command_of(result),
+        python=python_of(result),
+        **page.content,
+    ).encode()
     # last, so that a result.json is never there without its report
     contents["result.json"] = json_text(result_json(result)).encode()
     write_together(directory, contents)
@@ -93,27 +107,21 @@ class RunRow:
     n_averages: float | None = None
 
 
-def _is_body(result: AnyIdentification) -> bool:
+def _is_body(result: AnyIdentification) -> TypeGuard[Identification]:
     return isinstance(result, Identification) and not result.study.is_one_gear
 
 
-def _gear_page(
-    result: AnyIdentification, truth: Truth | None, images: Mapping[str, bytes], pictures: Sequence[Picture]
-) -> str:
-    return rendered(
-        "page.html.jinja",
-        images,
-        title=result.title or "Identification",
-        result=result,
-        truth=truth,
-        columns=columns(truth),
-        rows=gear_rows(result, truth),
-        limits=gear_limits(result),
-        runs=_run_rows(result),
-        pictures=pictures,
-        command=command_of(result),
-        python=python_of(result),
-    )
+@dataclass(frozen=True)
+class _Page:
+    """A template, and what it names beside what all of them name."""
+
+    template: str
+    content: Mapping[str, Any]
+
+
+def _gear_page(result: AnyIdentification, truth: Truth | None) -> _Page:
+    content = {"rows": gear_rows(result, truth), "limits": gear_limits(result), "runs": _run_rows(result)}
+    return _Page("page.html.jinja", content)
 
 
 def _run_rows(result: AnyIdentification) -> list[RunRow]:
@@ -130,23 +138,14 @@ def _run_rows(result: AnyIdentification) -> list[RunRow]:
     return rows
 
 
-def _body_page(
-    result: Identification, truth: Truth | None, images: Mapping[str, bytes], pictures: Sequence[Picture]
-) -> str:
-    return rendered(
-        "body.html.jinja",
-        images,
-        title=result.title or "Identification",
-        result=result,
-        truth=truth,
-        kind=kind_in_words(result.structure),
-        columns=columns(truth),
-        body_rows=body_rows(result, truth),
-        suspension_rows=suspension_rows(result, truth),
-        candidates=candidate_table(result),
-        recommendation=recommendation(result) if result.candidates else "",
-        limits=body_limits(result),
-        pictures=pictures,
-        command=command_of(result),
-        python=python_of(result),
-    )
+def _body_page(result: Identification, truth: Truth | None) -> _Page:
+    content = {
+        "kind": kind_in_words(result.structure),
+        "body_rows": body_rows(result, truth),
+        "suspension_rows": suspension_rows(result, truth),
+        "candidates": candidate_table(result),
+        "recommendation": recommendation(result) if result.candidates else "",
+        "limits": body_limits(result),
+        "notes": [*sensor_sentences(result), *law_sentences(result)],
+    }
+    return _Page("body.html.jinja", content)
