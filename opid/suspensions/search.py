@@ -251,7 +251,9 @@ def judged(found: Found, question: Question) -> Found:
             best = min(smaller, key=lambda step: step.fit.bic)
             again = refit(coarse, best.fit.laws, least_promise=settings.fit.promise_in_search)
             ladder = (*([] if again is None else [LawStep(again, False, best.method)]), *ladder)
-        ladder = add_neighbours(problem, ladder, kinds=question.kinds or library())
+        if len(fit.model.groups) == 1:
+            # of several suspensions a reader asks for the structure first, and each further fit is long
+            ladder = add_neighbours(problem, ladder, kinds=question.kinds or library())
     ladder = judge_by_left_out(problem, ladder)
     best_fit = chosen(ladder).fit
     if best_fit.law_name != fit.law_name:
