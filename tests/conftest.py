@@ -34,7 +34,10 @@ def identified(field_test):
 @pytest.fixture
 def few_figures(monkeypatch):
     """Draw only one figure where the figures are not what a test is about."""
-    from opid.report import page
+    from opid.report import identification_report
 
-    one = page.pictures()[5:6]
-    monkeypatch.setattr(page, "pictures", lambda: one)
+    every = identification_report.gear_pictures
+    one = "law_ladder"
+    monkeypatch.setattr(
+        identification_report, "gear_pictures", lambda result: [each for each in every(result) if each.name == one]
+    )
