@@ -109,7 +109,8 @@ def test_the_options_of_a_simulation(tmp_path):
 
 def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
     done = opid("identify", simulated / "study.toml", "--out", tmp_path / "result", "--law", "arctan_velocity",
-                "--band", 0.5, 30, "--method-of-law", "both", "--no-ground", "--truth", simulated / "truth.json")  # fmt: skip
+                "--band", 0.5, 30, "--method-of-law", "both", "--no-ground",
+                "--truth", simulated / "truth.json")  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
     assert found["law"] == "arctan_velocity"
     assert found["band_hz"] == (0.5, 30.0)

@@ -28,8 +28,8 @@ from opid.report import (
     write_report,
 )
 from opid.report import identification_report as report_module
-from opid.report.as_json import json_text, plain
 from opid.report.again import command_of, python_of
+from opid.report.as_json import json_text, plain
 from opid.report.as_text import rounded
 from opid.report.directory import made_directory, require_directory, write_together
 from opid.report.gear_pictures import gear_pictures
@@ -398,7 +398,8 @@ def test_an_identification_alone_does_not_take_the_steps_of_the_paper():
         "runs = [Run('heavy', test.heavy.recording), Run('light', test.light.recording, test.mass_change_kg)]\n"
         "study = study_of_gear('s', sprung='upper_z', unsprung='lower_z', runs=runs)\n"
         "print(opid.identify(study, law='arctan_velocity').law.name)\n"
-        "print([name for name in sys.modules if name.startswith(('opid.suspensions.paper', 'opid.report', 'opid.plots'))])"
+        "rooms = ('opid.suspensions.paper', 'opid.report', 'opid.plots')\n"
+        "print([name for name in sys.modules if name.startswith(rooms)])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["arctan_velocity", "[]"]
@@ -427,8 +428,7 @@ def test_the_lines_name_what_was_given(identified, one_run, by_paper):
 def test_settings_of_a_result_are_in_its_lines(identified):
     result = replace(identified.result, settings=Settings(verdicts=Verdicts(refused=10.0)))
     assert command_of(result) is None
-    assert "from opid.suspensions.sensor_facts import SensorFacts, SensorPair
-from opid.suspensions.settings import Settings, Verdicts" in python_of(result)
+    assert "from opid.suspensions.settings import Settings, Verdicts" in python_of(result)
     assert "    settings=Settings(verdicts=Verdicts(refused=10.0)),\n" in python_of(result)
 
 
