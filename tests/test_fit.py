@@ -36,6 +36,7 @@ from opid.suspensions.study import MeasuredInterface, PointMass
 
 FS = 256
 
+FAR = {"stiffness_per_mass": 190.0, "damping_per_mass": 2.5, "inverse_mass": 1 / 1500}
 LAWS_TRIED = [
     LINEAR,
     DEFAULT_LAW,
@@ -52,7 +53,7 @@ def is_true(fit, truth, **others):
 
 @pytest.mark.parametrize("truth", LAWS_TRIED, ids=lambda t: t.name)
 def test_every_law_is_found_at_the_noise_with_its_slow_motion(truth):
-    fit = fitted(runs_of(truth), truth.scaled(1.2) if truth.terms else truth, start={"inverse_mass": 1 / 1500})
+    fit = fitted(runs_of(truth), truth.scaled(1.2) if truth.terms else truth, start=FAR)
     assert is_true(fit, truth)
     assert fit.std[fit.model.names.index("inverse_mass")] * 1850 < 0.004
     assert fit.noise_m_per_s2 == pytest.approx(5e-3, rel=0.06)
@@ -257,6 +258,7 @@ def task_of(given, kind_of_law=FRICTION):
 
 @pytest.fixture(scope="module")
 def found():
+    """The rigid body with the kind of law that the aircraft has."""
     return fit_rigid(task_of(study()))
 
 
