@@ -266,6 +266,16 @@ class SurfaceSettings:
 class Settings:
     """All of them.
 
+    Args:
+        verdicts: what is called explained, doubtful and refused.
+        runs: how runs are prepared.
+        start: of the equation of motion that start values come from.
+        fit: of the least squares.
+        search: of laws.
+        faults: that may be let in.
+        intervals: and what is said of them.
+        surface: of the force without a law.
+
     >>> from dataclasses import replace
     >>> stricter = replace(Settings(), verdicts=Verdicts(refused=10.0))
     >>> stricter.verdicts.refused, stricter.fit == Settings().fit
