@@ -140,8 +140,8 @@ def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loos
         )
     if is_loose and ratio > fit.model.settings.verdicts.doubtful:
         return (
-            f"the fitted model leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs: this gear "
-            "may not be alone on its body, which rolls and pitches on others (then describe all of them in "
+            f"the fitted model leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs: this "
+            "gear may not be alone on its body, which rolls and pitches on others (then describe all of them in "
             "[[interfaces]]), or the channels, the law or the mass changes are not as stated"
         )
     if is_loose:
@@ -516,8 +516,9 @@ def _of_the_ground(answer: Answer) -> Iterator[str]:
     sentences = answer.evidence[0].ground.sentences
     imitations = "; ".join(sentences) or "none of the usual faults of the sensors looks much like it"
     yield (
-        f"the ground spring K3 = {ground.value:.3g} N/m{' per kg' * answer.per_mass} differs from zero, yet a free aircraft has none: faults of the "
-        f"sensors were tried beside it and explain the runs less well; for comparison, {imitations}"
+        f"the ground spring K3 = {ground.value:.3g} N/m{' per kg' * answer.per_mass} differs from zero, yet a free "
+        "aircraft has none: faults of the sensors were tried beside it and explain the runs less well; for comparison, "
+        f"{imitations}"
     )
 
 
