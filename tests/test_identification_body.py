@@ -426,13 +426,17 @@ def test_a_gear_is_a_body_with_one_interface_to_the_last_digit():
     np.testing.assert_array_equal(one.evidence[0].fit.theta, other.evidence[0].fit.theta)
 
 
-def test_a_single_gear_of_a_rolling_aircraft_is_refused_and_told_that_it_may_not_be_alone():
-    """The left gear of the aircraft, as if it carried half of the mass alone."""
-    logs = [Run(run.name, run.recording, run.mass_change_kg / 2) for run in short_runs()]
+def test_a_single_gear_of_a_rolling_aircraft_gets_no_mass_and_is_told_that_it_may_not_be_alone():
+    """The left gear of the aircraft, under its share of the load; what it leaves is short of a plain refusal."""
+    logs = [Run(run.name, run.recording, 0.4 * run.mass_change_kg) for run in short_runs()]
     found = identify(study_of_gear("left", sprung="left_upper_z", unsprung="left_lower_z", runs=logs), law=LAW)
-    assert found.is_refused
-    assert "this gear is not alone on its body, which rolls and pitches on others" in found.not_determined
-    assert all(each == Estimate() for each in (*found.parameters.values(), *found.ratios.values()))
+    assert found.residual_over_noise > 3
+    assert "this gear may not be alone on its body, which rolls and pitches on others" in found.not_determined
+    assert "describe all of them in [[interfaces]]" in found.not_determined
+    assert all(each == Estimate() for each in found.parameters.values())
+    assert any("a gear on a body that rolls or pitches is no gear alone" in each for each in found.warnings)
+    # forces are per kg here, and so is every number in a sentence
+    assert all("N/m per kg" in each for each in found.warnings if "K3 = " in each)
 
 
 def test_ground_springs_of_an_aircraft_that_are_ruled_out_are_zero(compared):

@@ -134,7 +134,7 @@ class SearchSettings:
         error_margin: and the error by this fraction, shared out over the interfaces: below, a term mends what sensors
             did.
         n_refitted: laws fitted in a round.
-        n_rounds: rounds.
+        n_rounds: at the most; in each the law may change by a step.
         most_terms: of the law of one suspension.
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
@@ -211,7 +211,7 @@ class IntervalSettings:
             1 of 1000 runs.
         n_bands: of the band in which a residual is looked at for where it stands out.
         bootstrap_s: blocks of time that are resampled.
-        n_bootstrap: resamples.
+        n_bootstrap: resamples: deviations by so many scatter by 7 %.
         equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
         largest_noise_ratio: the noise below and on the body differs at most so much.
         least_noise_gain: equal noise is kept unless another ratio raises the log likelihood by this.
