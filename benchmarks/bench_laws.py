@@ -141,9 +141,7 @@ def held_by(found: BenchLaw, truth: Law) -> tuple[tuple[bool, ...], int]:
         return (), 0
     straight = zip(found.parameters.values(), (STIFFNESS, DAMPING, OFFSET), strict=True)
     own = (
-        pair
-        for term in truth.terms
-        for pair in zip(found.law_estimates[term.name].values(), term.values, strict=True)
+        pair for term in truth.terms for pair in zip(found.law_estimates[term.name].values(), term.values, strict=True)
     )
     pairs = [*straight, *own]
     return (
@@ -154,7 +152,9 @@ def held_by(found: BenchLaw, truth: Law) -> tuple[tuple[bool, ...], int]:
 
 def table(rows: list[Row]) -> str:
     """Return the table, a line for each kind and the sums of all."""
-    lines = [f"{'truth':44s} {'right':>9s} {'in interval':>13s} {'none':>5s} {'R2 left out':>12s} {'s':>6s}  also found"]
+    lines = [
+        f"{'truth':44s} {'right':>9s} {'in interval':>13s} {'none':>5s} {'R2 left out':>12s} {'s':>6s}  also found"
+    ]
     groups = {name: [row for row in rows if row.truth == name] for name in dict.fromkeys(row.truth for row in rows)}
     single = [row for row in rows if "+" not in row.truth]
     groups |= {"one kind": single, "sums of two": [row for row in rows if "+" in row.truth]}

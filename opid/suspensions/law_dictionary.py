@@ -24,7 +24,8 @@ class Proposal:
 
     Args:
         law: with the values that the derivatives suggest.
-        bic: the criterion that it would reach to first order, less that of the fit it departs from.
+        bic: the criterion, with the margin for inner parameters, that it would reach to first order, less that of the
+            fit it departs from.
         n_more: terms more than the fitted law.
     """
 
@@ -40,7 +41,8 @@ class Node:
     Args:
         term: of unit amplitude.
         column: (n,) derivative of the errors by its amplitude.
-        slope: (n,) derivative of the column by the logarithm of its scale; None for a kind without one scale alone.
+        slope: (n,) derivative of the column by the logarithm of its scale, or of its exponent; None for a kind without
+            either or with more beside it.
     """
 
     term: Term
@@ -54,7 +56,7 @@ class LawDictionary:
 
     Args:
         law: that was fitted.
-        n_data: real numbers fitted.
+        n_data: real numbers fitted, independent ones.
         terms: of each column, with unit amplitude; an inner parameter of a fitted term has that term.
         fitted: columns of each kind of the fitted law, its inner parameters beside it: taken together.
         offered: columns of each other kind, one for each inner scale: one of them is taken.
@@ -131,7 +133,8 @@ class LawDictionary:
         now, _ = self.left([column for group in self.fitted.values() for column in group])
         n_more = sum(len(LAWS[name].parameters) for name in names) - self.law.vector.size
         bic = self.n_data * float(np.log(max(cost, 1e-9 * now) / now)) + n_more * float(np.log(self.n_data))
-        return Proposal(law, bic, len(law.terms) - len(self.law.terms))
+        more_terms = len(law.terms) - len(self.law.terms)
+        return Proposal(law, bic + self.settings.inner_margin * (n_more - more_terms), more_terms)
 
     def _refined(self, names: Sequence[str], kept: Sequence[int], picked: dict[str, int]) -> tuple[float, Law]:
         """The law of the picked scales and what it leaves, the scales moved along their derivatives."""
@@ -179,6 +182,7 @@ def make_dictionary(
     others: FloatArray,
     nodes: Mapping[str, Sequence[Node]],
     settings: SearchSettings,
+    n_data: int | None = None,
 ) -> LawDictionary:
     """Return the dictionary of candidates beside a fitted law.
 
@@ -189,6 +193,7 @@ def make_dictionary(
         others: (n, n_others) derivatives by everything else that a fit moves.
         nodes: of each further kind.
         settings: of the search.
+        n_data: what the errors amount to in independent real numbers; None for their number.
     """
     columns, terms, target = list(by_law.T), list[Term](), np.array(errors)
     fitted: dict[str, list[int]] = {}
@@ -216,7 +221,8 @@ def make_dictionary(
     matrix /= size
     gram, along = matrix.T @ matrix, matrix.T @ target
     total = float(target @ target)
-    return LawDictionary(law, errors.size, tuple(terms), fitted, offered, slopes, total, gram, along, size, settings)
+    n = errors.size if n_data is None else n_data
+    return LawDictionary(law, n, tuple(terms), fitted, offered, slopes, total, gram, along, size, settings)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:
