@@ -1,9 +1,9 @@
 """`opid law` on simulated records of a test bench: how often the true law is found, and its parameters in their range.
 
-    python benchmarks/bench_laws.py [--seeds 2] [--samples 2500] [--out rows.json]
+    python benchmarks/bench_laws.py [--seeds 2] [--samples 2500] [--noise 0.01] [--out rows.json]
 
 Every searched kind of the library and sums of two are drawn, under a sine with a sweep and under random motion, with
-1 % of noise on the force. A term is drawn so that the motion shows it: its scale is comparable with the motion, and
+noise of 1 % of the force. A term is drawn so that the motion shows it: its scale is comparable with the motion, and
 its force is a good part of that of the spring and the damper beside it.
 """
 
@@ -26,7 +26,6 @@ from opid.suspensions.bench.record import Bench
 
 FS = 500.0
 STIFFNESS, DAMPING, OFFSET = 2e5, 2e3, 12.0
-NOISE = 0.01
 MOTIONS = ("sine and sweep", "random")
 PAIRS = (
     ("coulomb_friction", "cubic_stiffness"),
@@ -109,20 +108,20 @@ def term_of(kind: str, z: np.ndarray, v: np.ndarray, rng: np.random.Generator) -
     return unit.scaled(sign * float(np.exp(rng.uniform(*np.log(FORCES)))) * beside / float(np.std(unit.force(z, v))))
 
 
-def record_of(kinds: tuple[str, ...], motion: str, seed: int, n: int) -> tuple[Bench, Law]:
+def record_of(kinds: tuple[str, ...], motion: str, seed: int, n: int, noise: float) -> tuple[Bench, Law]:
     """Return a simulated record and its law."""
     rng = np.random.default_rng([seed, MOTIONS.index(motion), *(list(LAWS).index(kind) for kind in kinds)])
     z, v = motion_of(motion, n, rng)
     law = Law(tuple(term for kind in kinds for term in term_of(kind, z, v, rng).terms))
     force = OFFSET + STIFFNESS * z + DAMPING * v + law.force(z, v)
-    force = force + NOISE * force.std() * rng.standard_normal(n)
+    force = force + noise * force.std() * rng.standard_normal(n)
     channels: dict[str, str | None] = {"force": "F", "travel": "z", "velocity": "v"}
     return Bench(z, v, force, FS, 0.0, "recorded", None, channels, ()), law
 
 
-def row_of(kinds: tuple[str, ...], motion: str, seed: int, n: int) -> Row:
+def row_of(kinds: tuple[str, ...], motion: str, seed: int, n: int, noise: float) -> Row:
     """Search the law of a record and compare it with the truth."""
-    bench, truth = record_of(kinds, motion, seed, n)
+    bench, truth = record_of(kinds, motion, seed, n, noise)
     begun = time.process_time()
     try:
         found = law_of_bench(bench)
@@ -177,6 +176,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--samples", type=int, default=2500)
+    parser.add_argument("--noise", type=float, default=0.01, help="rms over that of the force")
     parser.add_argument("--out", type=Path, help="rows as JSON")
     options = parser.parse_args()
     warnings.simplefilter("ignore", RuntimeWarning)
@@ -185,7 +185,7 @@ def main() -> None:
     for truth in [*kinds, *PAIRS]:
         for motion in MOTIONS:
             for seed in range(options.seeds):
-                rows.append(row_of(truth, motion, seed, options.samples))
+                rows.append(row_of(truth, motion, seed, options.samples, options.noise))
                 if options.out is not None:
                     options.out.write_text(json.dumps([asdict(row) for row in rows]))
     print(table(rows))

@@ -169,7 +169,7 @@ def test_a_long_record_is_thinned_for_the_search_and_fitted_whole():
     z, v = 0.01 * np.sin(2 * np.pi * 12.5 * t), 0.01 * 2 * np.pi * 12.5 * np.cos(2 * np.pi * 12.5 * t)
     force = STIFFNESS * z + DAMPING * v + 30 * np.random.default_rng(0).standard_normal(t.size)
     found = law_of_bench(bench_of(z, v, force), candidates=("cubic_stiffness",))
-    assert found.settings["n_search_samples"] <= 5000
+    assert found.n_search_samples <= 5000
     assert found.residual.size == t.size
     assert found.parameters["stiffness_n_per_m"].holds(STIFFNESS)
     # the interval is that of all samples: 30 N over the root of sum z^2

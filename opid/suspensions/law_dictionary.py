@@ -24,8 +24,7 @@ class Proposal:
 
     Args:
         law: with the values that the derivatives suggest.
-        bic: the criterion, with the margin for inner parameters, that it would reach to first order, less that of the
-            fit it departs from.
+        bic: the criterion that it would reach to first order, less that of the fit it departs from.
         n_more: terms more than the fitted law.
     """
 
@@ -133,8 +132,7 @@ class LawDictionary:
         now, _ = self.left([column for group in self.fitted.values() for column in group])
         n_more = sum(len(LAWS[name].parameters) for name in names) - self.law.vector.size
         bic = self.n_data * float(np.log(max(cost, 1e-9 * now) / now)) + n_more * float(np.log(self.n_data))
-        more_terms = len(law.terms) - len(self.law.terms)
-        return Proposal(law, bic + self.settings.inner_margin * (n_more - more_terms), more_terms)
+        return Proposal(law, bic, len(law.terms) - len(self.law.terms))
 
     def _refined(self, names: Sequence[str], kept: Sequence[int], picked: dict[str, int]) -> tuple[float, Law]:
         """The law of the picked scales and what it leaves, the scales moved along their derivatives."""

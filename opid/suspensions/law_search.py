@@ -167,16 +167,15 @@ def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
     more = n_terms(fit) - n_terms(than)
     if more < 0:
         return not is_better(than, fit, settings)
-    gain = _criterion(than, settings) - _criterion(fit, settings)
     if more == 0:
-        return gain > 0
+        return fit.bic + settings.inner_margin * (_n_inner(fit) - _n_inner(than)) < than.bic
     margin = settings.error_margin / len(fit.laws)
-    return gain > settings.bic_margin and fit.error_rms < (1 - margin) * than.error_rms
+    return fit.bic < than.bic - settings.bic_margin and fit.error_rms < (1 - margin) * than.error_rms
 
 
-def _criterion(fit: LawFit, settings: SearchSettings) -> float:
-    """The criterion with the margin for inner parameters."""
-    return fit.bic + settings.inner_margin * sum(law.vector.size - len(law.terms) for law in fit.laws.values())
+def _n_inner(fit: LawFit) -> int:
+    """Number of inner parameters of all laws."""
+    return sum(law.vector.size - len(law.terms) for law in fit.laws.values())
 
 
 def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
@@ -311,11 +310,10 @@ def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set
     # what the error margin asks of a larger law, so that a smaller one has its chance
     in_error = -2 * current.n_data * float(np.log1p(-known.error_margin / len(current.laws)))
     doubt = -2 * current.n_data * float(np.log1p(-known.first_order_error))
-    here = _criterion(current, known)
     for grow in (False, True):
         n_fitted = 0
         for move in found:
-            bar = min(_criterion(fit, known) for fit in (current, *fits)) - here + doubt
+            bar = min(fit.bic for fit in (current, *fits)) - current.bic + doubt
             allowed = bar + (
                 in_error if move.n_more < 0 else known.bic_margin if move.n_more == 0 else -known.bic_margin
             )

@@ -133,8 +133,8 @@ class SearchSettings:
         bic_margin: a larger law must lower the information criterion by this.
         error_margin: and the error by this fraction, shared out over the interfaces: below, a term mends what sensors
             did.
-        inner_margin: the criterion of a law counts so much more for each inner parameter: of laws that fit alike the
-            plainer one is taken.
+        inner_margin: a law of as many terms must lower the criterion by this for each inner parameter more: of laws
+            that fit alike the plainer one is taken.
         first_order_error: the error that columns promise may be wrong by this fraction: laws are fitted that promise
             less than is asked for by so much.
         n_refitted: laws fitted in a round.
