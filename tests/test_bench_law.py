@@ -1,5 +1,6 @@
 """A law from measured force against motion: known laws come back, memory is told, and intervals hold the truth."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from opid.report import bench_json, bench_text
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.memory import play
+from opid.suspensions.bench.problem import BenchLaws, thin_record
 from opid.suspensions.bench.record import Bench, bench_from_recording, rate_of
+from opid.suspensions.bench.settings import DEFAULTS
 
 FS = 500.0
 STIFFNESS, DAMPING, OFFSET = 2e4, 500.0, 12.0
@@ -169,11 +172,62 @@ def test_a_long_record_is_thinned_for_the_search_and_fitted_whole():
     z, v = 0.01 * np.sin(2 * np.pi * 12.5 * t), 0.01 * 2 * np.pi * 12.5 * np.cos(2 * np.pi * 12.5 * t)
     force = STIFFNESS * z + DAMPING * v + 30 * np.random.default_rng(0).standard_normal(t.size)
     found = law_of_bench(bench_of(z, v, force), candidates=("cubic_stiffness",))
-    assert found.settings["n_search_samples"] <= 5000
+    assert found.n_search_samples <= 5000
     assert found.residual.size == t.size
     assert found.parameters["stiffness_n_per_m"].holds(STIFFNESS)
     # the interval is that of all samples: 30 N over the root of sum z^2
     assert found.parameters["stiffness_n_per_m"].std == pytest.approx(30 / np.sqrt(np.sum(z**2)), rel=0.2)
+
+
+def test_the_columns_of_candidates_foretell_what_a_fit_will_leave():
+    bench = simulated(TRUTHS[5], seed=2)
+    problem = BenchLaws(thin_record(bench, DEFAULTS), LIBRARY, DEFAULTS)
+    linear = problem.linear_fit()
+    proposals = problem.dictionaries(linear, LIBRARY)[""].proposals()
+    assert {proposal.law.name for proposal in proposals} == set(LIBRARY)
+    for proposal in proposals:
+        fit = problem.refit(linear, {"": proposal.law})
+        np.testing.assert_allclose(proposal.bic, fit.bic - linear.bic, rtol=0.02, atol=2)
+    # the best of them is the law with the larger part of the force, and stretches left out confirm it
+    best = problem.refit(linear, {"": proposals[0].law})
+    assert best.law_name in TRUTHS[5].name.split("+")
+    assert problem.confirms(best, linear)
+    assert not problem.confirms(linear, best)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_criteria_count_independent_samples_whatever_law_is_missing(correlation):
+    bench = simulated(TRUTHS[5], n=5000, correlation=correlation)
+    problem = BenchLaws(thin_record(bench, DEFAULTS), LIBRARY, DEFAULTS)
+    # of first-order noise one sample in (1 + c) / (1 - c) is independent
+    expected = 5000 * (1 - correlation) / (1 + correlation)
+    assert 0.7 * expected < problem.n_independent < 1.4 * expected
+    assert problem.linear_fit().n_data == round(problem.n_independent)
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        law("signed_power_damping", damping_n_sn_per_mn=800.0, exponent=0.5),
+        law("signed_power_stiffness", stiffness_n_per_mn=4e4, exponent=1.5),
+        law("arctan_mixed", amplitude_n=400.0, scale_m=0.006, lag_s=0.05),
+    ],
+    ids=lambda each: each.name,
+)
+def test_kinds_with_exponents_and_lags_are_searched_too(truth):
+    found = law_of_bench(simulated(truth, noise_n=2.0), candidates=(*LIBRARY, truth.name), most_terms=2)
+    assert found.law.name == truth.name
+    for estimate, value in zip(found.law_estimates[truth.name].values(), truth.vector, strict=True):
+        assert abs(estimate.value - value) < 4 * estimate.std
+
+
+def test_a_number_that_is_changed_is_used_and_told():
+    settings = replace(DEFAULTS, n_search=600, search=replace(DEFAULTS.search, bic_margin=1e9))
+    found = law_of_bench(simulated(TRUTHS[4]), candidates=LIBRARY, settings=settings)
+    assert found.law.name == "linear"
+    assert found.n_search_samples <= 600
+    told = bench_json(found)["settings"]
+    assert (told["bic_margin"], told["search"]["bic_margin"], told["n_search"]) == (1e9, 1e9, 600)
 
 
 def test_exact_data_give_the_exact_law():

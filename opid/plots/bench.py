@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
-from opid.suspensions.bench.ladder import Rung
-from opid.suspensions.bench.law import BenchLaw
+from opid.suspensions.bench.law import BenchLaw, Ladder
+from opid.suspensions.bench.problem import BenchFit
+from opid.suspensions.law_search import LawStep, chosen
 
 __all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
 
@@ -92,13 +93,14 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         result: the law of a bench.
         ax: one Axes, or None for a new figure.
     """
-    rungs = _shown(result.ladder)
+    steps, answer = _shown(result.ladder), chosen(result.ladder)
+    colors = [RUN_COLORS[1] if step is answer else INK if step.kept else GREY for step in steps]
     least = 1e-12
     with house_style():
-        ax = panels(ax, 1, height_in=1.5 + 0.26 * len(rungs))[0, 0]
-        for row, rung in enumerate(rungs):
-            color = RUN_COLORS[1] if rung.chosen else INK if rung.kept else GREY
-            inside, outside = (max(1 - share, least) for share in (rung.r2, rung.r2_left_out))
+        ax = panels(ax, 1, height_in=1.5 + 0.26 * len(steps))[0, 0]
+        for row, (step, color) in enumerate(zip(steps, colors, strict=True)):
+            left_out = step.fit.error_rms if step.left_out is None else step.left_out
+            inside, outside = (max(1 - fraction, least) for fraction in (step.fit.r2, step.fit.r2_of(left_out)))
             ax.plot([inside, outside], [row, row], color=color, linewidth=1)
             ax.plot([inside], [row], marker="o", markersize=6, color=color, markerfacecolor="white", linestyle="none")
             ax.plot([outside], [row], marker="o", markersize=6, color=color, linestyle="none")
@@ -121,11 +123,11 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         ax.xaxis.set_major_formatter(FuncFormatter(_percent))
         ax.xaxis.set_minor_formatter(NullFormatter() if high / low > 5 else FuncFormatter(_percent))
         ax.tick_params(axis="x", which="minor", labelsize=7.5)
-        ax.set_yticks(range(len(rungs)), [rung.law_name.replace("_", " ").replace("+", " + ") for rung in rungs])
-        for label, rung in zip(ax.get_yticklabels(), rungs, strict=True):
-            label.set_color(RUN_COLORS[1] if rung.chosen else INK if rung.kept else GREY)
-            label.set_fontweight("bold" if rung.chosen else "normal")
-        ax.set_ylim(len(rungs) - 0.5, -0.5)
+        ax.set_yticks(range(len(steps)), [step.law_name.replace("_", " ").replace("+", " + ") for step in steps])
+        for label, step, color in zip(ax.get_yticklabels(), steps, colors, strict=True):
+            label.set_color(color)
+            label.set_fontweight("bold" if step is answer else "normal")
+        ax.set_ylim(len(steps) - 0.5, -0.5)
         ax.grid(True, axis="x", which="both")
         ax.grid(False, axis="y")
         ax.set_xlabel("unexplained share of the force: fitted ○, left out ●")
@@ -177,9 +179,10 @@ def _force_unit(force: np.ndarray) -> tuple[float, str]:
     return (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
 
 
-def _shown(ladder: tuple[Rung, ...]) -> list[Rung]:
-    others = sorted((rung for rung in ladder if not rung.kept), key=lambda rung: rung.bic)[:N_OTHERS]
-    return [rung for rung in ladder if rung.kept or rung in others]
+def _shown(ladder: Ladder) -> list[LawStep[BenchFit]]:
+    """Return the steps that were kept and the most likely ones of the others."""
+    others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
+    return [step for step in ladder if step.kept or step in others]
 
 
 def _percent(share: float, place: int | None = None) -> str:

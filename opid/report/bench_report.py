@@ -14,6 +14,7 @@ from opid.report.as_text import Row, columns, estimate_row, formula, table_lines
 from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
 from opid.suspensions.bench.law import SCHEMA, BenchLaw
+from opid.suspensions.law_search import chosen
 
 LABELS = {
     "stiffness_n_per_m": ("stiffness K", "N/m"),
@@ -69,21 +70,43 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
             "n_independent": result.n_independent,
             "ladder": [
                 {
-                    "law": rung.law_name,
-                    "r2": rung.r2,
-                    "r2_left_out": rung.r2_left_out,
-                    "bic": rung.bic,
-                    "kept": rung.kept,
-                    "chosen": rung.chosen,
+                    "law": step.law_name,
+                    "r2": step.fit.r2,
+                    "r2_left_out": None if step.left_out is None else step.fit.r2_of(step.left_out),
+                    "bic": step.fit.bic,
+                    "kept": step.kept,
+                    "chosen": step is chosen(result.ladder),
                 }
-                for rung in result.ladder
+                for step in result.ladder
             ],
             "memory": asdict(result.memory) | {"seen": result.memory.seen},
             "warnings": result.warnings,
             "not_determined": result.not_determined,
-            "settings": result.settings,
+            "settings": _settings(result),
         }
     )
+
+
+def _settings(result: BenchLaw) -> dict[str, Any]:
+    """What the answer was made with: the record, what could be chosen, and every number that was tuned."""
+    bench, tuned = result.bench, asdict(result.settings)
+    search = result.settings.search
+    return {
+        "columns": bench.channels,
+        "n_samples": bench.force.size,
+        "fs_hz": bench.fs,
+        "velocity_from": bench.velocity_from,
+        "velocity_band_hz": bench.velocity_band_hz,
+        "travel_zero_m": bench.travel_zero_m,
+        "candidates": result.candidates,
+        "most_terms": search.most_terms,
+        "n_search_samples": result.n_search_samples,
+        "n_left_out_stretches": result.settings.n_stretches,
+        "bic_margin": search.bic_margin,
+        "rms_margin": search.error_margin,
+        "interval_cell_s": result.interval_cell_s,
+        **tuned,
+    }
 
 
 def write_bench_report(

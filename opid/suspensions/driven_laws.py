@@ -79,6 +79,15 @@ class DrivenLaws:
         ratio = left_out_ratio(fit)
         return None if ratio is None else fit.model.level * ratio
 
+    def confirms(self, fit: Fit, than: Fit) -> bool:
+        """Return True: runs left out cost as much as a search, so they are asked once, when it has ended.
+
+        Args:
+            fit: the better one.
+            than: the other.
+        """
+        return True
+
     def _faint(self, kind: str, fit: Fit, slots: Sequence[int]) -> list[Term]:
         """Terms too weak to move anything."""
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))

@@ -58,6 +58,11 @@ class Fit:
         """Noise that would explain the errors, as white noise of one level on all sensors, m/s^2."""
         return self.model.level * self.ratio
 
+    @property
+    def error_rms(self) -> float:
+        """The same, as a search for laws takes it."""
+        return self.noise_m_per_s2
+
     @cached_property
     def covariance(self) -> FloatArray:
         """(n_unknowns, n_unknowns) of the vector, for errors that are white."""

@@ -40,7 +40,8 @@ class Node:
     Args:
         term: of unit amplitude.
         column: (n,) derivative of the errors by its amplitude.
-        slope: (n,) derivative of the column by the logarithm of its scale; None for a kind without one scale alone.
+        slope: (n,) derivative of the column by the logarithm of its scale, or of its exponent; None for a kind without
+            either or with more beside it.
     """
 
     term: Term
@@ -54,7 +55,7 @@ class LawDictionary:
 
     Args:
         law: that was fitted.
-        n_data: real numbers fitted.
+        n_data: real numbers fitted, independent ones.
         terms: of each column, with unit amplitude; an inner parameter of a fitted term has that term.
         fitted: columns of each kind of the fitted law, its inner parameters beside it: taken together.
         offered: columns of each other kind, one for each inner scale: one of them is taken.
@@ -179,6 +180,7 @@ def make_dictionary(
     others: FloatArray,
     nodes: Mapping[str, Sequence[Node]],
     settings: SearchSettings,
+    n_data: int | None = None,
 ) -> LawDictionary:
     """Return the dictionary of candidates beside a fitted law.
 
@@ -189,6 +191,7 @@ def make_dictionary(
         others: (n, n_others) derivatives by everything else that a fit moves.
         nodes: of each further kind.
         settings: of the search.
+        n_data: what the errors amount to in independent real numbers; None for their number.
     """
     columns, terms, target = list(by_law.T), list[Term](), np.array(errors)
     fitted: dict[str, list[int]] = {}
@@ -216,7 +219,8 @@ def make_dictionary(
     matrix /= size
     gram, along = matrix.T @ matrix, matrix.T @ target
     total = float(target @ target)
-    return LawDictionary(law, errors.size, tuple(terms), fitted, offered, slopes, total, gram, along, size, settings)
+    n = errors.size if n_data is None else n_data
+    return LawDictionary(law, n, tuple(terms), fitted, offered, slopes, total, gram, along, size, settings)
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,7 +65,16 @@ def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[Fl
     return lower, upper
 
 
-def offered_terms(kind: str, *, travel_rms: float, velocity_rms: float, n_scales: int) -> list[Term]:
+def offered_terms(
+    kind: str,
+    *,
+    travel_rms: float,
+    velocity_rms: float,
+    n_scales: int,
+    fractions: tuple[float, float] = (0.4, 0.98),
+    lags: Sequence[float] = (0.3, 1.0, 3.0),
+    exponents: Sequence[float] = (),
+) -> list[Term]:
     """Return terms of unit amplitude of a kind, its inner parameters over the range in which this motion shows them.
 
     Args:
@@ -71,22 +82,25 @@ def offered_terms(kind: str, *, travel_rms: float, velocity_rms: float, n_scales
         travel_rms: rms of z, m.
         velocity_rms: rms of z', m/s.
         n_scales: scales that are offered, evenly in their logarithm.
+        fractions: between which of that range the scales lie, in its logarithm.
+        lags: that are offered, over the ratio of the rms motions.
+        exponents: that are offered; that of the default law where there are none.
 
     >>> [term.inner for term in offered_terms("cubic_stiffness", travel_rms=1e-3, velocity_rms=1e-2, n_scales=3)]
     [()]
     """
     inner = LAWS[kind].parameters[1:]
-    has_lag = any(parameter.role == "lag" for parameter in inner)
-    lags = travel_rms / velocity_rms * np.array([0.3, 1.0, 3.0]) if has_lag else np.zeros(1)
-    fractions = np.linspace(0.4, 0.98, n_scales) if any(p.role == "scale" for p in inner) else np.zeros(1)
+    roles = {parameter.role for parameter in inner}
     offered = []
-    for lag in lags:
-        for fraction in fractions:
-            values = []
-            for parameter in inner:
-                rms = velocity_rms if parameter.unit == "m/s" else float(np.hypot(travel_rms, lag * velocity_rms))
-                low, high = np.log(np.multiply(parameter.over_rms, rms))
-                scale = float(np.exp(low + fraction * (high - low)))
-                values.append({"scale": scale, "lag": float(lag)}.get(parameter.role, parameter.default))
-            offered.append(Term(kind, (1.0, *values)))
+    for lag in travel_rms / velocity_rms * np.array(lags) if "lag" in roles else np.zeros(1):
+        for fraction in np.linspace(*fractions, n_scales) if "scale" in roles else np.zeros(1):
+            for exponent in exponents if "exponent" in roles and exponents else (None,):
+                values = []
+                for parameter in inner:
+                    rms = velocity_rms if parameter.unit == "m/s" else float(np.hypot(travel_rms, lag * velocity_rms))
+                    low, high = np.log(np.multiply(parameter.over_rms, rms))
+                    given = {"scale": float(np.exp(low + fraction * (high - low))), "lag": float(lag)}
+                    given |= {} if exponent is None else {"exponent": exponent}
+                    values.append(given.get(parameter.role, parameter.default))
+                offered.append(Term(kind, (1.0, *values)))
     return offered

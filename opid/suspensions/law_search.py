@@ -39,11 +39,11 @@ class LawFit(Protocol):
 
     @property
     def n_data(self) -> int:
-        """Real numbers fitted."""
+        """Real numbers fitted, independent ones."""
 
     @property
-    def noise_m_per_s2(self) -> float:
-        """What is left, rms, in the unit of the data."""
+    def error_rms(self) -> float:
+        """What is left, in the unit of the data."""
 
 
 F = TypeVar("F", bound=LawFit)
@@ -63,7 +63,10 @@ class LawProblem(Protocol[F]):
         """Fit other laws from where a fit stands; None where they cannot be fitted."""
 
     def left_out(self, fit: F) -> float | None:
-        """Return what is left of data that the rest predicts, as `noise_m_per_s2`; None where nothing is left out."""
+        """Return what is left of data that the rest predicts, as `error_rms`; None where nothing is left out."""
+
+    def confirms(self, fit: F, than: F) -> bool:
+        """Return whether data left out confirm a law that is better than one of no more terms; True if not asked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +77,8 @@ class LawStep(Generic[F]):
         fit: of it.
         kept: whether the search went on from here; the last step that was kept is the choice.
         method: what proposed it: "equation", "given", "pursuit" or "sparse regression".
-        left_out: what is left of data that the rest predicts, as `noise_m_per_s2` of the fit; None where it was not
-            asked for.
+        left_out: what is left of data that the rest predicts, as `error_rms` of the fit; None where it was not asked
+            for.
     """
 
     fit: F
@@ -136,7 +139,7 @@ def search_laws(
         fits = _fitted(problem, current, kinds, tried, say)
         best = current
         for fit in fits:
-            best = fit if is_better(fit, best, problem.settings) else best
+            best = fit if _replaces(problem, fit, best) else best
         ladder += [LawStep(fit, fit is best, "pursuit") for fit in fits]
         if best is current:
             break
@@ -165,9 +168,21 @@ def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
     if more < 0:
         return not is_better(than, fit, settings)
     if more == 0:
-        return fit.bic < than.bic
+        return fit.bic + settings.inner_margin * (_n_inner(fit) - _n_inner(than)) < than.bic
     margin = settings.error_margin / len(fit.laws)
-    return fit.bic < than.bic - settings.bic_margin and fit.noise_m_per_s2 < (1 - margin) * than.noise_m_per_s2
+    return fit.bic < than.bic - settings.bic_margin and fit.error_rms < (1 - margin) * than.error_rms
+
+
+def _n_inner(fit: LawFit) -> int:
+    """Number of inner parameters of all laws."""
+    return sum(law.vector.size - len(law.terms) for law in fit.laws.values())
+
+
+def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
+    """Whether a fit is better by its criterion and by data left out, or a larger one is not."""
+    if n_terms(fit) < n_terms(than):
+        return not _replaces(problem, than, fit)
+    return is_better(fit, than, problem.settings) and problem.confirms(fit, than)
 
 
 def n_terms(fit: LawFit) -> int:
@@ -294,10 +309,11 @@ def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set
     found = _moves(problem, current, kinds)
     # what the error margin asks of a larger law, so that a smaller one has its chance
     in_error = -2 * current.n_data * float(np.log1p(-known.error_margin / len(current.laws)))
+    doubt = -2 * current.n_data * float(np.log1p(-known.first_order_error))
     for grow in (False, True):
         n_fitted = 0
         for move in found:
-            bar = min(fit.bic for fit in (current, *fits)) - current.bic
+            bar = min(fit.bic for fit in (current, *fits)) - current.bic + doubt
             allowed = bar + (
                 in_error if move.n_more < 0 else known.bic_margin if move.n_more == 0 else -known.bic_margin
             )
@@ -309,7 +325,7 @@ def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set
             fit = problem.refit(current, move.laws)
             fits += [fit] if fit is not None else []
             n_fitted += 1
-        if any(is_better(fit, current, known) for fit in fits):
+        if any(_replaces(problem, fit, current) for fit in fits):
             break
     return fits
 

@@ -1,7 +1,9 @@
-"""Separable least squares: the inner parameters of a law are searched, everything linear is solved for.
+"""Separable least squares: only the inner parameters of a law are searched; what enters linearly is solved for.
 
-y = sum_j w_j c_j + sum_i A_i g_i(z, v; inner), with the derivative of Kaufman (1975) for the inner parameters (variable
-projection, Golub & Pereyra 1973).
+    y = sum_j w_j c_j + sum_i A_i g_i(z, v; inner parameters of term i)
+
+For given inner parameters (scales, lags, exponents) the weights w and the amplitudes A follow from linear least squares
+(variable projection, Golub & Pereyra 1973). The search over the inner parameters uses the derivative of Kaufman (1975).
 """
 
 from __future__ import annotations
@@ -14,13 +16,25 @@ import numpy as np
 from opid.mechanics.laws import Law, Parameter, Term
 from opid.signals.recording import FloatArray
 
-# a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the largest: there a
-# friction is a straight line and a gas spring a parabola
-BEYOND_SEEN = 10.0
-EXPONENT_RANGE = (0.1, 6.0)
-# fractions of the largest scale that can be seen from which a scale is searched: of a friction 0.1, 0.4 and 1.5 rms
-# velocities, of a gas column 10, 40 and 150 rms travels
-START_SHARES = (1 / 30, 2 / 15, 1 / 2)
+
+@dataclass(frozen=True)
+class SeparableSettings:
+    """Where inner parameters are searched.
+
+    Args:
+        beyond_seen: a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the
+            largest: there a friction is a straight line and a gas spring a parabola.
+        exponents: least and largest exponent: 0.1 is nearly dry friction, and beyond 6 a power is a wall.
+        start_fractions: fractions of the largest scale that can be seen from which a scale is searched: of a friction
+            0.1, 0.4 and 1.5 rms velocities, of a gas column 10, 40 and 150 rms travels.
+    """
+
+    beyond_seen: float = 10.0
+    exponents: tuple[float, float] = (0.1, 6.0)
+    start_fractions: tuple[float, ...] = (1 / 30, 2 / 15, 1 / 2)
+
+
+DEFAULTS = SeparableSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +63,7 @@ def separable_fit(
     *,
     starts: Sequence[Law] | None = None,
     free_exponents: bool = False,
+    settings: SeparableSettings = DEFAULTS,
 ) -> SeparableFit:
     """Return the least-squares fit of the columns and the law to `y`.
 
@@ -58,8 +73,9 @@ def separable_fit(
         z: (n,) travel, m.
         v: (n,) velocity, m/s.
         y: (n,) what is fitted.
-        starts: laws of the same terms whose inner parameters the search starts from; None for `START_SHARES`.
+        starts: laws of the same terms whose inner parameters the search starts from; None for `start_laws`.
         free_exponents: whether exponents are searched too; otherwise they stay at the first start.
+        settings: where inner parameters are searched.
 
     >>> z = np.linspace(-1.0, 1.0, 201)
     >>> friction = Law((Term("arctan_velocity", (3.0, 0.2)),))
@@ -69,12 +85,12 @@ def separable_fit(
     """
     from scipy import optimize
 
-    starts = starts or [started(law, z, v, share) for share in START_SHARES]
+    starts = starts or start_laws(law, z, v, settings)
     free = inner_indices(law, free_exponents=free_exponents)
     if not free:
         return _fitted(columns, starts[0], free, np.empty(0), z, v, y, (np.empty(0), np.empty(0)))
-    bounds = _search_bounds(law, free, z, v)
-    # least_squares asks for the residual and then for its derivative at the same place
+    bounds = _search_bounds(law, free, z, v, settings)
+    # least_squares asks for the residual and then for its derivative at the same point
     last: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
     def solved(inner: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -119,7 +135,7 @@ def unit_law(law: Law) -> Law:
 
 
 def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
-    """Return the places in `law.vector` of what is searched: scales and lags, and exponents if they are free.
+    """Return the indices in `law.vector` of what is searched: scales and lags, and exponents if they are free.
 
     Args:
         law: any law.
@@ -129,21 +145,24 @@ def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
     return [k for k, parameter in enumerate(law.parameter_list) if parameter.role not in fixed]
 
 
-def started(law: Law, z: FloatArray, v: FloatArray, share: float) -> Law:
-    """Return the law with each scale at a fraction of the largest that the motion shows, and each lag at the rms ratio.
+def start_laws(law: Law, z: FloatArray, v: FloatArray, settings: SeparableSettings = DEFAULTS) -> list[Law]:
+    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio.
 
     Args:
         law: any law.
         z: (n,) travel, m.
         v: (n,) velocity, m/s.
-        share: fraction of the largest scale that can be seen.
+        settings: the fractions.
     """
-    vector = law.vector.copy()
-    for k in inner_indices(law):
-        parameter = law.parameter_list[k]
-        reference = _reference(parameter, z, v)
-        vector[k] = share * parameter.over_rms[1] * reference if _positive(parameter) else reference
-    return law.with_vector(vector)
+    starts = []
+    for fraction in settings.start_fractions:
+        vector = law.vector.copy()
+        for k in inner_indices(law):
+            parameter = law.parameter_list[k]
+            reference = _reference(parameter, z, v)
+            vector[k] = fraction * parameter.over_rms[1] * reference if _positive(parameter) else reference
+        starts.append(law.with_vector(vector))
+    return list(dict.fromkeys(starts))
 
 
 def independent_samples(residual: FloatArray) -> float:
@@ -245,13 +264,15 @@ def _reference(parameter: Parameter, z: FloatArray, v: FloatArray) -> float:
     return {"m/s": velocity, "s": travel / velocity}.get(parameter.unit, travel)
 
 
-def _search_bounds(law: Law, free: list[int], z: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _search_bounds(
+    law: Law, free: list[int], z: FloatArray, v: FloatArray, settings: SeparableSettings
+) -> tuple[FloatArray, FloatArray]:
     lower, upper = [], []
     for k in free:
         parameter = law.parameter_list[k]
         reference = 1.0 if parameter.role == "exponent" else _reference(parameter, z, v)
-        seen = (parameter.over_rms[0], BEYOND_SEEN * parameter.over_rms[1])
-        least, most = EXPONENT_RANGE if parameter.role == "exponent" else seen
+        seen = (parameter.over_rms[0], settings.beyond_seen * parameter.over_rms[1])
+        least, most = settings.exponents if parameter.role == "exponent" else seen
         lower.append(np.log(least * reference) if _positive(parameter) else -most * reference)
         upper.append(np.log(most * reference) if _positive(parameter) else most * reference)
     return np.array(lower), np.array(upper)

@@ -133,6 +133,10 @@ class SearchSettings:
         bic_margin: a larger law must lower the information criterion by this.
         error_margin: and the error by this fraction, shared out over the interfaces: below, a term mends what sensors
             did.
+        inner_margin: a law of as many terms must lower the criterion by this for each inner parameter more: of laws
+            that fit alike the plainer one is taken.
+        first_order_error: the error that columns promise may be wrong by this fraction: laws are fitted that promise
+            less than is asked for by so much.
         n_refitted: laws fitted in a round.
         n_rounds: at the most; in each the law may change by a step.
         most_terms: of the law of one suspension.
@@ -151,6 +155,8 @@ class SearchSettings:
     nearly_parallel: float = 1e-7
     bic_margin: float = 10.0
     error_margin: float = 0.005
+    inner_margin: float = 0.0
+    first_order_error: float = 0.0
     n_refitted: int = 3
     n_rounds: int = 8
     most_terms: int = 3

@@ -21,7 +21,7 @@ from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.fit import Fit
 from opid.suspensions.force_surface import ForcePoints, force_points
 from opid.suspensions.law_search import LawStep, is_better
-from opid.suspensions.separable import START_SHARES, separable_fit, started
+from opid.suspensions.separable import separable_fit, start_laws
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _at_best_scale(name: str, held: Law, z: FloatArray, v: FloatArray, straight:
     law = law.scaled(1 / law.vector[0])
     if law.vector.size == 1:
         return law
-    offered = [started(law, z, v, share) for share in START_SHARES]
+    offered = start_laws(law, z, v)
     columns = _freed(straight, np.stack([each.force(z, v) for each in offered], axis=1))
     return offered[int(np.argmax(np.abs(columns.T @ y)))]
 

@@ -1,14 +1,13 @@
 """A law from a test bench: measured force against motion, F = F0 + K z + C z' + f(z, z').
 
-The terms of f are chosen on some thousand samples (`opid.suspensions.bench.ladder`), the chosen law is fitted to all.
-The intervals take the residual as it is, correlated over time or not.
+The terms of f are searched on some thousand samples (`opid.suspensions.law_search` on a `BenchLaws`), the law that is
+found is fitted to all. The intervals take the residual as it is, correlated over time or not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,27 +15,17 @@ from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS, Law, default_law
 from opid.signals.recording import FloatArray
-from opid.suspensions.bench.ladder import (
-    BIC_MARGIN,
-    N_STRETCHES,
-    RMS_MARGIN,
-    Points,
-    Rung,
-    ladder_of,
-    revised,
-    searched,
-    straight_columns,
-    thinned,
-)
-from opid.suspensions.bench.memory import Memory, memory_of
+from opid.suspensions.bench.memory import Memory, measure_memory
+from opid.suspensions.bench.problem import BenchFit, BenchLaws, straight_columns, thin_record
 from opid.suspensions.bench.record import Bench
+from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.covariance import clustered_covariance
+from opid.suspensions.law_search import LawStep, add_neighbours, chosen, search_laws
 from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
 
 SCHEMA = "opid.law/1"
 STRAIGHT = ("stiffness_n_per_m", "damping_n_s_per_m", "offset_n")
-# below these shares of the force there is no law: nothing is explained, or memory holds the greater part
-LEAST_R2, LEAST_STATIC_R2 = 0.02, 0.5
+Ladder = tuple[LawStep[BenchFit], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +39,17 @@ class BenchLaw:
         law: the nonlinear law f, N.
         law_estimates: {kind: {parameter: Estimate}}.
         residual: (n,) force minus fit, N.
-        r2: share of the variance of the force that is explained.
+        r2: fraction of the variance of the force that is explained.
         r2_left_out: the same on stretches of time that were left out of the fit.
-        ladder: the laws that were tried, in order.
+        ladder: the laws that were tried, in order, each with what is left of stretches that were left out.
         memory: what no law of travel and velocity can explain.
         n_independent: independent samples that the residual amounts to.
         warnings: what to doubt, one sentence each.
         not_determined: why there is no law, or None.
-        settings: what the answer was made with, ready for JSON.
+        settings: numbers that were tuned.
+        candidates: kinds that could be added.
+        n_search_samples: samples that the search looked at.
+        interval_cell_s: length of the cells over which scores were added up for the intervals, s.
     """
 
     bench: Bench
@@ -68,12 +60,15 @@ class BenchLaw:
     residual: FloatArray
     r2: float
     r2_left_out: float
-    ladder: tuple[Rung, ...]
+    ladder: Ladder
     memory: Memory
     n_independent: float
     warnings: tuple[str, ...]
     not_determined: str | None
-    settings: Mapping[str, Any]
+    settings: BenchSettings
+    candidates: tuple[str, ...]
+    n_search_samples: int
+    interval_cell_s: float
 
     @property
     def residual_rms(self) -> float:
@@ -86,7 +81,8 @@ def law_of_bench(
     *,
     title: str = "",
     candidates: Sequence[str] | None = None,
-    most_terms: int = 4,
+    most_terms: int | None = None,
+    settings: BenchSettings = DEFAULTS,
     progress: Callable[[str], None] | None = None,
 ) -> BenchLaw:
     """Find the law of a damper or spring from its measured force and motion.
@@ -95,7 +91,8 @@ def law_of_bench(
         bench: the record, from `bench_from_recording`.
         title: name of the record.
         candidates: kinds that may be added; None for every kind in `LAWS` that is searched.
-        most_terms: terms of f at the most.
+        most_terms: terms of f at the most; None for as many as the settings say.
+        settings: numbers that were tuned.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -114,31 +111,33 @@ def law_of_bench(
     kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
         default_law(name)  # an unknown one is named here
-    if most_terms < 0:
+    if most_terms is not None:
+        settings = replace(settings, search=replace(settings.search, most_terms=most_terms))
+    if settings.search.most_terms < 0:
         raise InputError(f"most_terms is {most_terms}: give 0 or more")
     say = progress or (lambda step: None)
-    points = thinned(bench)
-    trials = searched(points, kinds, most_terms, say)
-    steps, rivals = revised(points, [trial for trial in trials if trial.kept][-1], kinds, say)
-    trials += steps
-    answer = [trial for trial in trials if trial.kept][-1]
+    problem = BenchLaws(thin_record(bench, settings), kinds, settings)
+    ladder = _search(problem, kinds, say)
+    step = chosen(ladder)
     say("the chosen law on all samples")
     fit = separable_fit(
         straight_columns(bench.travel, bench.velocity),
-        answer.fit.law,
+        step.fit.separable.law,
         bench.travel,
         bench.velocity,
         bench.force,
-        starts=[answer.fit.law],
+        starts=[step.fit.separable.law],
         free_exponents=True,
+        settings=settings.separable,
     )
     say("memory")
-    r2_left_out = answer.r2_left_out(points)
+    r2_left_out = _r2_left_out(step)
     # a ceiling lies above every law that was tried, also above those that were too rich to keep
-    least_left = min((trial.left_out for trial in trials), key=lambda left: float(left @ left))
-    memory = memory_of(bench, points.sample, points.fold, least_left, noise_like=r2_left_out < LEAST_R2)
+    best = max(ladder, key=_r2_left_out)
+    is_noise = r2_left_out < settings.least_r2
+    memory = measure_memory(bench, problem.points, best.fit.left_out, is_noise=is_noise, settings=settings)
     n_independent = independent_samples(fit.residual)
-    estimates, cell_s = _estimates(bench, fit, n_independent)
+    estimates, cell_s = _estimates(bench, fit, n_independent, settings)
     amplitude = bench.force - bench.force.mean()
     result = BenchLaw(
         bench=bench,
@@ -149,17 +148,36 @@ def law_of_bench(
         residual=fit.residual,
         r2=1 - float(fit.residual @ fit.residual) / float(amplitude @ amplitude),
         r2_left_out=r2_left_out,
-        ladder=ladder_of(points, trials, answer),
+        ladder=ladder,
         memory=memory,
         n_independent=n_independent,
         warnings=(),
         not_determined=None,
-        settings=_settings(bench, kinds, most_terms, points, cell_s),
+        settings=settings,
+        candidates=kinds,
+        n_search_samples=problem.points.sample.size,
+        interval_cell_s=cell_s,
     )
-    return replace(result, warnings=_warnings(result, fit, rivals), not_determined=_reason(result))
+    return replace(result, warnings=_warnings(result, fit), not_determined=_reason(result))
 
 
-def _estimates(bench: Bench, fit: SeparableFit, n_independent: float) -> tuple[list[Estimate], float]:
+def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
+    """Return the laws that were tried and those that come closest to the chosen one, with stretches left out."""
+    say("the linear law")
+    ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)
+    say("the laws that come closest")
+    with_neighbours = add_neighbours(problem, ladder, kinds=kinds)
+    in_order = (*ladder, *with_neighbours[: -len(ladder)])
+    return tuple(replace(step, left_out=problem.left_out(step.fit)) for step in in_order)
+
+
+def _r2_left_out(step: LawStep[BenchFit]) -> float:
+    return step.fit.r2_of(float(np.sqrt(np.mean(step.fit.left_out**2))))
+
+
+def _estimates(
+    bench: Bench, fit: SeparableFit, n_independent: float, settings: BenchSettings
+) -> tuple[list[Estimate], float]:
     """Return value and interval of every parameter, from scores added up over cells longer than the correlation."""
     from scipy import special
 
@@ -172,7 +190,8 @@ def _estimates(bench: Bench, fit: SeparableFit, n_independent: float) -> tuple[l
             f"the residual amounts to {n_independent:.0f} independent samples for {values.size} parameters: "
             "record longer"
         )
-    length = int(np.clip(8 * n / n_independent, n / 200, n / 20))
+    least, most = settings.cells
+    length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
     cells = np.arange(n) // length
     covariance = clustered_covariance(jacobian, fit.residual, cells)
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
@@ -221,38 +240,20 @@ def _law_estimates(fit: SeparableFit, estimates: list[Estimate]) -> dict[str, di
     return {term.name: {p.name: next(rest) for p in LAWS[term.name].parameters} for term in fit.law.terms}
 
 
-def _settings(bench: Bench, kinds: tuple[str, ...], most_terms: int, points: Points, cell_s: float) -> dict[str, Any]:
-    return {
-        "columns": bench.channels,
-        "n_samples": bench.force.size,
-        "fs_hz": bench.fs,
-        "velocity_from": bench.velocity_from,
-        "velocity_band_hz": bench.velocity_band_hz,
-        "travel_zero_m": bench.travel_zero_m,
-        "candidates": list(kinds),
-        "most_terms": most_terms,
-        "n_search_samples": points.sample.size,
-        "n_left_out_stretches": N_STRETCHES,
-        "bic_margin": BIC_MARGIN,
-        "rms_margin": RMS_MARGIN,
-        "interval_cell_s": cell_s,
-    }
-
-
 def _reason(result: BenchLaw) -> str | None:
-    if result.r2_left_out < LEAST_R2:
+    if result.r2_left_out < result.settings.least_r2:
         return (
             "on stretches of time that were left out no law of travel and velocity predicts the force better than its "
             "mean: the force is noise, or belongs to another motion"
         )
-    if result.memory.seen and result.memory.r2_at_most < LEAST_STATIC_R2:
+    if result.memory.seen and result.memory.r2_at_most < result.settings.least_static_r2:
         return f"{result.memory.statement}: there is no law"
     return None
 
 
-def _warnings(result: BenchLaw, fit: SeparableFit, rivals: list[tuple[str, str]]) -> tuple[str, ...]:
+def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
     """Say what is to be doubted about the law."""
-    memory = result.memory
+    memory, settings = result.memory, result.settings
     found = list(result.bench.doubts)
     if memory.seen:
         found.append(
@@ -263,15 +264,13 @@ def _warnings(result: BenchLaw, fit: SeparableFit, rivals: list[tuple[str, str]]
         found.append(memory.statement)
     unexplained = 1 - result.r2_left_out
     missing = memory.r2_at_most - result.r2_left_out
-    if missing > max(0.1 * unexplained, 0.002):
+    if missing > max(settings.missing_of_rest * unexplained, settings.missing_r2):
         found.append(
             f"a law of travel and velocity could explain {100 * memory.r2_at_most:.4g} % of the force, this one "
             f"explains {100 * result.r2_left_out:.4g} %: the library lacks its shape, which the intervals do not cover"
         )
-    for name in dict.fromkeys(rival[0] for rival in rivals):
-        alike = " or ".join(other for term, other in rivals if term == name and not _contains(other, name))
-        if alike:
-            found.append(f"over the visited range {name} cannot be told from {alike}")
+    for name, others in _rivals(result).items():
+        found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")
     for term in fit.law.terms:
         amplitude, *inner = LAWS[term.name].parameters
         if _has_long_scale(term.name) and result.law_estimates[term.name][inner[0].name].interval95 is None:
@@ -285,6 +284,20 @@ def _warnings(result: BenchLaw, fit: SeparableFit, rivals: list[tuple[str, str]]
         if at_bound and not _has_long_scale(kind):
             found.append(f"{parameter} of {kind} stands at the end of what this motion can show: it has no interval")
     return tuple(found)
+
+
+def _rivals(result: BenchLaw) -> dict[str, list[str]]:
+    """Return for each term the kinds that explain the record as well in its place, the most likely first."""
+    best = chosen(result.ladder).fit
+    mine, rivals = set(best.separable.law.parameters), dict[str, list[str]]()
+    for step in sorted(result.ladder, key=lambda step: step.fit.bic):
+        theirs = set(step.fit.separable.law.parameters)
+        gone, new = mine - theirs, theirs - mine
+        if len(gone) == len(new) == 1 and step.fit.bic < best.bic + result.settings.search.alike_bic:
+            (name,), (other,) = gone, new
+            if not _contains(other, name) and other not in rivals.setdefault(name, []):
+                rivals[name].append(other)
+    return {name: others for name, others in rivals.items() if others}
 
 
 def _contains(kind: str, other: str) -> bool:

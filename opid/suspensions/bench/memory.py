@@ -18,34 +18,27 @@ from typing import Literal
 import numpy as np
 
 from opid.signals.recording import FloatArray
+from opid.suspensions.bench.problem import Points
 from opid.suspensions.bench.record import Bench, rate_of
+from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, MemorySettings
 from opid.suspensions.separable import independent_samples
 
 Cause = Literal["hysteresis", "relaxation", "inertia"]
-# half-widths of the plays over the amplitude of the travel, and lags over the time in which the motion turns
-PLAYS = (0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
-LAGS = (0.1, 0.3, 1.0, 3.0)
-# neighbours that the static prediction is tried with, and that the signals of the past are foretold by
-NEIGHBOURS, FEW_NEIGHBOURS, NEIGHBOURS_WITH_PAST = (8, 32, 128), 8, 16
-# the past is said to be seen when it explains this share of the rest and of the whole force, with this gain in
-# log-likelihood (counted twice, in independent samples); it cannot be tested where the present foretells it this well
-SHARE_OF_REST, SHARE_OF_FORCE, EVIDENCE, FORETOLD = 0.1, 0.001, 10.0, 0.98
-RIDGE = 1e-3
 
 
 @dataclass(frozen=True)
 class Memory:
     """What of a force a law of travel and velocity can explain, and what the past explains.
 
-    All shares are of the variance of the force, on stretches of time that were left out.
+    All fractions are of the variance of the force, on stretches of time that were left out.
 
     Args:
-        r2_at_most: share that the law with any smooth static correction explains.
-        r2_with_past: share that is explained when the past is known too.
+        r2_at_most: fraction that the law with any smooth static correction explains.
+        r2_with_past: fraction that is explained when the past is known too.
         cause: the kind of past that explains most by itself; None where the past is not seen.
         moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
         testable: whether the motion lets memory and law be told apart at all.
-        foretold: median share of the stop operators that travel and velocity foretell.
+        foretold: median fraction of the stop operators that travel and velocity foretell.
         statement: the same in words.
     """
 
@@ -63,60 +56,64 @@ class Memory:
         return self.cause is not None
 
 
-def memory_of(bench: Bench, sample: np.ndarray, fold: np.ndarray, rest: FloatArray, *, noise_like: bool) -> Memory:
+def measure_memory(
+    bench: Bench, points: Points, rest: FloatArray, *, is_noise: bool, settings: BenchSettings = DEFAULTS
+) -> Memory:
     """Measure how much of what a law leaves over is static, and how much of it remembers the past.
 
     Args:
         bench: the record.
-        sample: (m,) the samples that are looked at, in order of time.
-        fold: (m,) to which left-out stretch each belongs.
-        rest: (m,) force minus the best law, fitted without that stretch, N.
-        noise_like: whether the law itself explains next to nothing.
+        points: the samples that are looked at, and the turn in which each is left out.
+        rest: (m,) force minus the best law, fitted without that turn, N.
+        is_noise: whether the law itself explains next to nothing.
+        settings: what counts as memory.
     """
+    known, sample, fold = settings.memory, points.sample, points.fold
     plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
-    groups = {cause: signals[sample] for cause, signals in past_signals(bench).items()}
-    neighbours = {count: _neighbours(plane, fold, count) for count in NEIGHBOURS}
-    statics = [rest, *(rest - rest[each].mean(axis=1) for each in neighbours.values())]
-    few = neighbours[FEW_NEIGHBOURS]
+    groups = {cause: signals[sample] for cause, signals in past_signals(bench, settings).items()}
+    neighbours = [_find_neighbours(plane, fold, count) for count in known.neighbours]
+    statics = [rest, *(rest - rest[each].mean(axis=1) for each in neighbours)]
+    few = neighbours[0]
     news = {cause: signals - signals[few].mean(axis=1) for cause, signals in groups.items()}
     told = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
     foretold = float(np.median(told))
     knowing: list[tuple[FloatArray, Cause]] = [
-        (_regressed(signals, static, fold), cause) for cause, signals in news.items() for static in statics
+        (_regress(signals, static, fold, known.ridge), cause) for cause, signals in news.items() for static in statics
     ]
     for cause, signals in groups.items():
         for column in signals.T / np.maximum(signals.std(axis=0), 1e-300)[:, np.newaxis]:
-            beside = _neighbours(np.column_stack([plane, column]), fold, NEIGHBOURS_WITH_PAST)
+            beside = _find_neighbours(np.column_stack([plane, column]), fold, known.neighbours_with_past)
             knowing.append((rest - rest[beside].mean(axis=1), cause))
     left, best = min(knowing, key=lambda pair: float(pair[0] @ pair[0]))
-    total = float(np.sum((bench.force[sample] - bench.force[sample].mean()) ** 2))
+    total = points.y.size * points.force_rms**2
     static = min(statics, key=lambda each: float(each @ each))
-    testable = foretold < FORETOLD
-    seen = best if testable and _worthwhile(static, left, total) else None
+    testable = foretold < known.foretold
+    seen = best if testable and _is_seen(static, left, total, known) else None
     r2_static = 1 - float(static @ static) / total
     r2_past = 1 - float(left @ left) / total if seen else r2_static
     mass = _moving_mass(groups["inertia"], plane, rest) if seen == "inertia" else None
-    words = _statement(r2_static, r2_past, seen, mass, testable, noise_like)
+    words = _statement(r2_static, r2_past, seen, mass, testable, is_noise)
     return Memory(r2_static, r2_past, seen, mass, testable, foretold, words)
 
 
-def past_signals(bench: Bench) -> dict[Cause, FloatArray]:
+def past_signals(bench: Bench, settings: BenchSettings = DEFAULTS) -> dict[Cause, FloatArray]:
     """Return the signals of the past by their kind, each (n, n_signals).
 
     Args:
         bench: the record.
+        settings: which plays and lags.
     """
     from scipy import signal
 
     z, v = bench.travel, bench.velocity
     low, high = np.quantile(z, (0.005, 0.995))
-    stops = z[:, np.newaxis] - play(z, np.array(PLAYS) * (high - low) / 2)
+    stops = z[:, np.newaxis] - play(z, np.array(settings.memory.plays) * (high - low) / 2)
     turn_s = float(z.std() / v.std())
     lagged = []
-    for lag in LAGS:
+    for lag in settings.memory.lags:
         pole = np.exp(-1 / (lag * turn_s * bench.fs))
         lagged.append(signal.lfilter([1 - pole], [1, -pole], v, zi=[pole * v[0]])[0])
-    acceleration, _ = rate_of(v, fs=bench.fs)
+    acceleration, _ = rate_of(v, fs=bench.fs, settings=settings.record)
     return {"hysteresis": stops, "relaxation": np.stack(lagged, axis=1), "inertia": acceleration[:, np.newaxis]}
 
 
@@ -158,36 +155,36 @@ def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
     return np.clip(entering[:, np.newaxis], least, most).reshape(-1, half_widths.size)[: z.size]
 
 
-def _neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndarray:
-    """Return the places (m, count) of the nearest points in the plane that lie in other stretches of time."""
+def _find_neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndarray:
+    """Return the indices (m, count) of the nearest points in the plane that lie in other stretches of time."""
     from scipy.spatial import cKDTree
 
     found = np.empty((fold.size, count), dtype=np.int64)
     for each in np.unique(fold):
         inside, outside = np.flatnonzero(fold == each), np.flatnonzero(fold != each)
-        _, place = cKDTree(plane[outside]).query(plane[inside], k=count)
-        found[inside] = outside[place]
+        _, nearest = cKDTree(plane[outside]).query(plane[inside], k=count)
+        found[inside] = outside[nearest]
     return found
 
 
-def _regressed(signals: FloatArray, y: FloatArray, fold: np.ndarray) -> FloatArray:
+def _regress(signals: FloatArray, y: FloatArray, fold: np.ndarray, ridge: float) -> FloatArray:
     """Return what a ridge regression leaves of `y`, each stretch predicted from the others."""
     scaled = signals / np.maximum(signals.std(axis=0), 1e-300)
     left = np.empty_like(y)
     for each in np.unique(fold):
         here = fold == each
         x = scaled[~here]
-        gram = x.T @ x + RIDGE * x.shape[0] * np.eye(x.shape[1])
+        gram = x.T @ x + ridge * x.shape[0] * np.eye(x.shape[1])
         left[here] = y[here] - scaled[here] @ np.linalg.solve(gram, x.T @ y[~here])
     return left
 
 
-def _worthwhile(static: FloatArray, left: FloatArray, total: float) -> bool:
+def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySettings) -> bool:
     """Whether the past explains so much that chance and the shape of the static function do not."""
     before, after = float(static @ static), float(left @ left)
-    if before - after <= max(SHARE_OF_REST * before, SHARE_OF_FORCE * total):
+    if before - after <= max(known.fraction_of_rest * before, known.fraction_of_force * total):
         return False
-    return independent_samples(left) * np.log(before / max(after, 1e-300)) > EVIDENCE
+    return independent_samples(left) * np.log(before / max(after, 1e-300)) > known.evidence
 
 
 def _moving_mass(acceleration: FloatArray, plane: FloatArray, rest: FloatArray) -> float:
@@ -198,7 +195,7 @@ def _moving_mass(acceleration: FloatArray, plane: FloatArray, rest: FloatArray) 
 
 
 def _statement(
-    static: float, past: float, cause: Cause | None, mass: float | None, testable: bool, noise_like: bool
+    static: float, past: float, cause: Cause | None, mass: float | None, testable: bool, is_noise: bool
 ) -> str:
     rest = f"{_percent(1 - past)} is neither (noise, or what was not recorded)"
     at_most = f"a law of travel and velocity explains at most {_percent(static)} of this force"
@@ -222,7 +219,7 @@ def _statement(
             "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
             "look alike: record several amplitudes or a random motion to tell them apart"
         )
-    if noise_like:
+    if is_noise:
         return f"{at_most}; the past does not explain the rest either"
     return f"no memory is seen: {at_most}, and the past explains none of the rest"
 

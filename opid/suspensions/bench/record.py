@@ -8,13 +8,8 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray, Recording
+from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
 
-LEAST_SAMPLES = 200
-# a travel's noise floor is where its spectrum ends; the derivative is taken up to where it stands this far above
-ABOVE_FLOOR = 10.0
-LEFT_ABOVE = 0.1
-# measured velocity against the rate of the travel: neither factor nor correlation is far from one
-RATE_FACTOR, RATE_CORRELATION = (0.8, 1.25), 0.9
 _NEEDED = {"force": ("N", "N, kN or lbf"), "travel": ("m", "m, mm or in"), "velocity": ("m/s", "m/s, mm/s or in/s")}
 
 
@@ -27,7 +22,7 @@ class Bench:
         velocity: (n,) z', m/s.
         force: (n,) N.
         fs: sampling rate, Hz.
-        travel_zero_m: place of the record's travel from which z is counted, m.
+        travel_zero_m: value of the record's travel from which z is counted, m.
         velocity_from: where the velocity comes from, in words.
         velocity_band_hz: highest frequency of a differentiated travel, Hz; None for a recorded velocity.
         channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
@@ -45,7 +40,14 @@ class Bench:
     doubts: tuple[str, ...]
 
 
-def bench_from_recording(recording: Recording, *, force: str, travel: str, velocity: str | None = None) -> Bench:
+def bench_from_recording(
+    recording: Recording,
+    *,
+    force: str,
+    travel: str,
+    velocity: str | None = None,
+    settings: RecordSettings = DEFAULTS.record,
+) -> Bench:
     """Take force and motion from a recording.
 
     Where no velocity was recorded it is `rate_of` the travel. Travel is counted as recorded, or, where the record
@@ -56,6 +58,7 @@ def bench_from_recording(recording: Recording, *, force: str, travel: str, veloc
         force: name of the channel of the force.
         travel: name of the channel of the travel (extension).
         velocity: name of the channel of its rate, or None.
+        settings: when a record is doubted.
 
     Raises:
         InputError: an unknown channel, one in the wrong unit or named twice, or too few samples.
@@ -72,8 +75,8 @@ def bench_from_recording(recording: Recording, *, force: str, travel: str, veloc
     names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
     for role, name in names.items():
         _check_channel(recording, role, name, names)
-    if recording.n_samples < LEAST_SAMPLES:
-        raise InputError(f"the record has {recording.n_samples} samples: at least {LEAST_SAMPLES} are needed")
+    if recording.n_samples < settings.least_samples:
+        raise InputError(f"the record has {recording.n_samples} samples: at least {settings.least_samples} are needed")
     y, raw = recording.channel(force), recording.channel(travel)
     for role, values in (("travel", raw), ("force", y)):
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
@@ -86,14 +89,14 @@ def bench_from_recording(recording: Recording, *, force: str, travel: str, veloc
         doubts.append(
             f"the travel {travel!r} never comes near its zero: it is counted from its mean, {1e3 * zero:.4g} mm"
         )
-    rate, band_hz = rate_of(raw, fs=recording.fs)
+    rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
     if velocity is None:
         v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
     else:
         v, origin = recording.channel(velocity), f"recorded, {velocity!r}"
-        doubts += _rate_doubts(v, rate, travel, velocity)
+        doubts += _rate_doubts(v, rate, travel, velocity, settings)
     power = y - y.mean()
-    if np.mean(power * v) < -0.1 * np.std(y) * np.std(v):
+    if np.mean(power * v) < -settings.driving_correlation * np.std(y) * np.std(v):
         doubts.append(
             f"on balance the force drives the motion ({np.mean(power * v):.3g} W): for a passive part the sign of "
             "force or travel is reversed"
@@ -103,17 +106,18 @@ def bench_from_recording(recording: Recording, *, force: str, travel: str, veloc
     return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts))
 
 
-def rate_of(samples: FloatArray, *, fs: float) -> tuple[FloatArray, float]:
+def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAULTS.record) -> tuple[FloatArray, float]:
     """Differentiate a signal in the band in which it stands above its noise.
 
     The Fourier transform is multiplied by j omega / (1 + (f/f_c)^8), zero phase, on a record continued at both ends by
     its point reflection, which keeps value and slope. f_c lies half above the frequency at which the motion ends: where
-    the Welch spectrum last stands `ABOVE_FLOOR` times above its floor (the median of the top fifth), or before that
-    where the spectrum of the rate is lowest, if all above it holds less than `LEFT_ABOVE` of the rate's power.
+    the Welch spectrum last stands `above_floor` times above its floor (the median of the top fifth), or before that
+    where the spectrum of the rate is lowest, if all above it holds less than `left_above` of the rate's power.
 
     Args:
         samples: (n,) the signal.
         fs: sampling rate, Hz.
+        settings: where the motion ends.
 
     Returns:
         (n,) the rate, in the unit of the signal per second, and f_c, Hz.
@@ -131,7 +135,7 @@ def rate_of(samples: FloatArray, *, fs: float) -> tuple[FloatArray, float]:
     bent = samples - line
     frequency, power = signal.welch(bent, fs, nperseg=min(n, max(256, n // 8)))
     # a little room: a filter that begins to fall at the last strong line would take from it
-    band_hz = float(np.clip(1.5 * _motion_ends(frequency, power), 8 * fs / n, fs / 2))
+    band_hz = float(np.clip(1.5 * _motion_ends(frequency, power, settings), 8 * fs / n, fs / 2))
     # both ends of `bent` are zero, so the point reflection is the odd one
     extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
     n_fft = fft.next_fast_len(extended.size, real=True)
@@ -141,10 +145,10 @@ def rate_of(samples: FloatArray, *, fs: float) -> tuple[FloatArray, float]:
     return rate + (samples[-1] - samples[0]) / (n - 1) * fs, band_hz
 
 
-def _motion_ends(frequency: FloatArray, power: FloatArray) -> float:
+def _motion_ends(frequency: FloatArray, power: FloatArray, settings: RecordSettings) -> float:
     """Return the frequency above which a spectrum holds noise, Hz."""
     floor = float(np.median(power[-max(1, power.size // 5) :]))
-    above = np.flatnonzero(power > ABOVE_FLOOR * floor)
+    above = np.flatnonzero(power > settings.above_floor * floor)
     end = int(above[-1]) if above.size else power.size - 1
     # noise that is not white: the rate of the motion falls, the rate of the noise rises
     rate = frequency**2 * power
@@ -152,7 +156,7 @@ def _motion_ends(frequency: FloatArray, power: FloatArray) -> float:
     thirds = np.add.reduceat(rate, edges[:-1]) / np.diff(edges)
     peak = int(np.argmax(thirds))
     valley = int(edges[peak + int(np.argmin(thirds[peak:]))])
-    if np.sum(rate[valley:]) < LEFT_ABOVE * np.sum(rate):
+    if np.sum(rate[valley:]) < settings.left_above * np.sum(rate):
         end = min(end, valley)
     return float(frequency[end])
 
@@ -178,14 +182,15 @@ def _check_channel(recording: Recording, role: str, name: str, names: dict[str, 
     raise InputError(f"the column {name!r} is in {found}, a {role} is in {unit}: {remedy}")
 
 
-def _rate_doubts(v: FloatArray, rate: FloatArray, travel: str, velocity: str) -> list[str]:
+def _rate_doubts(v: FloatArray, rate: FloatArray, travel: str, velocity: str, settings: RecordSettings) -> list[str]:
     """Compare a recorded velocity with the rate of the travel."""
     spread = float(np.std(v) * np.std(rate))
     correlation = float(np.mean((v - v.mean()) * (rate - rate.mean()))) / spread if spread > 0 else 0.0
-    if correlation < -RATE_CORRELATION:
+    if correlation < -settings.rate_correlation:
         return [f"the velocity {velocity!r} has the opposite sign of the rate of the travel {travel!r}: turn one round"]
     factor = float(np.std(v) / max(float(np.std(rate)), 1e-300))
-    if correlation < RATE_CORRELATION or not RATE_FACTOR[0] <= factor <= RATE_FACTOR[1]:
+    least, most = settings.rate_factor
+    if correlation < settings.rate_correlation or not least <= factor <= most:
         return [
             f"the velocity {velocity!r} is not the rate of the travel {travel!r} ({factor:.3g} times it, correlation "
             f"{correlation:.2f}): check columns and units, or leave the velocity out"

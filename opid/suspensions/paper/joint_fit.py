@@ -54,6 +54,11 @@ class JointFit:
         return float(len(self.value) * np.log(self.n_data) - 2 * self.log_likelihood)
 
     @property
+    def error_rms(self) -> float:
+        """What is left, as a search for laws takes it, m/s^2."""
+        return self.noise_m_per_s2
+
+    @property
     def laws(self) -> dict[str, Law]:
         """The law, as a search takes it."""
         return {"": self.law}

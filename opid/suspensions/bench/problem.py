@@ -1,0 +1,268 @@
+"""The laws of a bench record as the search takes them: candidates beside a fit, other laws fitted, stretches left out.
+
+Everything but the inner parameters enters the force linearly, so the columns of candidates are their shapes, and every
+fit is separable least squares. Neighbouring samples of the residual are alike: criteria count independent ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.mechanics.laws import LINEAR, Law
+from opid.signals.recording import FloatArray
+from opid.suspensions.bench.record import Bench
+from opid.suspensions.bench.settings import BenchSettings
+from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary, orthonormal
+from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
+from opid.suspensions.settings import SearchSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """The samples that the search looks at.
+
+    Args:
+        sample: (m,) their indices in the record, in order of time.
+        fold: (m,) the turn in which each is left out.
+        z: (m,) travel, m.
+        v: (m,) velocity, m/s.
+        y: (m,) force, N.
+        columns: (m, 3) what enters linearly: travel, velocity, one.
+    """
+
+    sample: NDArray[np.int64]
+    fold: NDArray[np.int64]
+    z: FloatArray
+    v: FloatArray
+    y: FloatArray
+    columns: FloatArray
+
+    @cached_property
+    def force_rms(self) -> float:
+        """Rms of the force about its mean, N."""
+        return float(self.y.std())
+
+    def part(self, chosen: NDArray[np.bool_]) -> Points:
+        """Return some of the samples."""
+        names = ("sample", "fold", "z", "v", "y", "columns")
+        return Points(*(getattr(self, name)[chosen] for name in names))
+
+
+@dataclass(frozen=True, eq=False)
+class BenchFit:
+    """A law fitted to a bench record, beside stiffness, damping and an offset.
+
+    Args:
+        points: that it was fitted to.
+        separable: the fit.
+        n_independent: independent samples that residuals of this record amount to.
+        settings: of the bench.
+    """
+
+    points: Points
+    separable: SeparableFit
+    n_independent: float
+    settings: BenchSettings
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """The law, as a search takes it."""
+        return {"": self.separable.law}
+
+    @property
+    def law_name(self) -> str:
+        """Name of the law."""
+        return self.separable.law.name
+
+    @property
+    def n_data(self) -> int:
+        """Independent samples."""
+        return round(self.n_independent)
+
+    @cached_property
+    def error_rms(self) -> float:
+        """Residual, N, rms; what lies this far below the force is rounding."""
+        return max(float(np.sqrt(np.mean(self.separable.residual**2))), 1e-9 * self.points.force_rms)
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion (Schwarz 1978) with independent samples: smaller is better."""
+        n_parameters = self.separable.weights.size + self.separable.law.vector.size
+        return float(2 * self.n_independent * np.log(self.error_rms) + n_parameters * np.log(self.n_independent))
+
+    @property
+    def r2(self) -> float:
+        """Fraction of the variance of the force that the law explains."""
+        return self.r2_of(self.error_rms)
+
+    def r2_of(self, error_rms: float) -> float:
+        """Return the fraction of the variance of the force that an error of this rms leaves explained.
+
+        Args:
+            error_rms: N.
+        """
+        return 1 - (error_rms / self.points.force_rms) ** 2
+
+    @cached_property
+    def left_out(self) -> FloatArray:
+        """(m,) what is left of each stretch of time by a fit to the others, N."""
+        points = self.points
+        errors = np.empty_like(points.y)
+        for turn in range(self.settings.n_folds):
+            here = points.fold == turn
+            part = _fit(points.part(~here), self.separable.law, self.settings)
+            predicted = points.columns[here] @ part.weights + part.law.force(points.z[here], points.v[here])
+            # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
+            errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
+        return errors
+
+
+@dataclass(frozen=True, eq=False)
+class BenchLaws:
+    """A `LawProblem` of fits to a bench record.
+
+    Args:
+        points: of the record.
+        kinds: that may be asked for.
+        known: settings of the bench.
+    """
+
+    points: Points
+    kinds: tuple[str, ...]
+    known: BenchSettings
+
+    @property
+    def settings(self) -> SearchSettings:
+        """Of the search."""
+        return self.known.search
+
+    @cached_property
+    def nodes(self) -> dict[str, list[Node]]:
+        """What each kind does to the errors, at a few inner parameters; kinds that this motion leaves are not there."""
+        points, known = self.points, self.known
+        travel, velocity = (max(float(np.sqrt(np.mean(each**2))), 1e-12) for each in (points.z, points.v))
+        nodes: dict[str, list[Node]] = {}
+        for kind in self.kinds:
+            for term in offered_terms(
+                kind,
+                travel_rms=travel,
+                velocity_rms=velocity,
+                n_scales=known.search.n_scales,
+                fractions=(0.0, 1.0),
+                lags=known.lags,
+                exponents=known.exponents,
+            ):
+                columns = -Law((term,)).parameter_gradient(points.z, points.v)
+                if np.isfinite(columns).all():
+                    roles = [parameter.role for parameter in term.kind.parameters[1:]]
+                    slope = columns[:, 1] * term.inner[0] if roles in (["scale"], ["exponent"]) else None
+                    nodes.setdefault(kind, []).append(Node(term, columns[:, 0], slope))
+        return nodes
+
+    @cached_property
+    def n_independent(self) -> float:
+        """Independent samples of what all candidates together leave: one number, so that criteria compare."""
+        shapes = [node.column for row in self.nodes.values() for node in row]
+        # a record of few samples is explained by as many columns, however wrong they are
+        most = self.points.y.size // 4
+        basis = orthonormal(np.column_stack([self.points.columns, *shapes[:: -(-len(shapes) // most) or 1]]))
+        return independent_samples(self.points.y - basis @ (basis.T @ self.points.y))
+
+    def linear_fit(self) -> BenchFit:
+        """Return the fit of stiffness, damping and offset alone."""
+        return self._fitted(LINEAR)
+
+    def dictionaries(self, fit: BenchFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+        """Return the candidates beside a fit.
+
+        Args:
+            fit: where to depart from.
+            kinds: that may enter.
+        """
+        law, points = fit.separable.law, self.points
+        new = {kind: self.nodes[kind] for kind in kinds if kind in self.nodes and kind not in law.parameters}
+        by_law = -law.parameter_gradient(points.z, points.v)
+        dictionary = make_dictionary(
+            law, fit.separable.residual, by_law, points.columns, new, self.settings, n_data=fit.n_data
+        )
+        return {"": dictionary}
+
+    def refit(self, fit: BenchFit, laws: Mapping[str, Law]) -> BenchFit:
+        """Fit another law, its inner parameters searched from the values that it has.
+
+        Args:
+            fit: of another law.
+            laws: the law, by the empty name.
+        """
+        return self._fitted(laws[""])
+
+    def left_out(self, fit: BenchFit) -> float:
+        """Return what is left of stretches of time as fits to the others predict them, N, rms.
+
+        Args:
+            fit: of all samples.
+        """
+        return float(np.sqrt(np.mean(fit.left_out**2)))
+
+    def confirms(self, fit: BenchFit, than: BenchFit) -> bool:
+        """Return whether stretches left out confirm that a law is better.
+
+        A larger one must predict them better by more than chance; one of as many terms no worse by the error margin.
+
+        Args:
+            fit: the better one.
+            than: the other.
+        """
+        if len(fit.separable.law.terms) == len(than.separable.law.terms):
+            return self.left_out(fit) < (1 + self.settings.error_margin) * self.left_out(than)
+        falls = np.bincount(self.points.fold, than.left_out**2 - fit.left_out**2)
+        return float(falls.sum()) > float(falls.std(ddof=1) * np.sqrt(falls.size))
+
+    def _fitted(self, law: Law) -> BenchFit:
+        return BenchFit(self.points, _fit(self.points, law, self.known), self.n_independent, self.known)
+
+
+def thin_record(bench: Bench, settings: BenchSettings) -> Points:
+    """Take at most so many samples of a record, unevenly: an even step could keep time with a periodic motion.
+
+    Args:
+        bench: the record.
+        settings: how many, and in how many stretches and turns.
+    """
+    n = bench.force.size
+    step = -(-n // settings.n_search)
+    first = np.arange(n // step) * step
+    # multiples of the golden section fill every step evenly
+    sample = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
+    fold = (np.arange(sample.size) * settings.n_stretches) // sample.size % settings.n_folds
+    z, v = bench.travel[sample], bench.velocity[sample]
+    return Points(sample, fold, z, v, bench.force[sample], straight_columns(z, v))
+
+
+def straight_columns(z: FloatArray, v: FloatArray) -> FloatArray:
+    """Return what enters linearly: travel, velocity and one, (n, 3).
+
+    Args:
+        z: (n,) travel, m.
+        v: (n,) velocity, m/s.
+    """
+    return np.stack([z, v, np.ones_like(z)], axis=1)
+
+
+def _fit(points: Points, law: Law, settings: BenchSettings) -> SeparableFit:
+    return separable_fit(
+        points.columns,
+        law,
+        points.z,
+        points.v,
+        points.y,
+        starts=[law],
+        free_exponents=True,
+        settings=settings.separable,
+    )

@@ -1,0 +1,119 @@
+"""Every number of the test bench that somebody tuned, with its reason: pass another `BenchSettings` to change one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from opid.suspensions.separable import SeparableSettings
+from opid.suspensions.settings import SearchSettings
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """How a record is taken, and when it is doubted.
+
+    Args:
+        least_samples: a shorter record shows no law.
+        above_floor: a travel is differentiated up to where its spectrum last stands this many times above its floor.
+        left_above: or up to where the spectrum of the rate is lowest, if less than this fraction of its power lies
+            above.
+        rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
+        rate_correlation: ... and correlates with it at least so well.
+        driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
+    """
+
+    least_samples: int = 200
+    above_floor: float = 10.0
+    left_above: float = 0.1
+    rate_factor: tuple[float, float] = (0.8, 1.25)
+    rate_correlation: float = 0.9
+    driving_correlation: float = 0.1
+
+
+@dataclass(frozen=True)
+class MemorySettings:
+    """What counts as memory.
+
+    Args:
+        plays: half-widths of the plays over the amplitude of the travel.
+        lags: of first-order lags, over the time in which the motion turns.
+        neighbours: numbers of neighbours that the static prediction is tried with, the first one also where the
+            signals of the past are foretold.
+        neighbours_with_past: neighbours where a signal of the past is a third axis.
+        fraction_of_rest: the past is seen only if it explains this fraction of what the law leaves ...
+        fraction_of_force: ... and this fraction of the variance of the force ...
+        evidence: ... with this gain in the log likelihood, counted twice, in independent samples.
+        foretold: memory cannot be tested where the present foretells this fraction of the signals of the past.
+        ridge: penalty of the regression on the past over the size of its columns, which are nearly parallel.
+    """
+
+    plays: tuple[float, ...] = (0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
+    lags: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
+    neighbours: tuple[int, ...] = (8, 32, 128)
+    neighbours_with_past: int = 16
+    fraction_of_rest: float = 0.1
+    fraction_of_force: float = 0.001
+    evidence: float = 10.0
+    foretold: float = 0.98
+    ridge: float = 1e-3
+
+
+def _search() -> SearchSettings:
+    """The search on a bench: fits cost little, so more of them are made, and what is left is the noise of one channel.
+
+    Against the search on driven models: an error margin of 1 %, for a term that lowers the error by less corrects the
+    shape of another one; a margin for inner parameters, for of laws that fit alike the plainer one is taken; and the
+    columns are trusted to 20 % of the error only, for noise is so low that it shows how coarsely scales are tried.
+    """
+    return SearchSettings(
+        n_scales=8,
+        bic_margin=10.0,
+        error_margin=0.01,
+        inner_margin=10.0,
+        first_order_error=0.2,
+        n_refitted=6,
+        most_terms=4,
+        n_neighbours=6,
+    )
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """All of them.
+
+    Args:
+        record: how the record is taken.
+        search: which law.
+        separable: where inner parameters are searched.
+        memory: what counts as memory.
+        n_search: samples that the search looks at; the chosen law is fitted to all.
+        n_stretches: stretches of time that are left out by turns ...
+        n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
+        exponents: at which a power is tried, before it is searched.
+        lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms, before it is searched.
+        least_r2: a law that explains a smaller fraction of the force where it was left out explains nothing.
+        least_static_r2: where the past is seen and no law explains this fraction of the force, there is no law.
+        missing_r2: fraction of the force, and ...
+        missing_of_rest: ... of what the law leaves, from which a shape that the library lacks is worth a warning.
+        cells_per_correlation: scores are added up over cells of so many independent samples ...
+        cells: ... but the record has at least and at most so many cells.
+    """
+
+    record: RecordSettings = field(default_factory=RecordSettings)
+    search: SearchSettings = field(default_factory=_search)
+    separable: SeparableSettings = field(default_factory=SeparableSettings)
+    memory: MemorySettings = field(default_factory=MemorySettings)
+    n_search: int = 5000
+    n_stretches: int = 30
+    n_folds: int = 10
+    exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
+    lags: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0)
+    least_r2: float = 0.02
+    least_static_r2: float = 0.5
+    missing_r2: float = 0.002
+    missing_of_rest: float = 0.1
+    cells_per_correlation: float = 8.0
+    cells: tuple[int, int] = (20, 200)
+
+
+DEFAULTS = BenchSettings()
