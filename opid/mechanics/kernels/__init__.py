@@ -18,7 +18,7 @@ from opid.mechanics.kernels.choice import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
 from opid.mechanics.kernels.steps import _force_many, _structure_steps
 from opid.mechanics.kinds import Kind
-from opid.mechanics.laws import FloatArray, Law
+from opid.mechanics.laws import FloatArray, Law, TermSet
 
 __all__ = [
     "backbones",
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 
-def law_arrays(*laws: Law) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+def law_arrays(*laws: Law | TermSet) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Return laws as the compiled functions take them: one table with the terms of all.
 
     Args:
