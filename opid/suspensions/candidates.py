@@ -294,7 +294,15 @@ def fitted(
     try:
         if start is None:
             kinds = task.question.kinds if task.law is None else ()
-            start = start_values(runs, body, groups, mass_free=mass_free, kinds=kinds, settings=settings.start)
+            start = start_values(
+                runs,
+                body,
+                groups,
+                mass_free=mass_free,
+                ground=task.question.ground,
+                kinds=kinds,
+                settings=settings.start,
+            )
         model = Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, settings)
         found = judged(find_model(model, start, task.question, progress=task.say), task.question)
         # the noise of the two sides is told apart only where the model explains the runs

@@ -91,11 +91,13 @@ class DrivenLaws:
     def _faint(self, kind: str, fit: Fit, slots: Sequence[int]) -> list[Term]:
         """Terms too weak to move anything."""
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
+        # while a model is wrong its slow travel may be far off: the measured one is not
+        rms = np.sqrt(np.mean(fit.model.motion_rms[list(slots)] ** 2, axis=0))
         found = []
         for term in offered_terms(
             kind,
-            travel_rms=float(travel.std()),
-            velocity_rms=float(velocity.std()),
+            travel_rms=min(float(travel.std()), 3 * float(rms[0])),
+            velocity_rms=min(float(velocity.std()), 3 * float(rms[1])),
             n_scales=self.settings.n_scales,
         ):
             force = Law((term,)).force(travel[::7], velocity[::7])

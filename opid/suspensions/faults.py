@@ -173,16 +173,6 @@ def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[floa
     ]
 
 
-def with_ground(fit: Fit, start: Start) -> Fit | None:
-    """Return the fit with springs to the ground, from afar; None where there is no such body.
-
-    Args:
-        fit: without them.
-        start: with values of theirs.
-    """
-    return _grown(fit, Hypothesis("a spring to the ground", ground=True), start)
-
-
 def _at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
     """The fit with other samples of the same runs."""
     if all(a is b for a, b in zip(fit.model.runs, runs, strict=True)):
@@ -219,6 +209,9 @@ def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing
     """Take out again what something else made useless, the ground springs first."""
     fit, demands = standing.fit, standing.demands
     hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
+    if hypotheses and fit.model.ground:
+        # the equation may have asked for a spring where a sensor was at fault
+        hypotheses |= {Hypothesis("springs to the ground", ground=True): None}
     for hypothesis in sorted(hypotheses, key=lambda each: not each.ground):
         smaller = hypothesis.taken_from(fit.model)
         try:
@@ -245,14 +238,12 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
         gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
     except NO_FIT:
         return []
-    found, search, asked = [], fit.model.settings.search, False
-    if start is not None:
-        asked = any(start.demands_ground(k, fit.model.settings.start) for k in range(len(fit.model.groups)))
+    found, search = [], fit.model.settings.search
     for gain, hypothesis in zip(gains, hypotheses, strict=True):
         score = gain / fit.variance
         if fit.ratio > search.hopeless and score < search.good_fraction * fit.n_data:
             continue
-        if hypothesis.ground and asked and start is not None:
+        if hypothesis.ground and start is not None and start.has_ground:
             score = max(score, float(np.max((start.ground_stiffness / start.ground_std) ** 2)))
         found.append((score, hypothesis))
     found = sorted((entry for entry in found if entry[0] > known.least_score), key=lambda entry: -entry[0])

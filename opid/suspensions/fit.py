@@ -138,6 +138,10 @@ def first_vector(model: Model, start: Start) -> FloatArray:
     """
     shared: list[float] = []
     springs = list(zip(start.stiffness.tolist(), start.damping.tolist(), strict=True))
+    if start.has_ground:
+        # a ground spring takes its part of the stiffness
+        for number, beside in enumerate(start.stiffness_beside_ground.tolist()):
+            springs[number] = (beside, springs[number][1])
     for group, (stiffness, damping), ground in zip(start.groups, springs, start.ground_stiffness, strict=False):
         shared += [stiffness, damping, *([ground] if group.ground else []), *to_free(group.law).tolist()]
     for stiffness, damping in springs[len(start.groups) :]:

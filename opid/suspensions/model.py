@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from opid.mechanics.driven import Interface
+from opid.mechanics.driven import Interface, UnboundedResponseError
 from opid.mechanics.laws import LINEAR, Law, Term, TermSet
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
@@ -355,6 +355,51 @@ class Model:
     def _n_starts(self) -> int:
         """Directions of the start state that the predictor has."""
         return (4 if self.ground else 2) * self.body.n_slots
+
+    def looked_for_start(self, theta: FloatArray) -> FloatArray:
+        """Return the vector with the travel and velocity that predict the first seconds of each run of one gear best.
+
+        All cells of a grid are predicted for a short while, then the best of them for longer.
+
+        Args:
+            theta: the vector.
+        """
+        known, found = self.settings.fit, theta.copy()
+        grid = np.linspace(-known.start_reach_rms, known.start_reach_rms, known.n_start_grid)
+        rms = self.motion_rms[0]
+        std = (grid[1] - grid[0]) / 2 * rms
+        for place in range(len(self.runs)):
+            cells = [np.array([z, v]) * rms for z in grid for v in grid]
+            for seconds, n_kept in known.start_rounds:
+                costs = [self._start_cost(theta, place, cell, std, seconds) for cell in cells]
+                cells = [cells[k] for k in np.argsort(costs, kind="stable")[:n_kept]]
+            found[self.n_shared + 2 * place :][:2] = cells[0]
+        return found
+
+    def _start_cost(
+        self, theta: FloatArray, place: int, cell: FloatArray, cell_std: FloatArray, seconds: float
+    ) -> float:
+        """What the first seconds of a run speak against a start."""
+        run, (below, above) = self.runs[place], self.corrected(theta, place)
+        n = min(run.n_samples, round(seconds * run.fs))
+        start, std = self._at_start(theta, place)
+        start[:2, 0], std[:2, 0] = cell, cell_std
+        try:
+            begun = predict(
+                self.interfaces(theta)[0],
+                self.mobility(theta, place).accelerance,
+                below.value[: 2 * n - 1],
+                above.value[:n],
+                fs=run.fs,
+                noise=self._noise(theta, run),
+                start=start,
+                start_std=std,
+                ground=self.ground,
+                sensitivity=False,
+            )
+        except UnboundedResponseError:
+            return np.inf
+        return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
 
     def _at_start(self, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
         """State of all slots at the first sample of a run, and how well it is known: what is fitted, exactly."""

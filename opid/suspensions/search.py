@@ -15,7 +15,7 @@ from scipy import fft
 from opid.mechanics.laws import LINEAR
 from opid.signals.recording import FloatArray
 from opid.suspensions.driven_laws import DrivenLaws
-from opid.suspensions.faults import Demand, let_in, with_ground
+from opid.suspensions.faults import Demand, let_in
 from opid.suspensions.fit import NO_FIT, Fit, fastest_rate, first_vector, fit_model, refit, with_laws
 from opid.suspensions.law_search import (
     LawStep,
@@ -119,7 +119,14 @@ class _Search:
         noisier, explained = model.settings.fit.noisier, model.settings.verdicts.explained
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
-        ways: list[Callable[[], Found]] = [lambda: self._way(model, theta, noisier[0])]
+        begun = theta
+        if len(model.sensors.sprung) == 1:
+            # several interfaces have too many starts for a grid; the other ways begin at rest
+            begun = model.looked_for_start(theta)
+        ways: list[Callable[[], Found]] = [lambda: self._way(model, begun, noisier[0])]
+        if model.ground:
+            # noise below the suspensions, made larger, moves the ground that such springs stand on: begin without
+            ways.insert(0, lambda: self._way(model, begun, ()))
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self._way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
@@ -155,7 +162,6 @@ class _Search:
         """One way from start values to a fit, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
         fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
-        fit = self._with_strong_ground(fit)
         demands: tuple[Demand, ...] = ()
         more: tuple[Demand, ...] = ()
         if faults_first:
@@ -169,15 +175,6 @@ class _Search:
             ladder = (*ladder, *self._laws(fit))
             fit = chosen(ladder).fit
         return Found(fit, ladder, (*demands, *more))
-
-    def _with_strong_ground(self, fit: Fit) -> Fit:
-        """The fit with springs to the ground where the equation already asks for strong ones."""
-        known, groups = fit.model.settings, fit.model.groups
-        asked = any(self.start.demands_ground(k, known.start) for k in range(len(groups)))
-        if not (self.question.ground and asked) or fit.model.ground or fit.ratio <= known.verdicts.explained:
-            return fit
-        grown = with_ground(fit, self.start)
-        return grown if grown is not None and grown.bic < fit.bic - known.faults.bic_margin else fit
 
     def _laws(self, fit: Fit, method: str = "equation") -> Ladder:
         if self.question.law_is_given:

@@ -94,6 +94,9 @@ class FitSettings:
         noisier: falling factors on the noise below the suspensions by which a fit comes nearer from afar: the readings
             then hold the motion to the truth while the parameters are still wrong. The second way is taken where the
             first leaves too much, for minima beside the right one differ from way to way.
+        start_reach_rms: the start of a run of one gear is looked for within this many rms motions ...
+        n_start_grid: ... on a grid of so many places along travel and velocity ...
+        start_rounds: ... all of which are predicted for the first of these times, s, then the best so many for longer.
         most_evaluations: predictions of all runs in a fit from start values.
         most_refit_evaluations: in a fit that begins near its end.
         least_promise: a fit ends when the next step promises less of the squared error over its variance.
@@ -108,6 +111,9 @@ class FitSettings:
     """
 
     noisier: tuple[tuple[float, ...], ...] = ((100.0, 20.0, 4.0), (30.0, 5.0))
+    start_reach_rms: float = 2.5
+    n_start_grid: int = 9
+    start_rounds: tuple[tuple[float, int], ...] = ((0.5, 16), (2.0, 1))
     most_evaluations: int = 50
     most_refit_evaluations: int = 15
     least_promise: float = 1e-2

@@ -41,6 +41,8 @@ class Start:
             there.
         ground_std: roughly how well it is known.
         stiffness_beside_ground: of each group with these springs, likewise.
+
+    Where the equation asks for springs to the ground that no fault of a sensor would feign, the groups have them.
     """
 
     groups: tuple[Group, ...]
@@ -53,16 +55,10 @@ class Start:
     ground_std: FloatArray
     stiffness_beside_ground: FloatArray
 
-    def demands_ground(self, number: int, settings: StartSettings) -> bool:
-        """Return whether the equation asks for a ground spring that a sensor's fault would hardly feign.
-
-        Args:
-            number: of the group.
-            settings: what is strong.
-        """
-        value, std = abs(self.ground_stiffness[number]), self.ground_std[number]
-        beside = abs(self.stiffness_beside_ground[number])
-        return bool(value > settings.ground_std * std and value > settings.ground_fraction * beside)
+    @property
+    def has_ground(self) -> bool:
+        """Whether the groups have springs to the ground."""
+        return any(group.ground for group in self.groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +78,7 @@ def start_values(
     groups: Sequence[Group],
     *,
     mass_free: bool,
+    ground: bool = False,
     kinds: Sequence[str] = (),
     settings: StartSettings | None = None,
 ) -> Start:
@@ -92,6 +89,7 @@ def start_values(
         body: the body.
         groups: which interfaces share what; a law that they have is kept, with its inner values.
         mass_free: whether one over the reference mass is to be found.
+        ground: whether the groups may have springs to the ground.
         kinds: of law to try, one after the other, where a group has none.
         settings: of the equation.
 
@@ -107,7 +105,9 @@ def start_values(
     settings = settings or StartSettings()
     motions = tuple(_motion(run, body, settings) for run in runs)
     equation = _Equation(motions, tuple(runs), body, mass_free, settings)
-    found = tuple(replace(group, ground=False) for group in groups)
+    found = tuple(replace(group, ground=ground) for group in groups)
+    if ground and not equation.demands_ground(found):
+        found = tuple(replace(group, ground=False) for group in groups)
     if kinds:
         found = _with_laws(equation, found, kinds)
     return _start(equation, found)
@@ -207,7 +207,7 @@ class _Equation:
                 yield slot
 
     def linear(self, groups: Sequence[Group]) -> list[FloatArray]:
-        """Columns of everything but the laws: stiffness and damping in turn, factors, mu."""
+        """Columns of everything but laws and springs to the ground: stiffness and damping in turn, factors, mu."""
         travel, velocity = [m.travel for m in self.motions], [m.velocity for m in self.motions]
         columns = []
         for slots in [*(group.slots for group in groups), *((slot,) for slot in self.searched())]:
@@ -216,12 +216,23 @@ class _Equation:
         columns += [self.column([part @ m.acceleration for m in self.motions]) for part in parts]
         return [*columns, *([self._known] if self.mass_free else [])]
 
-    def solve(self, groups: Sequence[Group], *, ground: bool = False) -> tuple[FloatArray, FloatArray]:
+    def springs_to_ground(self, groups: Sequence[Group]) -> list[FloatArray]:
+        """Columns of the springs to the ground of the groups that have them."""
+        places = [m.place for m in self.motions]
+        return [self.of_slots(group.slots, places) for group in groups if group.ground]
+
+    def demands_ground(self, groups: Sequence[Group]) -> bool:
+        """Whether the equation asks for ground springs that a sensor's fault would hardly feign."""
+        value, std = self.solve(groups)
+        n, known = len(groups), self.settings
+        ground, beside = np.abs(value[-n:]), np.abs(value[: 2 * n : 2])
+        return bool(np.any((ground > known.ground_std * std[-n:]) & (ground > known.ground_fraction * beside)))
+
+    def solve(self, groups: Sequence[Group]) -> tuple[FloatArray, FloatArray]:
         """Values of the columns and how well they are known; last those of the terms, then springs to the ground."""
         columns = self.linear(groups)
         columns += [self.of_term(group, term) for group in groups for term in group.law.terms]
-        if ground:
-            columns += [self.of_slots(group.slots, [m.place for m in self.motions]) for group in groups]
+        columns += self.springs_to_ground(groups)
         matrix, target = np.stack(columns, axis=1), self.target
         size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
         value = np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0] / size
@@ -241,7 +252,8 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings.n_scales)
     ]
     most_terms = equation.settings.most_terms
-    matrix, target = np.stack(equation.linear(groups), axis=1), equation.target
+    matrix = np.stack([*equation.linear(groups), *equation.springs_to_ground(groups)], axis=1)
+    target = equation.target
     for _ in range(most_terms * len(open_groups)):
         basis = np.linalg.qr(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300))[0]
         left = target - basis @ (basis.T @ target)
@@ -283,7 +295,7 @@ def _start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
         else replace(group, law=LINEAR)
         for group in groups
     )
-    beside, std = equation.solve(groups, ground=True)
+    beside, std = equation.solve([replace(group, ground=True) for group in groups])
     return Start(
         groups=with_laws,
         stiffness=springs[:, 0],
