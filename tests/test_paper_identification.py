@@ -10,11 +10,11 @@ from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
-from opid.suspensions.one_gear.study import Run, Study
 from opid.suspensions.paper.chain import compute_chain
 from opid.suspensions.paper.identification import identify_by_paper
 from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.study import Run, study_of_gear
 
 TRUTH = dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
 SPRING = LandingGear(ground_stiffness_n_per_m=1.67e5)
@@ -46,7 +46,7 @@ def _study(test, change=None):
         Run("heavy", test.heavy.recording, 0.0),
         Run("light", test.light.recording, test.mass_change_kg if change is None else change),
     )
-    return Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    return study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
 
 
 def _taxi(gear=None, seed=0, **settings):
