@@ -235,7 +235,7 @@ def test_a_clipped_channel_is_named_in_the_warnings(study):
 
 def test_swapped_and_mute_channels_are_refused(study):
     with pytest.raises(InputError, match=r"run 'heavy'.*exchange sprung and unsprung"):
-        identify_by_paper(replace(study, sprung="lower_z", unsprung="upper_z"))
+        identify_by_paper(study_of_gear("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs))
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
     with pytest.raises(InputError, match=r"run 'heavy'.*mute"):
