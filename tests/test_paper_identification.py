@@ -15,6 +15,7 @@ from opid.suspensions.paper.chain import compute_chain
 from opid.suspensions.paper.identification import identify_by_paper
 from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.study import Run, study_of_gear
 
 TRUTH = dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
 SPRING = LandingGear(ground_stiffness_n_per_m=1.67e5)
@@ -46,7 +47,7 @@ def _study(test, change=None):
         Run("heavy", test.heavy.recording, 0.0),
         Run("light", test.light.recording, test.mass_change_kg if change is None else change),
     )
-    return Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    return study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
 
 
 def _taxi(gear=None, seed=0, **settings):
@@ -235,7 +236,7 @@ def test_a_clipped_channel_is_named_in_the_warnings(study):
 
 def test_swapped_and_mute_channels_are_refused(study):
     with pytest.raises(InputError, match=r"run 'heavy'.*exchange sprung and unsprung"):
-        identify_by_paper(replace(study, sprung="lower_z", unsprung="upper_z"))
+        identify_by_paper(study_of_gear("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs))
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
     with pytest.raises(InputError, match=r"run 'heavy'.*mute"):
