@@ -7,7 +7,7 @@ from scipy import fft
 from trials import Case, simulated
 
 from opid.signals.recording import FloatArray
-from opid.suspensions.band_lines import BAND_HZ
+from opid.suspensions.settings import RunSettings
 
 # the state at the begin of a run (equally, the difference of the states at both ends) is two real unknowns
 N_END_TERMS = 2
@@ -17,7 +17,7 @@ def linear_bound(
     case: Case,
     seed: int,
     *,
-    band_hz: tuple[float, float] = BAND_HZ,
+    band_hz: tuple[float, float] = RunSettings.band_hz,
     ground: bool = False,
 ) -> dict[str, float]:
     """Return the least standard deviation of M2 (kg), K2 (N/m) and C2 (N s/m) that an unbiased estimate can have.

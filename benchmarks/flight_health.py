@@ -28,8 +28,7 @@ from opid.mechanics.airframe import Loading
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import random_aircraft
-from opid.report.as_json import json_text
-from opid.report.body_report import body_json
+from opid.report.as_json import json_text, result_json
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.study import MeasuredInterface, StructureSettings
@@ -77,7 +76,7 @@ def flight(job: tuple[int, int, bool, str]) -> None:
     found = identify(study, law=aircraft.gears[1].law.name)
     target = Path(directory) / f"flight_{number:03d}"
     target.mkdir()
-    (target / "result.json").write_text(json_text(body_json(found)), encoding="utf-8")
+    (target / "result.json").write_text(json_text(result_json(found)), encoding="utf-8")
 
 
 def main() -> None:

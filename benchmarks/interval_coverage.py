@@ -20,7 +20,7 @@ from tqdm import tqdm
 from trials import Case, Trial, trial
 
 from opid.mechanics.landing_gear import LandingGear
-from opid.suspensions.paper.classical import BAND_HZ
+from opid.suspensions.paper.settings import PaperSettings
 
 
 def print_coverage(title: str, trials: list[Trial], *, one_truth: bool) -> None:
@@ -64,7 +64,7 @@ def main() -> None:
 
     linear = linear_case()
     # the classical chain leaves the ground spring free, in a band of its own; the model holds it at zero
-    uses = {"band_hz": BAND_HZ, "ground": True} if method == "classical" else {}
+    uses = {"band_hz": PaperSettings.band_hz, "ground": True} if method == "classical" else {}
     bounds = [linear_bound(linear, seed, **uses) for seed in progress("bound")]
     trials = [trial(replace(linear, law="linear"), seed, method=method) for seed in progress("linear")]
     print_coverage("linear gear, law given", trials, one_truth=True)

@@ -27,7 +27,7 @@ import numpy as np
 from tqdm import tqdm
 
 if TYPE_CHECKING:
-    from opid.suspensions.one_gear.study import Study
+    from opid.suspensions.study import Study
 
 FS, TAXI_S, BEGIN, BLOCK_ROWS = 5000.0, 60.0, 0.3, 1 << 17
 CHANNELS = ("lower_z", "upper_z", "lower_x", "upper_x", "lower_y", "upper_y")
@@ -159,16 +159,16 @@ def runs(paths: list[Path], n: int) -> str:
 
 def identify(paths: list[Path], n: int) -> str:
     """Both logs to an identification."""
-    from opid.suspensions.one_gear.identification import identify_study
+    from opid.suspensions.identification import identify
 
-    result = identify_study(study_of(paths))
+    result = identify(study_of(paths))
     mass = result.parameters["sprung_mass_kg"]
     return f"mass {result.not_determined if mass.value is None else f'{mass.value:.0f} kg'} (true 1850 kg)"
 
 
 def study_of(paths: list[Path]) -> "Study":
     """Read both logs."""
-    from opid.suspensions.one_gear.study_file import study_from_logs
+    from opid.suspensions.study_file import study_from_logs
 
     return study_from_logs(paths, sprung="upper_z", unsprung="lower_z", mass_changes_kg=[-MASS_REMOVED_KG])
 

@@ -1,8 +1,8 @@
 """Which modules of the suspensions wing a recording visits from `identify` to the answer, and which are imported.
 
-Run `python benchmarks/visited_modules.py`; `--aircraft` for three gears, `--law arctan_velocity` for a law that is
-given. A module is visited if a function of it runs in an identification; the first one, which imports and compiles,
-does not count, nor does what numba has compiled.
+Run `python benchmarks/visited_modules.py`; `--aircraft` for a rigid body on three gears (slow: it is traced), `--law
+arctan_velocity` for a law that is given. A module is visited if a function of it runs in an identification; the first
+one, which imports and compiles, does not count, nor does what numba has compiled.
 """
 
 import argparse
@@ -55,7 +55,7 @@ def a_study(*, aircraft: bool) -> AnyStudy:
     # it imports what only its own figures need
     from aircraft_figures import ROWS, study_of
 
-    return study_of(0, ROWS["choice"])[1]
+    return study_of(0, ROWS["independent"])[1]
 
 
 def report(what: str, names: set[str]) -> None:

@@ -35,7 +35,7 @@ def main() -> None:
     logs, changes_kg = (options.logs, options.changes_kg) if options.logs else simulated_logs(options.out)
 
     study = opid.study_from_logs(logs, sprung=SPRUNG, unsprung=UNSPRUNG, mass_changes_kg=changes_kg)
-    result = opid.identify_study(study)
+    result = opid.identify(study)
 
     print(opid.result_text(result))
     low_high = result.parameters["sprung_mass_kg"].interval95

@@ -49,12 +49,12 @@ def main() -> None:
     print(f"mass {added['sprung_mass_kg']:.1f} +- {added.std[0]:.1f} kg (true {true.sprung_mass_kg:.0f} kg)")
     print(f"law {added.law.parameters} (true {true.law.parameters})")
 
-    # 6. the default of `opid.identify_study` goes on from there: the measured spindle drives a model of the strut
+    # 6. the default of `opid.identify` goes on from there: the measured spindle drives a model of the strut
     runs = tuple(
         opid.Run(name, opid.recording_from_arrays(run, ["below", "above"], fs=FS), change)
         for name, run, change in (("heavy", heavy, 0.0), ("light", light, MASS_CHANGE_KG))
     )
-    result = opid.identify_study(opid.Study("two runs", sprung="above", unsprung="below", runs=runs))
+    result = opid.identify(opid.study_of_gear("two runs", sprung="above", unsprung="below", runs=runs))
     mass = result.parameters["sprung_mass_kg"]
     print(f"driven model: mass {mass.value:.1f} +- {mass.std:.1f} kg, law {result.law.name}")
 

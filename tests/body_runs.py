@@ -13,7 +13,7 @@ from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
 from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import recording_from_arrays
-from opid.suspensions.study import BodyStudy, LoadedRun, MeasuredInterface, PointMass, StructureSettings
+from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
 
 NOISE = 5e-3
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
@@ -43,7 +43,7 @@ def short_runs(bending_hz=None, seed=1, loads=LOADS):
         **SHORT,
     )
     return tuple(
-        LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
+        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loads))
         for name, run, loads in zip(("light", "heavy"), test.runs, test.loadings, strict=True)
     )
 
@@ -78,7 +78,7 @@ def interfaces(shift=(0.0, 0.0)):
 def study(kind="rigid_body", *, runs=None, shift=(0.0, 0.0), **settings):
     """The study of the short runs."""
     runs = short_runs() if runs is None else runs
-    return BodyStudy(
+    return Study(
         "short runs", interfaces(shift), runs, StructureSettings(kind, **{"noise_m_per_s2": NOISE, **settings})
     )
 
@@ -102,4 +102,4 @@ def gears_apart():
     loading = tuple(
         PointMass(change, gear.x_m, gear.y_m) for gear, change in zip(aircraft().gears, changes, strict=True)
     )
-    return LoadedRun("light", recordings[0]), LoadedRun("heavy", recordings[1], loading)
+    return Run("light", recordings[0]), Run("heavy", recordings[1], loading)

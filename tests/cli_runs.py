@@ -6,9 +6,9 @@ import sys
 from click.testing import CliRunner
 
 from opid import cli
-from opid.report import page
 
-PICTURES = page.pictures()
+N_PICTURES = 12
+"""In the report of one gear that the model explains."""
 CHANNELS = ("--sprung", "upper_z", "--unsprung", "lower_z")
 
 

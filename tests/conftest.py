@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.report import page, read_truth, write_field_test
-from opid.suspensions.one_gear.identification import identify_study
-from opid.suspensions.one_gear.study_file import read_study
+from opid.suspensions.identification import identify
+from opid.suspensions.study_file import read_study
 
 
 @pytest.fixture(scope="session")
 def field_test(tmp_path_factory):
     """A directory with heavy.csv, light.csv, study.toml and truth.json of 20 s at 256 Hz; not to be changed."""
+    from opid.report import write_field_test
+
     directory = tmp_path_factory.mktemp("field_test")
     test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=20.0, fs=256.0)
     write_field_test(test, directory, title="A short field test", settings={"seed": 1})
@@ -23,13 +24,20 @@ def field_test(tmp_path_factory):
 @pytest.fixture(scope="session")
 def identified(field_test):
     """The identification of the field test, with its truth: `.result`, `.truth`."""
+    from opid.report import read_truth
+
     return SimpleNamespace(
-        result=identify_study(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
+        result=identify(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
     )
 
 
 @pytest.fixture
 def few_figures(monkeypatch):
     """Draw only one figure where the figures are not what a test is about."""
-    one = page.pictures()[5:6]
-    monkeypatch.setattr(page, "pictures", lambda: one)
+    from opid.report import identification_report
+
+    every = identification_report.gear_pictures
+    one = "law_ladder"
+    monkeypatch.setattr(
+        identification_report, "gear_pictures", lambda result: [each for each in every(result) if each.name == one]
+    )

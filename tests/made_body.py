@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import date
+from pathlib import Path
 
 import numpy as np
 
@@ -9,7 +10,11 @@ from opid.estimate import Estimate
 from opid.mechanics.airframe import Loading
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft
-from opid.suspensions.result import BodyIdentification, Candidate, InterfaceEstimate, RunResidual
+from opid.signals.recording import recording_from_arrays
+from opid.suspensions.law_search import library
+from opid.suspensions.result import Candidate, Identification, InterfaceEstimate, Options, RunResidual
+from opid.suspensions.settings import Settings
+from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
 
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
 """Of the sensors on the airframe, beside the struts."""
@@ -36,9 +41,8 @@ def small_body(**changes):
     rng = np.random.default_rng(7)
     airframe = default_aircraft()
     interfaces = tuple(_interface(gear, rng) for gear in airframe.gears)
-    result = BodyIdentification(
-        title="An aircraft made by hand",
-        date=date(2026, 3, 1),
+    result = Identification(
+        study=_study(airframe),
         structure="rigid_body",
         parameters={
             "sprung_mass_kg": Estimate.normal(5403.1, 4.9),
@@ -55,21 +59,18 @@ def small_body(**changes):
         },
         per_mass=False,
         interfaces=interfaces,
-        places={gear.name: (gear.x_m, gear.y_m, *PLACES[gear.name]) for gear in airframe.gears},
         place_corrections={"sensor_x_m[left]": Estimate.normal(0.006, 0.004)},
         candidates=_candidates(),
+        why=WHY,
         runs=(_run("reference", (), rng), _run("loaded", ((500.0, -1.0, 0.2),), rng)),
         noise_m_per_s2=0.005,
         residual_over_noise=1.02,
-        diagnostics={
-            "why": WHY,
-            "law": "searched",
-            "band_hz": [0.3, 40.0],
-            "study": "my study.toml",
-            "body_sensors": {"tail": (-4.0, 0.0)},
-        },
+        evidence=(),
+        mended_spikes=(0, 0),
         warnings=("run 'loaded', 'tail': it has an offset of 0.3 m/s^2",),
         not_determined=None,
+        options=Options(None, True, "pursuit", library(), 0),
+        settings=Settings(),
     )
     return replace(result, **changes)
 
@@ -106,6 +107,30 @@ def body_without_mass():
     )
 
 
+def _study(airframe):
+    """What the numbers are about, with noise in place of what was measured."""
+    names = [f"{gear.name}_{side}_z" for gear in airframe.gears for side in ("lower", "upper")]
+    rng = np.random.default_rng(8)
+    reference, loaded = (
+        recording_from_arrays(rng.standard_normal((7, 512)), [*names, "tail"], fs=128.0) for _ in range(2)
+    )
+    interfaces = [
+        MeasuredInterface(
+            gear.name, f"{gear.name}_upper_z", f"{gear.name}_lower_z", gear.x_m, gear.y_m, *PLACES[gear.name]
+        )
+        for gear in airframe.gears
+    ]
+    return Study(
+        title="An aircraft made by hand",
+        interfaces=tuple(interfaces),
+        runs=(Run("reference", reference), Run("loaded", loaded, (PointMass(500.0, -1.0, 0.2),))),
+        structure=StructureSettings("rigid_body", noise_m_per_s2=0.005),
+        sensors=(BodySensor("tail", -4.0, 0.0),),
+        date=date(2026, 3, 1),
+        source=Path("my study.toml"),
+    )
+
+
 def _interface(gear, rng):
     def near(value, share):
         return Estimate.normal(value * (1 + share * rng.standard_normal()), share * value)
@@ -116,6 +141,7 @@ def _interface(gear, rng):
         shared_with=(),
         stiffness=near(gear.suspension_stiffness_n_per_m, 1e-3),
         damping=near(gear.suspension_damping_n_s_per_m, 3e-3),
+        ground_stiffness=Estimate(0.0),
         law=gear.law,
         law_estimates={
             kind: {name: near(value, 5e-3) for name, value in table.items()}

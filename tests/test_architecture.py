@@ -102,6 +102,13 @@ def matplotlib_outside_plots(path, tree):
                 yield f"line {line}: matplotlib"
 
 
+def numba_outside_kernels(path, tree):
+    if "kernels" not in path.relative_to(PACKAGE).parts:
+        for name, line in imports(path, tree):
+            if name.split(".")[0] in ("numba", "llvmlite"):
+                yield f"line {line}: numba belongs in mechanics/kernels"
+
+
 def pysindy_outside_functions(path, tree):
     found = [line for name, line in imports(path, tree) if name.split(".")[0] == "pysindy"]
     functions = [node for node in nodes_of(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
@@ -139,6 +146,10 @@ def test_matplotlib_stays_in_plots():
     assert faults(matplotlib_outside_plots) == []
 
 
+def test_numba_stays_in_kernels():
+    assert faults(numba_outside_kernels) == []
+
+
 def test_pysindy_is_imported_only_where_it_is_used():
     assert faults(pysindy_outside_functions) == []
 
@@ -157,6 +168,7 @@ def test_nothing_is_done_at_import():
         (against_the_arrows, "from opid.suspensions import study"),
         (reaching_upward, "from ..errors import InputError"),
         (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
+        (numba_outside_kernels, "from numba import njit"),
         (pysindy_outside_functions, "import pysindy"),
         (printing_or_silencing, "print(1)"),
         (printing_or_silencing, "warnings.catch_warnings()"),
@@ -216,7 +228,62 @@ def test_every_public_name_has_a_docstring():
     assert faults(without_docstring) == []
 
 
-def test_every_module_stands_in_the_picture():
+def fields_of_any_type(path, tree):
+    """Results are typed: no record of the estimator holds what another module must guess."""
+    for node in nodes_of(tree) if room_of(path) == "suspensions" else ():
+        if isinstance(node, ast.ClassDef):
+            for each in node.body:
+                # what the bench was asked is for its report alone
+                if node.name == "BenchLaw":
+                    continue
+                if isinstance(each, ast.AnnAssign) and re.search(r"\bAny\b", ast.unparse(each.annotation)):
+                    yield f"{node.name}: {ast.unparse(each.target)}"
+
+
+def evidence_read_by_keys(path, tree):
+    """What an identification rests on is read by attributes: `result.evidence[0].fit`, never `evidence["fit"]`."""
+    for node in nodes_of(tree) if room_of(path) in ("suspensions", "plots", "report", "cli") else ():
+        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+            read = ast.unparse(node.value)
+            if isinstance(node.slice.value, str) and re.search(r"\b(evidence|diagnostics)$", read):
+                yield f"line {node.lineno}: {ast.unparse(node)}"
+
+
+def decided_by_words(path, tree):
+    """Decisions are made on types and codes: no message is searched for words."""
+    for node in nodes_of(tree) if room_of(path) == "suspensions" else ():
+        if isinstance(node, ast.Compare) and any(isinstance(op, ast.In) for op in node.ops):
+            looked_in = ast.unparse(node.comparators[0])
+            if isinstance(node.left, ast.Constant) and re.search(r"message|warning|sentence|reason\b", looked_in):
+                yield f"line {node.lineno}: {ast.unparse(node)}"
+
+
+def test_records_of_the_estimator_are_typed():
+    assert faults(fields_of_any_type) == []
+
+
+def test_evidence_is_read_by_attributes():
+    assert faults(evidence_read_by_keys) == []
+
+
+def test_no_decision_is_made_on_the_text_of_a_message():
+    assert faults(decided_by_words) == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "code"),
+    [
+        (fields_of_any_type, "class A:\n    model: Any"),
+        (evidence_read_by_keys, "x = result.evidence['fit']"),
+        (decided_by_words, "if 'upside down' in finding.message:\n    pass"),
+    ],
+)
+def test_each_rule_of_the_estimator_finds_its_fault(rule, code):
+    assert len(list(rule(PACKAGE / "suspensions" / "x.py", ast.parse(code)))) == 1
+
+
+def test_every_folder_stands_in_the_picture():
     picture = (PACKAGE.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    missing = [path.name for path in MODULES if path.name != "__init__.py" and path.name not in picture]
+    folders = sorted({path.parent for path in MODULES})
+    missing = [path.name for path in folders if not re.search(rf"\b{path.name}/", picture)]
     assert missing == []

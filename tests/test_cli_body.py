@@ -8,7 +8,7 @@ from made_body import small_body
 
 from opid import cli
 from opid.suspensions import identification
-from opid.suspensions.study_file import read_body_study
+from opid.suspensions.study_file import read_study
 
 SMALL = ("--duration", 6, "--fs", 128)
 
@@ -37,20 +37,20 @@ def simulated(tmp_path_factory):
 
 @pytest.fixture
 def found(monkeypatch):
-    """What `identify_body` was asked, which answers with a result made by hand."""
+    """What `identify` was asked, which answers with a result made by hand."""
     asked = {}
 
     def answer(study, **settings):
         asked.update(settings, study=study)
         return small_body(**asked.pop("changes", {}))
 
-    monkeypatch.setattr(identification, "identify_body", answer)
+    monkeypatch.setattr(identification, "identify", answer)
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
     return asked
 
 
 def test_a_simulation_writes_a_study_and_its_truth(simulated):
-    study = read_body_study(simulated / "study.toml")
+    study = read_study(simulated / "study.toml")
     assert str(study.date) == "2026-03-01"
     assert [run.mass_change_kg for run in study.runs] == [0.0, 500.0]
     assert study.interfaces[1].sensor_place == (0.3, 1.36)
@@ -75,7 +75,7 @@ def test_a_weakened_strut_is_in_the_truth_and_the_rest_is_as_before(simulated, t
     assert ratio == {"nose": 1.0, "left": pytest.approx(0.95), "right": 1.0}
     assert harmed["interfaces"]["left"]["law"] == sound["interfaces"]["left"]["law"]
     assert harmed["settings"]["weaken"] == [["left", 0.95]]
-    assert read_body_study(tmp_path / "study.toml").structure.noise_m_per_s2 is None
+    assert read_study(tmp_path / "study.toml").structure.noise_m_per_s2 is None
     refused(opid("simulate", "aircraft", tmp_path, "--weaken", "lft", 0.9), "--weaken names the gear 'lft'", "'left'")
     refused(opid("simulate", "aircraft", tmp_path, "--weaken", "left", 0), "has the factor 0, give a positive one")
 
@@ -109,10 +109,12 @@ def test_the_options_of_a_simulation(tmp_path):
 
 def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
     done = opid("identify", simulated / "study.toml", "--out", tmp_path / "result", "--law", "arctan_velocity",
-                "--band", 0.5, 30, "--truth", simulated / "truth.json")  # fmt: skip
+                "--band", 0.5, 30, "--method-of-law", "both", "--no-ground",
+                "--truth", simulated / "truth.json")  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
     assert found["law"] == "arctan_velocity"
     assert found["band_hz"] == (0.5, 30.0)
+    assert (found["method_of_law"], found["ground"]) == ("both", False)
     assert found["study"].names == ("nose", "left", "right")
     assert "Recommended: rigid body" in done.stdout
     assert "inside" in done.stdout  # of the truth
@@ -121,7 +123,7 @@ def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
 
 
 def test_the_directory_of_a_study_is_enough(simulated, tmp_path, found, monkeypatch):
-    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    monkeypatch.setattr("opid.report.identification_report.body_pictures", lambda result: ())
     monkeypatch.chdir(tmp_path)
     done = opid("identify", simulated)
     assert (done.exit_code, done.stderr) == (0, "")
@@ -130,7 +132,7 @@ def test_the_directory_of_a_study_is_enough(simulated, tmp_path, found, monkeypa
 
 
 def test_what_is_not_determined_ends_with_status_1_after_the_report(simulated, tmp_path, found, monkeypatch):
-    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    monkeypatch.setattr("opid.report.identification_report.body_pictures", lambda result: ())
     found["changes"] = {"not_determined": "all runs have the same loading"}
     done = opid("identify", simulated / "study.toml", "--out", tmp_path)
     refused(done, "not determined: all runs have the same loading", status=1)
@@ -141,7 +143,6 @@ def test_what_is_not_determined_ends_with_status_1_after_the_report(simulated, t
     ("options", "words"),
     [
         (("--method", "paper"), ["has no --method: leave it out"]),
-        (("--no-ground", "--both-roads"), ["has no --both-roads or --no-ground: leave them out"]),
         (("--high-pass", 0.3), ["--high-pass"]),
         (("--sprung", "a", "--mass-change", 3), ["--sprung or --mass-change"]),
     ],
@@ -177,7 +178,7 @@ def test_a_log_is_inspected_as_the_study_of_a_body_says(simulated):
 
 def test_a_short_run_is_identified_from_end_to_end(tmp_path, monkeypatch):
     """One rigid body with the law given: 12 s of a smooth runway, and every number near its truth."""
-    monkeypatch.setattr("opid.report.body_report.body_pictures", lambda result: ())
+    monkeypatch.setattr("opid.report.identification_report.body_pictures", lambda result: ())
     done = opid("simulate", "aircraft", tmp_path, "--seed", 5, "--duration", 12, "--fs", 128)
     assert done.exit_code == 0, done.output
     path = tmp_path / "study.toml"

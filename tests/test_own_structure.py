@@ -12,7 +12,7 @@ from opid.mechanics.response import time_response
 from opid.mechanics.sensors import decimate
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, Recording, recording_from_arrays
-from opid.suspensions import candidates
+from opid.suspensions import driven_laws
 from opid.suspensions.own_structure import identify_structure
 
 FS, SECONDS, STEPS, NOISE = 256.0, 12.0, 4, 5e-3
@@ -124,7 +124,7 @@ def test_loadings_of_the_wrong_sign_give_no_negative_springs(runs):
 
 
 def test_runs_that_do_not_go_together_are_told(runs, monkeypatch):
-    monkeypatch.setattr(candidates, "left_out_level", lambda fit: 2.4 * NOISE)
+    monkeypatch.setattr(driven_laws, "left_out_ratio", lambda fit: 2.4)
     found = identify_structure(machine(), runs, loadings=[{}, {"high": 60.0}], law="arctan_velocity", **WHERE)
     assert found.left_out_over_noise == pytest.approx(2.4)
     assert "runs that the others predict leave 2.4 times" in found.warnings[0]

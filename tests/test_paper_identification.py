@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from opid.suspensions.one_gear.study import Run, Study
 
 from opid.errors import InputError
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
-from opid.suspensions.one_gear.study import Run, Study
 from opid.suspensions.paper.chain import compute_chain
 from opid.suspensions.paper.identification import identify_by_paper
 from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS

@@ -15,9 +15,9 @@ from opid.mechanics.laws import Law
 from opid.plots.spectra import _noise_lines
 from opid.plots.style import every, panels, pretty
 from opid.signals.recording import Channel, Recording
-from opid.suspensions.one_gear.identification import identify_study
-from opid.suspensions.one_gear.study import Study
-from opid.suspensions.one_gear.study_file import read_study
+from opid.suspensions.identification import identify
+from opid.suspensions.study import study_of_gear
+from opid.suspensions.study_file import read_study
 
 OF_RESULT = {
     "accelerations": plots.accelerations,
@@ -40,7 +40,7 @@ def _all_axes(drawn):
 
 
 def _draw(name, result):
-    return OF_RESULT[name](result) if name in OF_RESULT else OF_RUN[name](result.evidence.runs[0])
+    return OF_RESULT[name](result) if name in OF_RESULT else OF_RUN[name](result.paper_chain.runs[0])
 
 
 def _content(ax):
@@ -50,7 +50,7 @@ def _content(ax):
 @pytest.fixture(scope="module")
 def one_run(field_test):
     study = read_study(field_test / "study.toml")
-    return identify_study(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
+    return identify(study_of_gear("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
 
 
 @pytest.mark.parametrize("name", [*OF_RESULT, *OF_RUN])
@@ -106,16 +106,16 @@ def test_no_state_of_pyplot():
 
 
 def test_the_parabola_of_the_literal_integration_is_seen(identified):
-    above, below = plots.integration(identified.result.evidence.runs[0])[:, 0]
+    above, below = plots.integration(identified.result.paper_chain.runs[0])[:, 0]
     literal, sound = (np.ptp(line.get_ydata()) for line in above.lines)
     assert literal > 5 * sound
     assert np.ptp(below.lines[0].get_ydata()) == sound
 
 
 def test_the_residual_is_drawn_as_noise_on_each_channel(identified):
-    evidence = identified.result.evidence
-    power = [np.mean(_noise_lines(evidence.joint, i)[1] ** 2) for i in range(len(evidence.runs))]
-    assert np.sqrt(np.mean(power)) == pytest.approx(1e3 * evidence.joint.noise_m_per_s2, rel=0.05)
+    fit = identified.result.evidence[0].fit
+    power = [np.mean(_noise_lines(fit, i)[1] ** 2) for i in range(len(fit.model.runs))]
+    assert np.sqrt(np.mean(power)) == pytest.approx(1e3 * fit.noise_m_per_s2, rel=0.05)
     # the simulated sensors have 5 mm/s^2
     assert np.sqrt(np.mean(power)) == pytest.approx(5, rel=0.1)
 
@@ -137,7 +137,8 @@ def test_the_identified_law_is_drawn_on_the_true_one(identified):
 
 
 def test_a_linear_law_is_called_so(identified):
-    linear = replace(identified.result, law=Law())
+    first = replace(identified.result.interfaces[0], law=Law())
+    linear = replace(identified.result, interfaces=(first,))
     over_velocity = plots.law_curves(linear)[0, 0]
     assert "no nonlinear force" in [line.get_label() for line in over_velocity.lines]
 
@@ -149,7 +150,7 @@ def test_estimates_mark_the_truth_and_write_what_lies_beyond(identified):
     marks = [line for line in mass.lines if line.get_marker() != "None"]
     assert len(marks) > 2
     assert all(low <= mark.get_xdata()[0] <= high for mark in marks)
-    pairs = identified.result.evidence.pairs
+    pairs = identified.result.paper_chain.pairs
     beyond = [p for p in pairs[:3] for m in (p.as_printed, p.sign_restored) if not low < m.sprung_mass_kg < high]
     assert bool(beyond) == bool(mass.texts)
 

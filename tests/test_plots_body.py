@@ -158,6 +158,6 @@ def test_an_offset_of_a_sensor_is_no_difference(result):
 
 def test_sensors_have_the_names_of_their_places(result):
     assert sensor_names(result, 4) == ["above nose", "above left", "above right", "tail"]
-    assert sensor_names(replace(result, diagnostics={}), 4)[-1] == "sensor 4"
+    assert sensor_names(replace(result, study=replace(result.study, sensors=())), 4)[-1] == "sensor 4"
     assert sensor_names(replace(result, structure="pair"), 2) == ["mean above left, right", "above nose"]
     assert sensor_names(replace(result, structure="single"), 3) == ["above nose", "above left", "above right"]

@@ -8,7 +8,7 @@ import pytest
 
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import read_log
-from opid.suspensions.one_gear.study_file import read_study
+from opid.suspensions.study_file import read_study
 
 ROOT = Path(__file__).parents[1]
 LOGS = ROOT.parent / "shared" / "data" / "wobble_landcruiser"

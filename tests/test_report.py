@@ -4,15 +4,19 @@ import base64
 import json
 import math
 import re
-from dataclasses import replace
+import subprocess
+import sys
+from dataclasses import asdict, replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from opid.errors import InputError
+from opid import plots
+from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws import law_from_parameters
 from opid.report import (
@@ -23,19 +27,24 @@ from opid.report import (
     result_text,
     write_report,
 )
-from opid.report import page as page_module
+from opid.report import identification_report as report_module
+from opid.report.again import command_of, python_of
 from opid.report.as_json import json_text, plain
-from opid.report.as_text import rounded, rows
+from opid.report.as_text import rounded
 from opid.report.directory import made_directory, require_directory, write_together
+from opid.report.gear_pictures import gear_pictures
+from opid.report.gear_text import gear_rows
 from opid.signals import files
 from opid.signals.health import inspect
 from opid.signals.logs import read_log
-from opid.suspensions.one_gear.identification import identify_study
-from opid.suspensions.one_gear.result import PARAMETERS
-from opid.suspensions.one_gear.study import Study
-from opid.suspensions.one_gear.study_file import read_study
+from opid.suspensions.identification import identify
+from opid.suspensions.result import GEAR_PARAMETERS, Identification
+from opid.suspensions.sensor_facts import SensorFacts, SensorPair
+from opid.suspensions.settings import Settings, Verdicts
+from opid.suspensions.study import study_of_gear
+from opid.suspensions.study_file import read_study, study_from_logs
 
-KEYS = {
+OLD_KEYS = {
     "schema",
     "method",
     "title",
@@ -48,7 +57,27 @@ KEYS = {
     "warnings",
     "not_determined",
 }
-PICTURES = page_module.pictures()
+NEW_KEYS = {"structure", "interfaces", "candidates", "runs"}
+"""Of the driven model."""
+OLD_DIAGNOSTICS = {
+    "": "settings unexplained_noise_m_per_s2 sensor_noise_floor_m_per_s2 unexplained_over_floor n_lines "
+    "static_transmissibility_read_from_lines law_candidates law_ladder law_alternatives peak_pairs runs model",
+    "settings": "study sprung unsprung high_pass_hz law ground band_hz",
+    "law_ladder": "law bic unexplained_noise_m_per_s2 left_out_m_per_s2 road kept chosen",
+    "peak_pairs": "run reference_hz reference_magnitude changed_hz changed_magnitude credible reason as_printed "
+    "sign_restored",
+    "runs": "name mass_change_kg duration_s fs n_averages n_blocks noise_floor_m_per_s2 travel_rms_m "
+    "velocity_rms_m_per_s surface_coverage terms complex_least_squares errors_in_variables peaks_hz findings",
+    "model": "noise_m_per_s2 whiteness std_over_white bootstrap_std_over_white sensors demanded "
+    "imitates_ground_spring mended_spikes surface n_starts limits",
+}
+"""What result.json of one gear has always told."""
+N_PICTURES = 12
+
+
+def one_picture(name):
+    """Draw only this figure, or none."""
+    return lambda result: [each for each in gear_pictures(result) if each.name == name]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +88,23 @@ def document(identified):
 @pytest.fixture(scope="module")
 def one_run(field_test):
     study = read_study(field_test / "study.toml")
-    return identify_study(Study("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
+    return identify(study_of_gear("alone", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1]))
+
+
+@pytest.fixture(scope="module")
+def by_paper(field_test):
+    return identify(read_study(field_test / "study.toml"), method="paper", law="arctan_velocity")
+
+
+@pytest.fixture(scope="module")
+def refused(field_test):
+    """A result in which the noise stated is far below what there is, so that no model explains the runs."""
+    return replace_noise(read_study(field_test / "study.toml"))
+
+
+def replace_noise(study):
+    facts = SensorPair(SensorFacts(noise_m_per_s2=1e-4), SensorFacts(noise_m_per_s2=1e-4))
+    return identify(replace(study, interfaces=(replace(study.interfaces[0], facts=facts),)), law="linear")
 
 
 @pytest.fixture(scope="module")
@@ -69,19 +114,53 @@ def report(identified, tmp_path_factory):
     return directory
 
 
+def titled(result, title):
+    return replace(result, study=replace(result.study, title=title))
+
+
 # ---- JSON ----------------------------------------------------------------------------------------
 
 
 def test_json_has_the_promised_keys(document):
-    assert set(document) == KEYS
+    assert set(document) == OLD_KEYS | NEW_KEYS
     assert document["schema"] == "opid.identification/1"
-    assert set(document["parameters"]) == set(PARAMETERS)
+    assert set(document["parameters"]) == set(GEAR_PARAMETERS)
     for estimate in [*document["parameters"].values(), *document["ratios"].values()]:
         assert set(estimate) == {"value", "std", "interval95"}
         # a ground spring that the runs do not demand is zero, and has no interval
         if estimate["value"] != 0.0:
             assert estimate["interval95"][0] <= estimate["value"] <= estimate["interval95"][1]
     assert document["not_determined"] is None
+    assert json.loads(json_text(document)) == document
+
+
+def test_json_of_one_gear_keeps_the_keys_of_its_diagnostics(document):
+    for part, names in OLD_DIAGNOSTICS.items():
+        told = document["diagnostics"] if not part else document["diagnostics"][part]
+        for each in told if isinstance(told, list) else [told]:
+            assert set(names.split()) <= set(each), part
+    model = document["diagnostics"]["model"]
+    assert set(model["noise_m_per_s2"]) == set(model["mended_spikes"]) == {"unsprung", "sprung"}
+    assert set(model["whiteness"]) == {"statistic", "white", "band_hz", "excess"}
+    assert set(model["surface"]) == {
+        "largest_departure_in_standard_errors",
+        "expected_by_chance",
+        "largest_departure_percent",
+    }
+    assert "inverse_mass" in model["std_over_white"]
+    assert sum(step["chosen"] for step in document["diagnostics"]["law_ladder"]) == 1
+
+
+def test_json_tells_every_setting(document):
+    assert document["diagnostics"]["settings"]["estimator"] == plain(asdict(Settings()))
+    assert document["diagnostics"]["settings"]["band_hz"] == [0.3, 40.0]
+
+
+def test_json_of_the_paper_has_its_own_diagnostics(by_paper):
+    document = result_json(by_paper)
+    assert set(document) == OLD_KEYS
+    assert set(OLD_DIAGNOSTICS[""].split()) == set(document["diagnostics"])
+    assert document["diagnostics"]["model"] is None
     assert json.loads(json_text(document)) == document
 
 
@@ -117,11 +196,11 @@ def test_json_has_null_where_a_number_is_not_finite(identified):
     broken = replace(
         identified.result,
         parameters={"sprung_mass_kg": Estimate(math.nan, math.inf, (-math.inf, 1.0))},
-        diagnostics={"a": np.float64("nan"), "b": np.array([1, 2]), "c": np.bool_(True)},
+        mended_spikes=(np.int64(1), np.float64("nan")),
     )
     document = json.loads(json_text(result_json(broken)))
     assert document["parameters"]["sprung_mass_kg"] == {"value": None, "std": None, "interval95": [None, 1.0]}
-    assert document["diagnostics"] == {"a": None, "b": [1, 2], "c": True}
+    assert document["diagnostics"]["model"]["mended_spikes"] == {"unsprung": 1, "sprung": None}
 
 
 leaves = st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats() | st.text()
@@ -152,13 +231,13 @@ def test_text_shows_each_parameter_within_80_columns(identified):
 
 
 def test_text_compares_with_the_truth(identified):
-    table = {row.label: row.cells for row in rows(identified.result, identified.truth)}
+    table = {row.label: row.cells for row in gear_rows(identified.result, identified.truth)}
     value, _, unit, true, error, inside = table["sprung mass M2"]
     assert (unit, true, inside) == ("kg", "1850", "yes")
     assert float(error.rstrip("%")) == pytest.approx(100 * (float(value) / 1850 - 1), abs=0.02)
     other = json.loads(json.dumps(identified.truth))
     other["parameters"]["sprung_mass_kg"] = 2000.0
-    table = {row.label: row.cells for row in rows(identified.result, other)}
+    table = {row.label: row.cells for row in gear_rows(identified.result, other)}
     assert table["sprung mass M2"][-1] == "no"
     assert max(map(len, result_text(identified.result, identified.truth).splitlines())) <= 80
 
@@ -172,7 +251,7 @@ def test_text_says_another_true_law(identified):
 def test_text_without_a_mass_says_why_and_gives_ratios(one_run, identified):
     text = result_text(one_run, identified.truth)
     assert "Not determined: all runs have the same sprung mass" in text
-    table = {row.label: row.cells for row in rows(one_run, identified.truth)}
+    table = {row.label: row.cells for row in gear_rows(one_run, identified.truth)}
     assert table["sprung mass M2"][0] == "-"
     assert table["amplitude"][2] == "N/kg"
     # the true law per unit of the true mass
@@ -226,7 +305,7 @@ def test_the_page_is_self_contained_and_well_formed(report):
     parser = Links()
     parser.feed(html)
     assert parser.open == []
-    assert len(parser.sources) == len(PICTURES)
+    assert len(parser.sources) == N_PICTURES
     assert all(source.startswith("data:image/png;base64,") for source in parser.sources)
     assert not parser.tags & {"script", "link", "iframe"}
     assert not re.search(r"url\(|@import|https?://", html)
@@ -236,32 +315,136 @@ def test_the_figures_of_the_page_are_the_files_beside_it(report):
     html = (report / "report.html").read_text(encoding="utf-8")
     embedded = {base64.b64decode(image) for image in re.findall(r"data:image/png;base64,([^\"]+)", html)}
     assert embedded == {path.read_bytes() for path in report.glob("*.png")}
-    assert len(embedded) == len(PICTURES)
+    assert len(embedded) == N_PICTURES
 
 
 def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identified):
     html = (report / "report.html").read_text(encoding="utf-8")
     assert "sprung mass M2" in html
     assert ("What to doubt" in html) == bool(identified.result.warnings)
-    assert "opid identify study.toml --method model --band 0.3 40 --high-pass 0.3" in html
+    assert f"opid identify {identified.result.study.source} --band 0.3 40" in html
     result = json.loads((report / "result.json").read_text(encoding="utf-8"))
     assert result == result_json(identified.result)
 
 
 def test_a_title_is_text_on_the_page_and_never_markup(identified, tmp_path, monkeypatch):
-    monkeypatch.setattr(page_module, "pictures", lambda: PICTURES[:1])
-    write_report(replace(identified.result, title="<script>alert(1)</script>"), tmp_path)
+    monkeypatch.setattr(report_module, "gear_pictures", one_picture("accelerations"))
+    write_report(titled(identified.result, "<script>alert(1)</script>"), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script>" not in html
     assert "&lt;script&gt;" in html
 
 
 def test_a_reason_and_missing_values_are_on_the_page(one_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(page_module, "pictures", lambda: PICTURES[-1:])
+    monkeypatch.setattr(report_module, "gear_pictures", one_picture("estimates"))
     write_report(one_run, tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Not determined:</strong>" in html
     assert "same sprung mass" in html
+
+
+def test_every_kind_of_result_has_text_page_and_json(identified, one_run, by_paper, refused, tmp_path, monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")
+    for number, result in enumerate((identified.result, one_run, by_paper, refused)):
+        assert max(map(len, result_text(result).splitlines())) <= 80
+        page = write_report(result, tmp_path / str(number)).read_text(encoding="utf-8")
+        assert page.count("data:image/png;base64,") == len(gear_pictures(result))
+        found = json.loads((tmp_path / str(number) / "result.json").read_text(encoding="utf-8"))
+        assert found["method"] == result.method
+        assert ("Not determined" in page) == bool(result.not_determined)
+
+
+def test_no_figure_of_a_refused_answer_draws_its_fit(refused):
+    assert refused.is_refused
+    names = {picture.name for picture in gear_pictures(refused)}
+    assert names >= {"accelerations", "restoring_force_surface", "law_ladder", "transmissibility"}
+    assert not names & {"law_curves", "force_sections", "force_departures", "equation_residual"}
+    for draw in (plots.law_curves, plots.equation_residual):
+        with pytest.raises(NotDeterminedError, match="no fit to draw"):
+            draw(refused)
+    magnitude = plots.transmissibilities(refused)[0, 0]
+    assert "fitted suspension" not in [line.get_label() for line in magnitude.lines]
+
+
+@pytest.mark.parametrize("error", [InputError("mute"), NotDeterminedError("no peak")])
+def test_a_report_without_the_steps_of_the_paper_is_written(error, identified, tmp_path, monkeypatch):
+    def broken(self):
+        raise error
+
+    monkeypatch.setattr(Identification, "paper_chain", property(broken))
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")
+    page = write_report(identified.result, tmp_path).read_text(encoding="utf-8")
+    names = {path.stem for path in tmp_path.glob("*.png")}
+    assert names == {
+        "accelerations",
+        "law_ladder",
+        "force_sections",
+        "force_departures",
+        "law_curves",
+        "equation_residual",
+    }
+    assert "<td>heavy</td>" in page
+    found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["diagnostics"]
+    assert (found["peak_pairs"], found["static_transmissibility_read_from_lines"]) == ([], None)
+    assert [run["name"] for run in found["runs"]] == ["heavy", "light"]
+
+
+def test_an_identification_alone_does_not_take_the_steps_of_the_paper():
+    code = (
+        "import sys, opid, numpy as np\n"
+        "from opid.mechanics.landing_gear import LandingGear, taxi_test\n"
+        "from opid.suspensions.study import Run, study_of_gear\n"
+        "test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=12.0, fs=256.0)\n"
+        "runs = [Run('heavy', test.heavy.recording), Run('light', test.light.recording, test.mass_change_kg)]\n"
+        "study = study_of_gear('s', sprung='upper_z', unsprung='lower_z', runs=runs)\n"
+        "print(opid.identify(study, law='arctan_velocity').law.name)\n"
+        "rooms = ('opid.suspensions.paper', 'opid.report', 'opid.plots')\n"
+        "print([name for name in sys.modules if name.startswith(rooms)])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["arctan_velocity", "[]"]
+
+
+# ---- to do it again ------------------------------------------------------------------------------
+
+
+def test_the_lines_name_what_was_given(identified, one_run, by_paper):
+    result, source = identified.result, identified.result.study.source
+    assert command_of(result) == f"opid identify {source} --band 0.3 40"
+    assert f'opid.read_study("{source}")' in python_of(result)
+    named = replace(result, study=replace(result.study, source=Path("my study.toml")))
+    assert command_of(named) == "opid identify 'my study.toml' --band 0.3 40"
+    options = replace(result.options, law="linear", ground=False, method_of_law="both")
+    assert command_of(replace(named, options=options)).endswith("--method-of-law both --law linear --no-ground")
+    assert 'method_of_law="both",\n    law="linear",\n    ground=False,' in python_of(replace(named, options=options))
+    # what was made in Python has no command
+    assert command_of(one_run) is None
+    assert "    study,\n" in python_of(one_run)
+    assert command_of(by_paper) == (
+        f"opid identify {source} --method paper --band 0.5 12 --high-pass 0.3 --law arctan_velocity"
+    )
+
+
+def test_settings_of_a_result_are_in_its_lines(identified):
+    result = replace(identified.result, settings=Settings(verdicts=Verdicts(refused=10.0)))
+    assert command_of(result) is None
+    assert "from opid.suspensions.settings import Settings, Verdicts" in python_of(result)
+    assert "    settings=Settings(verdicts=Verdicts(refused=10.0)),\n" in python_of(result)
+
+
+def test_logs_are_called_as_they_were(field_test, tmp_path, identified):
+    paths = [tmp_path / "a run.csv", tmp_path / "b.csv"]
+    for path, name in zip(paths, ("heavy", "light"), strict=True):
+        path.write_bytes((field_test / f"{name}.csv").read_bytes())
+    study = study_from_logs(paths, sprung="upper_z", unsprung="lower_z", mass_changes_kg=[-220.5])
+    result = replace(identified.result, study=study)
+    assert command_of(result) == (
+        f"opid identify '{paths[0]}' {paths[1]} --sprung upper_z --unsprung lower_z --mass-change -220.5 --band 0.3 40"
+    )
+    lines = python_of(result)
+    compile(lines, "lines", "exec")
+    assert f'["{paths[0]}", "{paths[1]}"],' in lines
+    assert "mass_changes_kg=[-220.5]," in lines
 
 
 # ---- whole or not at all -------------------------------------------------------------------------
@@ -319,18 +502,18 @@ def test_a_figure_that_fails_leaves_nothing(identified, tmp_path, monkeypatch):
     def broken(result, truth):
         raise RuntimeError("no figure")
 
-    failing = replace(PICTURES[0], draw=broken)
-    monkeypatch.setattr(page_module, "pictures", lambda: (PICTURES[5], failing))
+    first, second = gear_pictures(identified.result)[:2]
+    monkeypatch.setattr(report_module, "gear_pictures", lambda result: (first, replace(second, draw=broken)))
     with pytest.raises(RuntimeError, match="no figure"):
         write_report(identified.result, tmp_path / "report")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_second_report_replaces_the_first_and_nothing_else(identified, tmp_path, monkeypatch):
-    monkeypatch.setattr(page_module, "pictures", lambda: PICTURES[5:6])
+    monkeypatch.setattr(report_module, "gear_pictures", one_picture("law_ladder"))
     (tmp_path / "mine.txt").write_text("mine")
     for title in ("first", "second"):
-        write_report(replace(identified.result, title=title), tmp_path)
+        write_report(titled(identified.result, title), tmp_path)
     assert json.loads((tmp_path / "result.json").read_text())["title"] == "second"
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "law_ladder.png",
@@ -354,7 +537,7 @@ def test_a_file_in_the_way_is_named(tmp_path, inside):
 def test_truth_has_the_names_of_the_result(field_test):
     truth = read_truth(field_test / "truth.json")
     assert truth["schema"] == "opid.truth/1"
-    assert truth["parameters"] == dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
+    assert truth["parameters"] == dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
     assert truth["law"]["name"] == "arctan_velocity"
     assert truth["mass_change_kg"] == -220.0
 

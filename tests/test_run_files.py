@@ -7,9 +7,9 @@ from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
-from opid.suspensions.one_gear.study import Run, Study
-from opid.suspensions.one_gear.study_file import log_readings, read_study, study_from_logs, write_study
 from opid.suspensions.sensor_facts import SensorFacts
+from opid.suspensions.study import Run, study_of_gear
+from opid.suspensions.study_file import log_readings, read_study, study_from_logs, write_study
 
 NAMES = ["lower_z", "upper_z"]
 
@@ -63,8 +63,8 @@ def test_one_study_mixes_recorders(tmp_path):
     assert np.abs(run.channel("sprung") - run.channel("lower_z"))[200:-200].max() < 0.02
     assert any("resampled from 1000 Hz to 512 Hz" in line for line in run.history)
     assert any("shifted by 0.25 s" in line for line in run.history)
-    assert taxi.sensors.sprung == SensorFacts(gain_tolerance=0.02, corner_hz=0.3)
-    assert taxi.sensors.unsprung == SensorFacts()
+    assert taxi.interfaces[0].facts.sprung == SensorFacts(gain_tolerance=0.02, corner_hz=0.3)
+    assert taxi.interfaces[0].facts.unsprung == SensorFacts()
 
 
 def test_a_run_may_differ_and_the_rate_may_be_asked_for(tmp_path):
@@ -208,7 +208,7 @@ def test_a_study_with_a_standstill_and_a_third_channel_reads_back_whole(tmp_path
     still = np.zeros(5120) + 1e-3 * np.random.default_rng(0).standard_normal(5120)
     arrays = [np.concatenate([still, noisy(512.0, 20.0, seed)]) for seed in range(3)]
     whole = recording_from_arrays(arrays, [*NAMES, "lower_x"], fs=512.0)
-    taxi = Study("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("a", whole, 0.0),))
+    taxi = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("a", whole, 0.0),))
     write_study(taxi, tmp_path / "study.toml")
     back = read_study(tmp_path / "study.toml").runs[0].recording
     assert back.names == ("lower_z", "upper_z", "lower_x")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.suspensions.sensor_facts import IDEAL_PAIR, Leak, Nuisance, SensorFacts, SensorPair, nuisance_values
+from opid.suspensions.sensor_facts import IDEAL, Fault, Leak, SensorFacts, Sensors, ideal_sensors
 
 LOOSE = SensorFacts(gain_tolerance=0.03, corner_hz=0.4, corner_tolerance=0.3, lag_tolerance_s=3e-3)
 
@@ -32,9 +32,9 @@ def test_facts_that_cannot_be_are_refused(facts, words):
     ("leak", "words"),
     [
         ({"into": "wing"}, "a leak goes into 'wing': give 'sprung' or 'unsprung'"),
-        ({"into": "sprung", "tolerance": 0.0}, "the tolerance of a leak is 0.0: give a share between 0 and 1"),
-        ({"into": "sprung", "tolerance": 5.0}, "the tolerance of a leak is 5.0: give a share between 0 and 1"),
-        ({"into": "sprung", "tolerance": np.nan}, "the tolerance of a leak is nan: give a share"),
+        ({"into": "sprung", "tolerance": 0.0}, "the tolerance of a leak is 0.0: give a fraction between 0 and 1"),
+        ({"into": "sprung", "tolerance": 5.0}, "the tolerance of a leak is 5.0: give a fraction between 0 and 1"),
+        ({"into": "sprung", "tolerance": np.nan}, "the tolerance of a leak is nan: give a fraction"),
     ],
 )
 def test_leaks_that_cannot_be_are_refused(leak, words):
@@ -42,27 +42,47 @@ def test_leaks_that_cannot_be_are_refused(leak, words):
         Leak("lower_x", **leak)
 
 
-def test_nothing_of_an_ideal_pair_is_fitted():
-    assert IDEAL_PAIR.nuisances == ()
+def test_nothing_of_ideal_sensors_is_fitted():
+    assert ideal_sensors(3, 4).faults == ()
     # a corner that is known, and noise, are no unknowns
     known = SensorFacts(noise_m_per_s2=5e-3, corner_hz=0.3)
-    assert SensorPair(known, known).nuisances == ()
+    assert Sensors((known,), (known,), ("",)).faults == ()
 
 
-def test_every_tolerance_is_one_unknown_and_the_two_lags_are_one():
-    pair = SensorPair(LOOSE, SensorFacts(gain_tolerance=0.01, lag_tolerance_s=4e-3), (Leak("lower_x", "unsprung"),))
-    assert pair.nuisances == (
-        Nuisance("gain_unsprung", "gain", "unsprung", 1.0, 0.03),
-        Nuisance("corner_unsprung_hz", "corner", "unsprung", 0.4, 0.3 * 0.4),
-        Nuisance("gain_sprung", "gain", "sprung", 1.0, 0.01),
-        Nuisance("lag_s", "lag", "sprung", 0.0, 5e-3),
-        Nuisance("leak[0]", "leak", "unsprung", 0.0, 0.05, 0),
+def test_every_tolerance_is_one_unknown_and_the_two_lags_of_an_interface_are_one():
+    above = SensorFacts(gain_tolerance=0.01, lag_tolerance_s=4e-3)
+    one = Sensors((LOOSE,), (above,), ("",), (("unsprung", 0, 0.05),))
+    expected = (
+        Fault("gain_unsprung", "gain", "unsprung", 0, 1.0, 0.03),
+        Fault("corner_unsprung_hz", "corner", "unsprung", 0, 0.4, 0.3 * 0.4),
+        Fault("gain_sprung", "gain", "sprung", 0, 1.0, 0.01),
+        Fault("lag_s", "lag", "sprung", 0, 0.0, 5e-3),
+        Fault("leak[0]", "leak", "unsprung", 0, 0.0, 0.05, 0),
     )
+    assert one.faults == expected
+    # of several interfaces and a further sensor each fault is named after its place
+    several = Sensors((IDEAL, LOOSE), (IDEAL, above, above), ("nose", "left", "tail"), (("sprung", 1, 0.02),))
+    assert [(fault.name, fault.side, fault.channel) for fault in several.faults] == [
+        ("gain_unsprung[left]", "unsprung", 1),
+        ("corner_unsprung_hz[left]", "unsprung", 1),
+        ("gain_sprung[left]", "sprung", 1),
+        ("gain_sprung[tail]", "sprung", 2),
+        ("lag_s[left]", "sprung", 1),
+        ("lag_s[tail]", "sprung", 2),
+        ("leak[0]", "sprung", 1),
+    ]
+    assert several.faults[5].std == 4e-3
+
+
+def test_a_changed_fact_is_of_one_sensor():
+    sensors = ideal_sensors(2, 3).changed("sprung", 1, gain_tolerance=0.02)
+    assert [facts.gain_tolerance for facts in sensors.sprung] == [0.0, 0.02, 0.0]
+    assert sensors.unsprung == (IDEAL, IDEAL)
 
 
 def test_values_are_the_fitted_ones_and_else_nominal():
-    pair = SensorPair(LOOSE, leaks=(Leak("upper_x", "sprung"),))
-    values = nuisance_values(["stiffness_per_mass", "gain_unsprung", "leak[0]"], np.array([210.0, 1.02, 0.03]), pair)
+    sensors = Sensors((LOOSE,), (IDEAL,), ("",), (("sprung", 0, 0.05),))
+    values = sensors.values(["stiffness_per_mass", "gain_unsprung", "leak[0]"], np.array([210.0, 1.02, 0.03]))
     assert values == {"gain_unsprung": 1.02, "corner_unsprung_hz": 0.4, "lag_s": 0.0, "leak[0]": 0.03}
     with pytest.raises(ValueError, match=r"shorter|longer"):
-        nuisance_values(["gain_unsprung"], [1.0, 2.0], pair)
+        sensors.values(["gain_unsprung"], [1.0, 2.0])

@@ -1,331 +1,207 @@
-"""A study: what is read, what is written, and that everything wrong is said at once."""
+"""A study: everything wrong with it is said at once, whether of one gear or of a body, and which gears are mirrored."""
 
-import tomllib
-from datetime import date
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from body_runs import interfaces
 
 from opid.errors import InputError
-from opid.signals.logs import write_log
-from opid.signals.recording import Channel, Recording, recording_from_arrays
-from opid.suspensions.one_gear.study import Run, Study
-from opid.suspensions.one_gear.study_file import read_study, study_from_logs, write_study
-from opid.suspensions.sensor_facts import IDEAL_PAIR, Leak, SensorFacts, SensorPair
+from opid.signals.recording import Channel, Recording
+from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
+from opid.suspensions.study import (
+    BodySensor,
+    MeasuredInterface,
+    PointMass,
+    Run,
+    StructureSettings,
+    Study,
+    study_of_gear,
+    symmetric_pairs,
+)
+
+GEARS = [f"{gear}_{side}_z" for gear in ("nose", "left", "right") for side in ("lower", "upper")]
 
 
-def log(seed, fs=512.0, n_samples=1024, names=("lower_z", "upper_z"), unit="m/s^2"):
-    samples = np.random.default_rng(seed).standard_normal((len(names), n_samples))
-    return recording_from_arrays(samples, names, fs=fs, unit=unit)
+def log(seed=0, names=GEARS, n=300, fs=256.0, unit="m/s^2"):
+    samples = np.random.default_rng(seed).standard_normal((n, len(names)))
+    return Recording(samples, fs=fs, channels=tuple(Channel(name, unit) for name in names))
 
 
-def study(*runs, sprung="upper_z", unsprung="lower_z"):
-    runs = runs or (Run("heavy", log(0), 0.0), Run("light", log(1), -220.0))
-    return Study("taxi", sprung=sprung, unsprung=unsprung, runs=runs)
+def gear(name, x_m, y_m, **more):
+    given = {"sprung": f"{name}_upper_z", "unsprung": f"{name}_lower_z", **more}
+    return MeasuredInterface(name, x_m=x_m, y_m=y_m, **given)
 
 
-STUDY = """\
-title = "a taxi test"
-
-[channels]
-sprung = "upper_z"
-unsprung = "lower_z"
-
-[[runs]]
-name = "heavy"
-log = "heavy.csv"
-mass_change_kg = 0
-
-[[runs]]
-name = "light"
-log = "logs/light.csv"
-mass_change_kg = -220.5
-start_s = 0.5
-stop_s = 1.5
-"""
+THREE = (gear("nose", 5.0, 0.0), gear("left", 0.0, 1.6), gear("right", 0.0, -1.6))
 
 
-@pytest.fixture
-def read(tmp_path):
-    """Write a study beside two logs and read it."""
-    (tmp_path / "logs").mkdir()
-    names = ("lower_z", "upper_z", "lower_x", "upper_x")
-    write_log(log(0, names=names), tmp_path / "heavy.csv")
-    write_log(log(1, names=names), tmp_path / "logs" / "light.csv")
-
-    def write_and_read(text):
-        (tmp_path / "study.toml").write_text(text)
-        return read_study(tmp_path / "study.toml")
-
-    return write_and_read
+def made(**changes):
+    given = {
+        "title": "small",
+        "interfaces": THREE,
+        "runs": (Run("reference", log()),),
+        "structure": StructureSettings("rigid_body"),
+    }
+    return Study(**{**given, **changes})
 
 
-def test_a_study_file(read, tmp_path):
-    taxi = read(STUDY)
-    assert (taxi.title, taxi.sprung, taxi.unsprung) == ("a taxi test", "upper_z", "lower_z")
-    assert taxi.source == tmp_path / "study.toml"
-    assert taxi.fs == 512.0
-    assert [(run.name, run.mass_change_kg) for run in taxi.runs] == [("heavy", 0.0), ("light", -220.5)]
-    assert taxi.runs[1].recording.start_s == 0.5
-    assert taxi.runs[1].recording.n_samples == 512
+def with_left(**more):
+    return {"interfaces": (THREE[0], gear("left", **{"x_m": 0.0, "y_m": 1.6, **more}), THREE[2])}
+
+
+def with_structure(*kind, **settings):
+    return {"structure": StructureSettings(*(kind or ("rigid_body",)), **settings)}
+
+
+def with_runs(*runs):
+    return {"runs": runs}
+
+
+FAULTS = [
+    ({"interfaces": ()}, r"there are no interfaces, give one table \[\[interfaces\]\] for each suspension"),
+    ({"interfaces": (*THREE, gear("left", 2.0, 2.0, sprung="a", unsprung="b"))}, "2 interfaces are called 'left'"),
+    (with_left(sprung="nose_upper_z"), "'nose_upper_z' is sprung of 'nose' and sprung of 'left': each sensor is one"),
+    (with_left(sprung="left_lower_z"), "sprung and unsprung are both 'left_lower_z', name the channels of two sensors"),
+    (with_left(x_m=math.nan), "interface 'left': x_m is nan, give a place within 200 m"),
+    (with_left(y_m=1600.0), "interface 'left': y_m is 1600, give a place within 200 m"),
+    (with_left(sensor_y_m=math.inf), "interface 'left': sensor_y_m is inf"),
+    (with_left(x_m=0.0, y_m=-1.58), "'left' and 'right' are both at .* two suspensions cannot be at one place"),
+    (
+        with_left(sensor_x_m=9.0),
+        r"sensor at \(9, 1.6\) m, more than 5 m apart: .*, the others in \[\[body_sensors\]\]",
+    ),
+    ({"sensors": (BodySensor("left_upper_z", 0.0, 0.0),)}, "'left_upper_z' is sprung of 'left' and a further sensor"),
+    ({"sensors": (BodySensor("tail", math.nan, 0.0),)}, "the sensor 'tail' is at .* give a place in m"),
+    ({"sensors": (BodySensor("tail", 0.0, 0.0),)}, "there is no channel 'tail' in its log"),
+    (with_left(facts=SensorPair(leaks=(Leak("tail", "sprung"),))), "there is no channel 'tail' in its log"),
+    (
+        with_left(facts=SensorPair(leaks=(Leak("left_upper_z", "sprung"),))),
+        "the leak 'left_upper_z' is the sprung channel itself, name another axis",
+    ),
+    (
+        with_left(facts=SensorPair(leaks=(Leak("nose_upper_z", "sprung"), Leak("nose_upper_z", "sprung", 0.01)))),
+        "the leak of 'nose_upper_z' into the sprung sensor stands twice, give it once",
+    ),
+    (with_structure("rigid"), "the kind of structure is 'rigid': did you mean 'rigid_body'"),
+    (with_structure(position_tolerance_m=-0.01), "position_tolerance_m is -0.01, give 0 to 1"),
+    (with_structure(position_tolerance_m=10.0), "position_tolerance_m is 10.0, give 0 to 1, in m"),
+    (with_structure(noise_m_per_s2=0.0), "noise_m_per_s2 is 0.0, give a positive number, or leave it out"),
+    (
+        with_structure(shared=(("left", "rigth"),)),
+        "'shared' names 'rigth', which is no interface: did you mean 'right'",
+    ),
+    (with_structure(shared=(("left", "right"), ("left",))), "'shared' names 'left' twice"),
+    (with_left(x_m=2.5, y_m=-0.8), "the interfaces are at .* which is one line or less: a rigid body in heave"),
+    ({"interfaces": THREE[:2]}, "take kind = 'single' or 'pair', or mend the coordinates"),
+    (
+        {"interfaces": tuple(replace(each, sensor_y_m=0.0) for each in THREE)},
+        "the sensors on the body are at .* one line or less",
+    ),
+    ({"interfaces": THREE[:2], **with_structure("pair")}, "kind is 'pair' and no two interfaces mirror each other"),
+    (with_runs(), "there are no runs, give at least one"),
+    (with_runs(*[Run("a", log(seed=k)) for k in (0, 1)]), "2 runs are called 'a'"),
+    (with_runs(Run("a", log(), (PointMass(math.nan, 0, 0),))), r"run 'a': the loading \(nan, 0, 0\)"),
+    (
+        with_runs(Run("a", log(), (PointMass(50, 1200.0, 0),))),
+        r"the loading of 50 kg is at \(1200, 0\) m, give its place in m",
+    ),
+    (with_runs(Run("a", log(n=255))), "it has 255 samples .* at least 256 are needed"),
+    (with_runs(Run("a", log(names=["nose_lower_z"]))), "run 'a': there is no channel 'left_upper_z' in its"),
+    (with_runs(Run("a", log(unit="m"))), "channel 'nose_upper_z' is in m where an acceleration"),
+    (
+        with_runs(Run("a", log()), Run("b", log(fs=512.0, seed=1))),
+        "run 'a' has 256 Hz and run 'b' has 512 Hz, resample one to the rate of the other",
+    ),
+    (with_runs(Run("a", log()), Run("b", log(), (PointMass(9, 0, 0),))), "runs 'a' and 'b' hold the same samples"),
+]
+
+
+@pytest.mark.parametrize(("changes", "match"), FAULTS, ids=[str(k) for k in range(len(FAULTS))])
+def test_what_is_wrong_with_a_study_is_said(changes, match):
+    with pytest.raises(InputError, match=match):
+        made(**changes)
+
+
+def test_a_sound_study_is_taken_and_all_faults_are_said_at_once():
+    assert made().names == ("nose", "left", "right")
+    assert made().fs == 256.0
+    assert interfaces()[0].sensor_place == (5.3, 0.2)
+    with pytest.raises(InputError) as error:
+        made(title="two", structure=StructureSettings("rigid", position_tolerance_m=9.0))
+    assert "did you mean 'rigid_body'" in str(error.value)
+    assert "position_tolerance_m is 9.0" in str(error.value)
+
+
+# ---- one gear --------------------------------------------------------------------------------------
+
+
+def of_gear(*runs, **settings):
+    return study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, **settings)
+
+
+def gear_log(seed=0, **settings):
+    return log(seed, **({"names": ["lower_z", "upper_z"], "fs": 512.0} | settings))
+
+
+def test_a_gear_is_a_body_with_one_interface_at_the_origin():
+    pair = SensorPair(SensorFacts(noise_m_per_s2=2e-3), SensorFacts(gain_tolerance=0.01))
+    taxi = of_gear(Run("heavy", gear_log()), Run("light", gear_log(1), -220.0), sensors=pair)
+    assert taxi.is_one_gear
+    assert (taxi.interfaces[0].place, taxi.interfaces[0].sensor_place) == ((0.0, 0.0), (0.0, 0.0))
+    assert (taxi.sprung, taxi.unsprung) == ("upper_z", "lower_z")
+    assert taxi.runs[1].masses == (PointMass(-220.0, 0.0, 0.0),)
+    assert [run.mass_change_kg for run in taxi.runs] == [0.0, -220.0]
+    facts = taxi.sensor_facts()
+    assert (facts.unsprung, facts.sprung, facts.names) == ((pair.unsprung,), (pair.sprung,), ("",))
     unsprung, sprung = taxi.accelerations(taxi.runs[0])
-    np.testing.assert_array_equal(unsprung, log(0).channel("lower_z"))
-    np.testing.assert_array_equal(sprung, log(0).channel("upper_z"))
-
-
-def test_the_title_may_be_left_out(read):
-    assert read(STUDY.partition("\n")[2]).title == "study"
-
-
-def test_what_is_written_reads_back(tmp_path):
-    taxi = study()
-    write_study(taxi, tmp_path / "study.toml")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["heavy.csv", "light.csv", "study.toml"]
-    back = read_study(tmp_path / "study.toml")
-    assert (back.title, back.sprung, back.unsprung) == (taxi.title, taxi.sprung, taxi.unsprung)
-    for run, other in zip(taxi.runs, back.runs, strict=True):
-        assert (run.name, run.mass_change_kg) == (other.name, other.mass_change_kg)
-        np.testing.assert_array_equal(run.recording.samples, other.recording.samples)
-    document = tomllib.loads((tmp_path / "study.toml").read_text())
-    assert list(document["runs"][1]) == ["name", "log", "mass_change_kg", "start_s"]
-    assert "[[runs]]" in (tmp_path / "study.toml").read_text()
-
-
-@pytest.mark.parametrize("name", ["a/b", "..", ""])
-def test_a_run_that_cannot_name_its_log_is_not_written(tmp_path, name):
-    with pytest.raises(InputError, match="cannot name its log"):
-        write_study(study(Run(name, log(0), 0.0)), tmp_path / "study.toml")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_logs_without_a_study_file(tmp_path):
-    for name, seed in (("heavy", 0), ("light", 1), ("lighter", 2)):
-        write_log(log(seed), tmp_path / f"{name}.csv")
-    paths = [tmp_path / f"{name}.csv" for name in ("heavy", "light", "lighter")]
-    sides = {"sprung": "upper_z", "unsprung": "lower_z"}
-    taxi = study_from_logs(paths, mass_changes_kg=[-100, -220], title="three", **sides)
-    assert [(run.name, run.mass_change_kg) for run in taxi.runs] == [
-        ("heavy", 0),
-        ("light", -100),
-        ("lighter", -220),
-    ]
-    assert (taxi.title, taxi.source) == ("three", None)
-    assert len(study_from_logs(paths[:1], mass_changes_kg=[], **sides).runs) == 1
-    for logs, changes in ((paths, [-220]), (paths[:1], [0, -220]), ([], [])):
-        with pytest.raises(InputError, match="one mass change for each log after it"):
-            study_from_logs(logs, mass_changes_kg=changes, **sides)
-    with pytest.raises(InputError, match=r"did you mean 'light\.csv'"):
-        study_from_logs([paths[0], tmp_path / "ligth.csv"], mass_changes_kg=[-220], **sides)
-
-
-def test_logs_of_one_name_in_two_directories(tmp_path):
-    for directory, seed in (("a", 0), ("b", 1)):
-        (tmp_path / directory).mkdir()
-        write_log(log(seed), tmp_path / directory / "run.csv")
-    paths = [tmp_path / "a" / "run.csv", tmp_path / "b" / "run.csv"]
-    taxi = study_from_logs(paths, sprung="upper_z", unsprung="lower_z", mass_changes_kg=[-220])
-    assert [run.name for run in taxi.runs] == [str(path) for path in paths]
+    np.testing.assert_array_equal(unsprung, gear_log().channel("lower_z"))
+    np.testing.assert_array_equal(sprung, gear_log().channel("upper_z"))
+    # with a further sensor on it, it is a body
+    more = replace(
+        taxi,
+        runs=(Run("heavy", gear_log(names=["lower_z", "upper_z", "tail"])),),
+        sensors=(BodySensor("tail", -1.0, 0.0),),
+    )
+    assert not more.is_one_gear
+    assert more.sensor_facts().names == ("gear", "tail")
 
 
 def test_one_run_or_equal_masses_or_no_run_at_the_reference_are_no_input_error():
-    assert len(study(Run("a", log(0), 0.0)).runs) == 1
-    assert len(study(Run("a", log(0), 0.0), Run("b", log(1), 0.0)).runs) == 2
-    assert len(study(Run("a", log(0), -50.0), Run("b", log(1), -100.0)).runs) == 2
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("title", "tittle", "the study has an unknown key 'tittle' .did you mean 'title'"),
-        ("sprung =", "sprong =", r"\[channels\] lacks 'sprung', .*did you mean 'sprong'"),
-        ("start_s", "begin_s", r"\[\[runs\]\] number 2 has an unknown key 'begin_s'"),
-        ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] number 2 is '-220', give a number"),
-        ("-220.5", "true", "is True, give a number"),
-        ("-220.5", "nan", "the mass change is nan kg"),
-        ('"a taxi test"', "7", "'title' in the study is 7, give text in quotes"),
-        ("[channels]", "[chanels]", "lacks 'channels'"),
-        ('log = "heavy.csv"\n', "", "run 'heavy' has no 'log', and .channels.upper_z. no 'file'"),
-        ('title = "a taxi test"', "title = ", r"is no TOML: .*line 1"),
-        ("heavy.csv", "havy.csv", "run 'heavy': there is no file .*did you mean 'heavy.csv'"),
-        ('"light"', '"heavy"', "2 runs are called 'heavy', rename"),
-        ('sprung = "upper_z"', 'sprung = "lower_z"', "sprung and unsprung are both 'lower_z'"),
-        ("upper_z", "uper_z", "there is no channel 'uper_z' in .*heavy.csv: did you mean 'upper_z'"),
-        ("start_s = 0.5", "start_s = 5", r"run 'light': start_s is 5 and stop_s 1.5: give a stop after"),
-        ("start_s = 0.5", "start_s = 1.4", r"run 'light': it has 51 samples .* 256 are needed"),
-    ],
-)
-def test_what_is_wrong_with_a_study_file_is_named(read, tmp_path, old, new, words):
-    assert old in STUDY
-    with pytest.raises(InputError, match=words) as caught:
-        read(STUDY.replace(old, new))
-    assert str(caught.value).startswith(str(tmp_path / "study.toml"))
-    assert "\n" not in str(caught.value)
-
-
-def test_two_sections_of_one_log_are_two_runs(read):
-    taxi = read(STUDY.replace("logs/light.csv", "heavy.csv"))
-    np.testing.assert_array_equal(taxi.runs[1].recording.samples, taxi.runs[0].recording.samples[256:768])
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "lacks 'channels', .*lacks 'runs'"),
-        (
-            "runs = [3]\nchannels = 4",
-            r"'channels' in the study is 4, .*\[\[runs\]\] number 1 is 3 where a table",
-        ),
-        ('runs = []\n[channels]\nsprung = "a"\nunsprung = "b"', "there are no runs"),
-    ],
-)
-def test_a_study_of_nothing(read, text, words):
-    with pytest.raises(InputError, match=words):
-        read(text)
-
-
-def test_everything_wrong_is_said_at_once(read):
-    with pytest.raises(InputError, match=r"3 faults: \(1\) .*'tittle'.*\(2\) .*'nme'.*\(3\) .*lacks 'name'"):
-        read(STUDY.replace("title", "tittle").replace('name = "heavy"', 'nme = "heavy"'))
-
-
-def test_a_missing_or_unreadable_study(tmp_path):
-    with pytest.raises(InputError, match="there is no study file"):
-        read_study(tmp_path / "study.toml")
-    (tmp_path / "study.toml").write_bytes(b"title = '\xff'")
-    with pytest.raises(InputError, match="is not UTF-8 text"):
-        read_study(tmp_path / "study.toml")
-
-
-@pytest.mark.parametrize(
-    ("second", "words"),
-    [
-        (log(1, fs=500.0), "run 'a' has 512 Hz and run 'b' has 500 Hz, resample"),
-        (log(1, unit="m"), "run 'b': channel 'upper_z' is in m where an acceleration is needed"),
-        (log(1, names=("lower_z", "uper_z")), "run 'b': there is no channel 'upper_z' in its log"),
-        (log(1, n_samples=255), "run 'b': it has 255 samples"),
-        (log(0), "runs 'a' and 'b' hold the same samples"),
-    ],
-)
-def test_runs_that_do_not_belong_together(second, words):
-    with pytest.raises(InputError, match=words):
-        study(Run("a", log(0), 0.0), Run("b", second, -220.0))
+    for changes in ((0.0,), (0.0, 0.0), (-50.0, -100.0)):
+        runs = [Run(str(k), gear_log(k), change) for k, change in enumerate(changes)]
+        assert [run.mass_change_kg for run in of_gear(*runs).runs] == list(changes)
 
 
 def test_rates_that_differ_by_the_error_of_a_crystal_are_one():
-    assert study(Run("a", log(0), 0.0), Run("b", log(1, fs=512.002), -220.0)).fs == 512.0
-
-
-# ---- what is known of the sensors ----------------------------------------------------------------
-
-SENSORS = """
-[sensors.sprung]
-noise_m_per_s2 = 5e-3
-gain_tolerance = 0.02
-corner_hz = 0.33
-corner_tolerance = 0.1
-lag_tolerance_s = 1e-3
-
-[sensors.unsprung]
-noise_m_per_s2 = 1
-
-[[sensors.leak]]
-channel = "lower_x"
-into = "sprung"
-tolerance = 0.1
-
-[[sensors.leak]]
-channel = "upper_x"
-"""
-
-
-def test_facts_of_the_sensors_are_read(read):
-    taxi = read(STUDY + SENSORS)
-    assert taxi.sensors.sprung == SensorFacts(5e-3, 0.02, 0.33, 0.1, 1e-3)
-    assert taxi.sensors.unsprung == SensorFacts(noise_m_per_s2=1)
-    # a leak whose side is not said may go into either
-    assert taxi.sensors.leaks == (
-        Leak("lower_x", "sprung", 0.1),
-        Leak("upper_x", "unsprung"),
-        Leak("upper_x", "sprung"),
-    )
-
-
-def test_without_facts_the_sensors_are_ideal(read):
-    assert read(STUDY).sensors == IDEAL_PAIR
-    assert read(STUDY + "[sensors.sprung]").sensors == IDEAL_PAIR
+    assert of_gear(Run("a", gear_log()), Run("b", gear_log(1, fs=512.002), -220.0)).fs == 512.0
 
 
 @pytest.mark.parametrize(
-    "sensors",
+    ("change_kg", "words"),
     [
-        SensorPair(),
-        SensorPair(SensorFacts(noise_m_per_s2=2e-3), SensorFacts(gain_tolerance=0.01)),
-        SensorPair(SensorFacts(5e-3, 0.02, 0.33, 0.1, 1e-3), leaks=(Leak("lower_x", "unsprung", 0.02),)),
-        SensorPair(leaks=(Leak("lower_x", "unsprung"), Leak("lower_x", "sprung", 0.01))),
+        (math.nan, "the mass change is nan kg, give a number"),
+        # grams for kilograms
+        (-220_000.0, "the mass change is -220000 kg, more than any gear carries"),
     ],
 )
-def test_facts_that_are_written_read_back(tmp_path, sensors):
-    names = ("lower_z", "upper_z", "lower_x")
-    runs = (Run("heavy", log(0, names=names), 0.0), Run("light", log(1, names=names), -220.0))
-    taxi = Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=sensors)
-    write_study(taxi, tmp_path / "study.toml")
-    assert read_study(tmp_path / "study.toml").sensors == sensors
-    assert ("sensors" in (tmp_path / "study.toml").read_text()) == (sensors != IDEAL_PAIR)
+def test_a_mass_change_that_cannot_be_is_said(change_kg, words):
+    with pytest.raises(InputError, match=f"run 'light': {words}"):
+        of_gear(Run("heavy", gear_log()), Run("light", gear_log(1), change_kg))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[sensors.sprung]", "[sensors.sprong]", r"\[sensors\] has an unknown key 'sprong' .did you mean 'sprung'"),
-        ("gain_tolerance", "gain_tolerence", r"\[sensors.sprung\] has an unknown key .* mean 'gain_tolerance'"),
-        ("0.02", '"2 %"', r"'gain_tolerance' in \[sensors.sprung\] is '2 %', give a number"),
-        ("into", "to", r"\[\[sensors.leak\]\] number 1 has an unknown key 'to'"),
-        ('channel = "upper_x"', "", r"\[\[sensors.leak\]\] number 2 lacks 'channel', give text in quotes"),
-        ("[[sensors.leak]]", "[sensors.leak]", "is no TOML"),
-        ("0.33", "-0.33", r"\[sensors\] corner_hz is -0.33: give zero or a positive number"),
-        ("corner_hz = 0.33\n", "", r"\[sensors\] corner_tolerance is given without corner_hz"),
-        ("= 1\n", "= 0\n", r"\[sensors\] noise_m_per_s2 is 0: give a positive number"),
-        ('"sprung"\ntol', '"both"\ntol', r"\[sensors\] a leak goes into 'both': give 'sprung' or 'unsprung'"),
-        ('channel = "lower_x"', 'channel = "lower_y"', "run 'heavy': there is no channel 'lower_y' in .*heavy.csv"),
-    ],
-)
-def test_what_is_wrong_with_the_sensors_is_named(read, tmp_path, old, new, words):
-    assert old in SENSORS
-    with pytest.raises(InputError, match=words) as caught:
-        read(STUDY + SENSORS.replace(old, new))
-    assert str(caught.value).startswith(str(tmp_path / "study.toml"))
+# ---- pairs -----------------------------------------------------------------------------------------
 
 
-def test_a_leak_is_an_acceleration():
-    samples = np.random.default_rng(0).standard_normal((3, 1024))
-    with_travel = Recording(
-        samples.T, fs=512.0, channels=[Channel(*each) for each in (("a", "m/s^2"), ("b", "m/s^2"), ("travel", "m"))]
-    )
-    sensors = SensorPair(leaks=(Leak("travel", "sprung"),))
-    with pytest.raises(InputError, match="channel 'travel' is in m where an acceleration is needed"):
-        Study("taxi", sprung="b", unsprung="a", runs=(Run("heavy", with_travel, 0.0),), sensors=sensors)
-
-
-@pytest.mark.parametrize(
-    ("leaks", "said"),
-    [
-        ((Leak("upper_z", "sprung"),), "the leak 'upper_z' is the sprung channel itself, name another axis"),
-        ((Leak("lower_x", "sprung"), Leak("lower_x", "sprung", 0.01)), "stands twice, give it once"),
-    ],
-)
-def test_a_leak_is_another_axis_and_stands_once(leaks, said):
-    runs = (Run("heavy", log(0, names=("lower_z", "upper_z", "lower_x")), 0.0),)
-    with pytest.raises(InputError, match=said):
-        Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=SensorPair(leaks=leaks))
-
-
-def test_the_date_of_the_runs(read, tmp_path):
-    assert read(STUDY).date is None
-    taxi = read("date = 2026-03-01\n" + STUDY)
-    assert taxi.date == date(2026, 3, 1)
-    write_study(taxi, tmp_path / "again.toml")
-    assert read_study(tmp_path / "again.toml").date == date(2026, 3, 1)
-    with pytest.raises(InputError, match="'date' in the study is '1 March', give a date without quotes"):
-        read("date = '1 March'\n" + STUDY)
-    with pytest.raises(InputError, match="give the day alone, as 2026-03-01"):
-        read("date = 2026-03-01T10:00:00\n" + STUDY)
+def test_two_gears_of_each_side_are_paired_one_to_one():
+    """A tandem 7 cm apart: every gear mirrors two."""
+    four = (("front left", 0.07, 1.6), ("left", 0.0, 1.6), ("right", 0.01, -1.6), ("front right", 0.08, -1.6))
+    tandem = tuple(gear(name, x, y) for name, x, y in four)
+    recording = log(names=[f"{name}_{side}_z" for name, _, _ in four for side in ("upper", "lower")])
+    given = made(interfaces=tandem, runs=(Run("reference", recording),), structure=StructureSettings("pair"))
+    assert symmetric_pairs(given) == [(0, 3), (1, 2)]
+    assert symmetric_pairs(replace(given, interfaces=tandem[:3])) == [(1, 2)]
+    # gears on the middle have no mirror
+    middle = (gear("front left", 2.0, 0.0), gear("left", -2.0, 0.0))
+    assert symmetric_pairs(replace(given, interfaces=middle, structure=StructureSettings())) == []

@@ -10,8 +10,8 @@ import pytest
 
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import default_law
-from opid.suspensions.one_gear.identification import identify_study
-from opid.suspensions.one_gear.study import Run, Study
+from opid.suspensions.identification import identify
+from opid.suspensions.study import Run, study_of_gear
 
 LAW_NAMES = (
     "linear",
@@ -24,9 +24,9 @@ LAW_NAMES = (
     "arctan_velocity+cubic_stiffness",
 )
 IDENTIFIERS = {
-    "classical, law given": lambda study, law_name: identify_study(study, method="classical", law=law_name),
-    "classical, law searched": lambda study, law_name: identify_study(study, method="classical"),
-    "model, law searched": lambda study, law_name: identify_study(study),
+    "classical, law given": lambda study, law_name: identify(study, method="classical", law=law_name),
+    "classical, law searched": lambda study, law_name: identify(study, method="classical"),
+    "model, law searched": lambda study, law_name: identify(study),
 }
 LINEAR_PARAMETERS = (
     "sprung_mass_kg",
@@ -46,7 +46,7 @@ def taxi(law_name):
     gear = LandingGear(law=default_law(law_name))
     test = taxi_test(gear, rng=np.random.default_rng(LAW_NAMES.index(law_name)), fs=256.0)
     runs = (Run("heavy", test.heavy.recording, 0.0), Run("light", test.light.recording, test.mass_change_kg))
-    return gear, Study("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    return gear, study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
 
 
 @pytest.mark.parametrize("identifier", IDENTIFIERS)

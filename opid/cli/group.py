@@ -15,8 +15,7 @@ from opid.errors import InputError, NotDeterminedError
 if TYPE_CHECKING:
     from opid.modal.result import ModalIdentification
     from opid.suspensions.bench.law import BenchLaw
-    from opid.suspensions.one_gear.result import Identification
-    from opid.suspensions.result import BodyIdentification
+    from opid.suspensions.paper.result import AnyIdentification
     from opid.updating.result import Updating
 
 
@@ -72,7 +71,7 @@ def main() -> None:
     """
 
 
-def end(result: Identification | BodyIdentification | BenchLaw | ModalIdentification | Updating) -> None:
+def end(result: AnyIdentification | BenchLaw | ModalIdentification | Updating) -> None:
     """Leave with status 1 and the reason if something is not determined."""
     if result.not_determined:
         raise NotDetermined(f"not determined: {result.not_determined}")

@@ -14,7 +14,7 @@ from opid.errors import InputError
 
 if TYPE_CHECKING:
     from opid.signals.health_result import Health
-    from opid.suspensions.one_gear.study_file import LogReading
+    from opid.suspensions.study_file import LogReading
 
 CHANNELS_A_PICTURE, MOST_PICTURES = 12, 2
 """A picture takes seconds: of a log with more channels than these hold the most telling are drawn."""
@@ -89,14 +89,9 @@ class _Inspected:
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
     """How the log is to be read, and which of its channels."""
     from opid.signals.log_settings import AS_WRITTEN
-    from opid.signals.tables import load
-    from opid.suspensions.one_gear.study_file import LogReading, log_readings
-    from opid.suspensions.study_file import body_log_readings
-    from opid.suspensions.study_tables import is_body_study
+    from opid.suspensions.study_file import LogReading, log_readings
 
-    if study is None:
-        return (LogReading(AS_WRITTEN),)
-    return body_log_readings(study, log) if is_body_study(load(study)) else log_readings(study, log)
+    return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)
 
 
 def _health(log: Path, reading: LogReading, *, of_study: bool) -> Health:

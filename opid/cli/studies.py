@@ -1,4 +1,4 @@
-"""Two runs at two masses, or a body on several suspensions: `opid identify`."""
+"""One gear or a body on several suspensions from runs at known loadings: `opid identify`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from opid.cli.group import end, main, progress, result_name
 from opid.errors import InputError
 
 if TYPE_CHECKING:
-    from opid.suspensions.one_gear.study import Study
+    from opid.suspensions.study import Study
 
 
 @main.command()
@@ -27,11 +27,21 @@ if TYPE_CHECKING:
 )
 @click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
 @click.option(
+    "--method-of-law",
+    default="pursuit",
+    show_default=True,
+    help='How the law is searched: pursuit, "sparse regression" (pysindy), or both, one after the other.',
+)
+@click.option(
     "--band", nargs=2, type=float, metavar="LO HI", help="Lines to use, Hz.  [default: 0.3 40, classical 0.5 12]"
 )
-@click.option("--high-pass", type=float, metavar="HZ", help="One gear: corner of the integration.  [default: 0.3]")
-@click.option("--both-roads", is_flag=True, help="One gear: search the law by pursuit and by sparse regression.")
-@click.option("--no-ground", is_flag=True, help="One gear: fit no ground spring, K3 = 0.")
+@click.option(
+    "--high-pass",
+    type=float,
+    metavar="HZ",
+    help="One gear, classical and paper: corner of the integration.  [default: 0.3]",
+)
+@click.option("--no-ground", is_flag=True, help="Let no spring to the ground in, K3 = 0.")
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
 )
@@ -50,9 +60,9 @@ def identify(
     out: Path | None,
     method: str,
     law: str | None,
+    method_of_law: str,
     band: tuple[float, float] | None,
     high_pass: float | None,
-    both_roads: bool,
     no_ground: bool,
     truth: Path | None,
     sprung: str | None,
@@ -67,32 +77,35 @@ def identify(
     The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
     """
     paths = tuple(_study_in(path) if len(paths) == 1 else path for path in paths)
-    if _is_of_a_body(paths):
-        useless = {
+    is_one_gear = _is_of_one_gear(paths)
+    if not is_one_gear:
+        options = {
             "--method": method != "model",
             "--high-pass": high_pass is not None,
-            "--both-roads": both_roads,
-            "--no-ground": no_ground,
             "--sprung": sprung is not None,
             "--unsprung": unsprung is not None,
             "--mass-change": bool(mass_changes),
         }
-        given = [name for name, is_given in useless.items() if is_given]
+        given = [name for name, is_given in options.items() if is_given]
         if given:
             raise click.UsageError(
                 f"{paths[0]} is the study of a body on several suspensions, which has no {' or '.join(given)}: "
                 f"leave {'it' if len(given) == 1 else 'them'} out"
             )
-        _identify_body(paths[0], out, law, band, truth)
-        return
-    from opid.report import read_truth, result_text, write_report
+    if method == "model" and high_pass is not None:
+        raise click.UsageError(
+            "--high-pass is the corner of the integration of --method classical and paper; the model integrates "
+            "nothing: leave it out"
+        )
+    if method != "model" and method_of_law != "pursuit":
+        raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
+    from opid.report import read_body_truth, read_truth, result_text, write_report
     from opid.report.directory import require_directory
-    from opid.suspensions.one_gear.identification import identify_study
+    from opid.suspensions.identification import identify as identify_study
 
     target = require_directory(out or Path(f"{result_name(paths[0])}_result"))
-    known = None if truth is None else read_truth(truth)
-    settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground}
-    settings |= {"roads": ("pursuit", "sparse regression")} if both_roads else {}
+    known = None if truth is None else read_truth(truth) if is_one_gear else read_body_truth(truth)
+    settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground, "method_of_law": method_of_law}
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
     with progress() as say:
@@ -109,37 +122,17 @@ def _study_in(path: Path) -> Path:
     return path / "study.toml" if (path / "study.toml").is_file() else path
 
 
-def _is_of_a_body(paths: tuple[Path, ...]) -> bool:
-    """Whether it is one study file with interfaces; what is wrong with a file is said when it is read."""
+def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
+    """Whether it is about one gear, as logs without a study are; what is wrong with a file is said when it is read."""
     from opid.signals.tables import load
-    from opid.suspensions.study_tables import is_body_study
 
     if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
-        return False
+        return True
     try:
-        return is_body_study(load(paths[0]))
+        document = load(paths[0])
     except InputError:
-        return False
-
-
-def _identify_body(
-    path: Path, out: Path | None, law: str | None, band: tuple[float, float] | None, truth: Path | None
-) -> None:
-    from opid.report import body_text, read_body_truth, write_body_report
-    from opid.report.directory import require_directory
-    from opid.suspensions.identification import identify_body
-    from opid.suspensions.study_file import read_body_study
-
-    target = require_directory(out or Path(f"{result_name(path)}_result"))
-    known = None if truth is None else read_body_truth(truth)
-    settings: dict[str, Any] = {} if band is None else {"band_hz": band}
-    with progress() as say:
-        study = read_body_study(path, progress=say)
-        result = identify_body(study, law=law, progress=say, **settings)
-        page = write_body_report(result, target, known, progress=say)
-    click.echo(body_text(result, known))
-    click.echo(f"Report: {page} (open it in a browser)")
-    end(result)
+        return True
+    return len(document.get("interfaces", ())) < 2 and not document.get("body_sensors")
 
 
 def _study(
@@ -149,7 +142,7 @@ def _study(
     mass_changes: tuple[float, ...],
     say: Callable[[str], None],
 ) -> Study:
-    from opid.suspensions.one_gear.study_file import read_study, study_from_logs
+    from opid.suspensions.study_file import read_study, study_from_logs
 
     studies = [path for path in paths if path.suffix.lower() == ".toml"]
     if studies:

@@ -31,8 +31,8 @@ def demo(out: Path, seed: int) -> None:
     from opid.mechanics.landing_gear import LandingGear, taxi_test
     from opid.report import read_truth, result_text, write_field_test, write_report
     from opid.report.directory import require_directory
-    from opid.suspensions.one_gear.identification import identify_study
-    from opid.suspensions.one_gear.study_file import read_study
+    from opid.suspensions.identification import identify
+    from opid.suspensions.study_file import read_study
 
     require_directory(out)
     with progress() as say:
@@ -40,7 +40,7 @@ def demo(out: Path, seed: int) -> None:
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
         title = f"Two virtual taxi runs, seed {seed}"
         study = write_field_test(test, out, title=title, settings={"seed": seed})
-        result = identify_study(read_study(study), progress=say)
+        result = identify(read_study(study), progress=say)
         truth = read_truth(out / "truth.json")
         page = write_report(result, out / "report", truth, progress=say)
     click.echo(result_text(result, truth))

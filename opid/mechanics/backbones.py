@@ -21,7 +21,7 @@ from opid.mechanics.harmonic_balance import (
 )
 from opid.mechanics.jointed_modes import JointedModes
 from opid.mechanics.kernels import backbones as backbones_kernel
-from opid.mechanics.kernels import law_arrays
+from opid.mechanics.kernels import code_of, law_arrays
 from opid.mechanics.kinds import LAWS
 from opid.mechanics.laws import FloatArray, Law, Term
 
@@ -200,7 +200,7 @@ def family_evaluator(
     rows, columns = np.array(places, dtype=np.int64).reshape(-1, 2).T
     terms = tuple(Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds)
     n_joints = len(system.joints)
-    codes = np.array([list(LAWS).index(kind) for kind in kinds], dtype=np.int64)
+    codes = np.array([code_of(kind) for kind in kinds], dtype=np.int64)
     spans = (np.zeros(n_joints, dtype=np.int64), np.full(n_joints, len(kinds), dtype=np.int64), codes)
     curves = _curves(system, terms, spans, mode, sensor, amplitude, harmonics)
 
@@ -311,7 +311,7 @@ def _curves(
             (transform.cosines, transform.weights, products.reshape(len(used) ** 2, -1 if products.size else 0)),
         ),
         spans=spans,
-        kernel=backbones_kernel(spans[2]),
+        kernel=backbones_kernel(),
     )
 
 

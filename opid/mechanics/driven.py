@@ -180,15 +180,20 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
         ground: whether the place of the body is followed.
 
     Returns:
-        Stiffness, damping and ground stiffness, (n_interfaces, 3); rows, codes, number of inner values and values of
-        the laws, see `opid.mechanics.kernels.law_arrays`.
+        Stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law,
+        (n_interfaces, 4); rows, codes, number of inner values and values of the laws, see
+        `opid.mechanics.kernels.law_arrays`.
 
     Raises:
         InputError: a ground stiffness with ground=False.
     """
-    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in interfaces], dtype=np.float64)
+    linear = np.array([[i.stiffness, i.damping, i.ground_stiffness, 0.0] for i in interfaces], dtype=np.float64)
     if not ground and linear[:, 2].any():
         raise InputError("an interface has a ground stiffness, but ground is False: set it to 0, or leave ground out")
+    if ground:
+        # a kind may divide zero by zero at rest before it puts the right value in place
+        with np.errstate(all="ignore"):
+            linear[:, 3] = [i.stiffness + float(i.law.gradient(0.0, 0.0)[0]) for i in interfaces]
     firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
     n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
     return linear, firsts, codes, n_inner, values

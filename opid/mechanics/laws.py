@@ -154,13 +154,7 @@ class Law:
 
     def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return df/dz, N/m, and df/dv, N s/m, the tangent stiffness and damping at (z, v)."""
-        z, v = _broadcast(z, v)
-        by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
-        for term in self.terms:
-            _, term_by_z, term_by_v, *_ = term.evaluate(z, v)
-            by_z += term.amplitude * term_by_z
-            by_v += term.amplitude * term_by_v
-        return by_z, by_v
+        return _gradient(self.terms, z, v)
 
     def parameter_gradient(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
         """Return the derivatives of the force by each entry of `vector`, shape (*z.shape, n_parameters).
@@ -261,6 +255,16 @@ def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
     return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))
 
 
+def _gradient(terms: tuple[Term, ...], z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    z, v = _broadcast(z, v)
+    by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
+    for term in terms:
+        _, term_by_z, term_by_v, *_ = term.evaluate(z, v)
+        by_z += term.amplitude * term_by_z
+        by_v += term.amplitude * term_by_v
+    return by_z, by_v
+
+
 def _broadcast(z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
     z, v = np.broadcast_arrays(np.asarray(z, dtype=np.float64), np.asarray(v, dtype=np.float64))
     return z, v
@@ -280,3 +284,7 @@ class TermSet:
     def vector(self) -> FloatArray:
         """All values in one array (n_parameters,)."""
         return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
+
+    def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the tangent stiffness, N/m, and damping, N s/m, at (z, v)."""
+        return _gradient(self.terms, z, v)

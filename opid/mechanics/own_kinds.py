@@ -20,7 +20,7 @@ def register_kind(kind: Kind) -> None:
     """Add a kind of law: from now on it is simulated, fitted and reported like those of `opid.LAWS`.
 
     Its derivatives are compared with differences at random motions of a landing gear, its inner parameters around
-    their defaults. The kernels are compiled anew in each process that uses the kind.
+    their defaults. Its function is compiled once in each process that uses the kind, the kernels are not.
 
     Args:
         kind: the kind; its function takes (z, v, a, b) and returns the force for unit amplitude and its derivatives

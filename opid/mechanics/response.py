@@ -162,7 +162,7 @@ def assembled(structure: Structure, loads: ArrayLike | None = None) -> Assembled
         n_sliders=table.shape[1],
         matrices=matrices,
         joints=(directions, spans, linear, loads_of_joints, (codes, values), table),
-        kernel=runge_kutta_4(codes),
+        kernel=runge_kutta_4(),
     )
 
 

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from opid.estimate import Estimate
 from opid.plots.laws import model_ladder
 from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
-from opid.suspensions.one_gear.result import Identification
-from opid.suspensions.paper.classical import Evidence, PeakPair
+from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.direct_parameters import NAMES
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 __all__ = ["estimates", "law_ladder"]
 
@@ -22,14 +22,16 @@ __all__ = ["estimates", "law_ladder"]
 _PAIR_MARKERS = ("D", "s", "^")
 
 
-def law_ladder(result: Identification, ax: Any = None) -> Axes:
+def law_ladder(result: AnyIdentification, ax: Any = None) -> Axes:
     """Draw the noise that each law leaves unexplained, against the noise floor of the sensors.
 
     Args:
         result: the identification.
         ax: one Axes, or None for a new figure.
     """
-    return model_ladder(result.evidence.ladder, ax, noise_floor_m_per_s2=result.evidence.noise_floor)
+    if isinstance(result, PaperIdentification):
+        return model_ladder(result.ladder, ax, noise_floor_m_per_s2=result.chain.noise_floor_m_per_s2)
+    return model_ladder(result.evidence[0].ladder, ax, noise_floor_m_per_s2=result.evidence[0].noise)
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ _METHODS = (
 _COLUMNS = ("M₂ [kg]", "K₂/M₂ [1/s²]", "C₂/M₂ [1/s]", "K₃/M₂ [1/s²]")
 
 
-def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+def estimates(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
     """Draw mass and ratios to it as every method of the chain finds them, with 95 % intervals.
 
     A value beyond the frame is written at its edge. The peak formula has one mark for each of the strongest matched
@@ -69,9 +71,9 @@ def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, A
     Returns:
         (1, 4) Axes.
     """
-    evidence: Evidence = result.evidence
+    chain = result.paper_chain
     marks = list(_marks(result))
-    lines = _true_lines(evidence, truth)
+    lines = _true_lines(chain, truth)
     with house_style():
         grid = panels(axes, 1, 4, height_in=4.2, width_in=8.6, sharey=True)
         for column, ax in enumerate(grid[0]):
@@ -95,18 +97,17 @@ def estimates(result: Identification, axes: Any = None, *, truth: Mapping[str, A
                 ax.axhline(row + 0.5, color="#E4E4E4", linewidth=0.7)
         of_all = "driven model,\nall runs" if result.method == "model" else _METHODS[-1]
         grid[0, 0].set_yticks(range(len(_METHODS)), [*_METHODS[:-1], of_all])
-        _legend(grid[0, 0].get_figure(), evidence, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
+        _legend(grid[0, 0].get_figure(), chain, has_mass=any(m.color == INK for m in marks), has_truth=bool(truth))
     return grid
 
 
-def _marks(result: Identification) -> Iterator[_Mark]:
-    evidence: Evidence = result.evidence
-    runs = evidence.runs
+def _marks(result: AnyIdentification) -> Iterator[_Mark]:
+    runs = result.paper_chain.runs
     colors = run_colors(len(runs))
     shifts = np.linspace(-0.18, 0.18, len(runs)) if len(runs) > 1 else [0.0]
-    for i, pair in enumerate(_shown_pairs(evidence)):
+    for i, pair in enumerate(_shown_pairs(result.paper_chain)):
         for row, mass in enumerate((pair.as_printed, pair.sign_restored)):
-            if mass is None or mass.sprung_mass_kg == 0:
+            if mass.sprung_mass_kg == 0:
                 continue
             values = (
                 mass.sprung_mass_kg,
@@ -117,12 +118,12 @@ def _marks(result: Identification) -> Iterator[_Mark]:
             for column, value in enumerate(values):
                 shift, look = 0.27 * (i - 1), (_PAIR_MARKERS[i], pair.match.credible)
                 yield _Mark(row, column, GREY, shift, Estimate(value), *look)
-    mass_estimate, ratios = _of_all_runs(result)
+    mass_estimate, ratios, inverse_mass = _of_all_runs(result)
     for run, color, shift in zip(runs, colors, shifts, strict=True):
         for row, fit in ((2, run.complex_fit), (3, run.spectral_fit)):
             for k in range(3):
                 yield _Mark(row, k + 1, color, float(shift), Estimate.normal(fit.value[k], fit.std[k]))
-        share = 1 / (1 + evidence.joint["inverse_mass"] * run.mass_change_kg)
+        share = 1 / (1 + inverse_mass * run.mass_change_kg)
         for k, ratio in enumerate(ratios):
             if ratio.value is not None:
                 spread = None if ratio.std is None else share * ratio.std
@@ -131,35 +132,35 @@ def _marks(result: Identification) -> Iterator[_Mark]:
         yield _Mark(4, 0, INK, 0.0, mass_estimate)
 
 
-def _of_all_runs(result: Identification) -> tuple[Estimate, list[Estimate]]:
-    """Return mass and ratios of the joint fit: as the result gives them, or from the evidence of another method."""
-    if result.method != "paper":
-        return result.parameters["sprung_mass_kg"], [result.ratios[name] for name in NAMES]
-    evidence: Evidence = result.evidence
-    joint, added = evidence.joint, evidence.added_mass
-    std = dict(zip(joint.names, joint.std, strict=True))
-    mass = Estimate() if added is None else Estimate.normal(added["sprung_mass_kg"], added.std[0])
-    return mass, [Estimate.normal(joint[name], std.get(name)) for name in NAMES]
+def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], float]:
+    """Mass, ratios and 1/M2 of all runs: as the result tells them, or of the fit behind the printed formula."""
+    if isinstance(result, PaperIdentification) and result.method == "paper":
+        joint, added = result.joint, result.added_mass
+        std = dict(zip(joint.names, joint.std, strict=True))
+        mass = Estimate() if added is None else Estimate.normal(added["sprung_mass_kg"], added.std[0])
+        return mass, [Estimate.normal(joint[name], std.get(name)) for name in NAMES], joint["inverse_mass"]
+    mass = result.parameters["sprung_mass_kg"]
+    return mass, [result.ratios[name] for name in NAMES], 1 / mass.value if mass.value else 0.0
 
 
-def _shown_pairs(evidence: Evidence) -> list[PeakPair]:
+def _shown_pairs(chain: PaperChain) -> list[PeakPair]:
     """Return the pairs with the largest |T|, credible ones first: with few averages there are dozens by chance."""
     by_weight = sorted(
-        evidence.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True
+        chain.pairs, key=lambda pair: (pair.match.credible, pair.match.reference.magnitude), reverse=True
     )
     return by_weight[: len(_PAIR_MARKERS)]
 
 
-def _true_lines(evidence: Evidence, truth: Mapping[str, Any] | None) -> list[list[tuple[float, str]]]:
+def _true_lines(chain: PaperChain, truth: Mapping[str, Any] | None) -> list[list[tuple[float, str]]]:
     """Return value and colour of the true lines of each column, one a run for the ratios."""
     if truth is None:
         return [[], [], [], []]
     true = truth["parameters"]
     mass = true["sprung_mass_kg"]
     names = ("suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m", "ground_stiffness_n_per_m")
-    colors = run_colors(len(evidence.runs))
+    colors = run_colors(len(chain.runs))
     ratios = [
-        [(true[name] / (mass + run.mass_change_kg), color) for run, color in zip(evidence.runs, colors, strict=True)]
+        [(true[name] / (mass + run.mass_change_kg), color) for run, color in zip(chain.runs, colors, strict=True)]
         for name in names
     ]
     return [[(mass, GREEN)], *ratios]
@@ -199,17 +200,17 @@ def _short(value: float) -> str:
     return (f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000 else f"{rounded:g}").replace("-", "−")
 
 
-def _legend(figure: Any, evidence: Evidence, *, has_mass: bool, has_truth: bool) -> None:
+def _legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: bool) -> None:
     from matplotlib.lines import Line2D
 
     dot: dict[str, Any] = {"marker": "o", "linewidth": 2, "markersize": 4.5}
     handles = [
         Line2D([], [], color=color, label=f"run {run.name!r}", **dot)
-        for run, color in zip(evidence.runs, run_colors(len(evidence.runs)), strict=True)
+        for run, color in zip(chain.runs, run_colors(len(chain.runs)), strict=True)
     ]
     if has_mass:
         handles.append(Line2D([], [], color=INK, label="all runs", **dot))
-    for pair, marker in zip(_shown_pairs(evidence), _PAIR_MARKERS, strict=False):
+    for pair, marker in zip(_shown_pairs(chain), _PAIR_MARKERS, strict=False):
         match = pair.match
         label = f"peaks {match.reference.frequency_hz:.3g} → {match.changed.frequency_hz:.3g} Hz"
         face, doubt = (GREY, "") if match.credible else ("white", " (not credible)")

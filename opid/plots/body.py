@@ -25,14 +25,14 @@ from opid.plots.style import (
     pretty,
     run_colors,
 )
-from opid.suspensions.result import BodyIdentification, Candidate
+from opid.suspensions.result import Candidate, Identification
 
 __all__ = ["plan_view", "structure_candidates", "suspension_parameters"]
 
 Truth = Mapping[str, Any]
 
 
-def plan_view(result: BodyIdentification, ax: Any = None, *, truth: Truth | None = None) -> Axes:
+def plan_view(result: Identification, ax: Any = None, *, truth: Truth | None = None) -> Axes:
     """Draw the body from above: suspensions, sensors, the centre of gravity with its intervals, and the loadings.
 
     Args:
@@ -69,20 +69,18 @@ def plan_view(result: BodyIdentification, ax: Any = None, *, truth: Truth | None
     return ax
 
 
-def structure_candidates(result: BodyIdentification, ax: Any = None) -> Axes:
+def structure_candidates(result: Identification, ax: Any = None) -> Axes:
     """Draw what each structure leaves, over the noise: of the runs it was fitted to, and of runs left out.
 
     Args:
         result: the identification.
         ax: one Axes, or None for a new figure.
     """
-    from opid.suspensions.fit import EXPLAINS
-
-    candidates = result.candidates
+    candidates, explained = result.candidates, result.settings.verdicts.explained
     with house_style():
         ax = panels(ax, 1, height_in=1.4 + 0.5 * len(candidates))[0, 0]
-        ax.axvspan(1e-3, EXPLAINS, color="#F1F1F1", zorder=0)
-        ax.axvline(EXPLAINS, color=INK, linestyle="--", linewidth=1)
+        ax.axvspan(1e-3, explained, color="#F1F1F1", zorder=0)
+        ax.axvline(explained, color=INK, linestyle="--", linewidth=1)
         found = [value for candidate in candidates for value in _levels(candidate)] or [1.0]
         for row, candidate in enumerate(candidates):
             _candidate(ax, row, candidate, max(found))
@@ -96,7 +94,7 @@ def structure_candidates(result: BodyIdentification, ax: Any = None) -> Axes:
             label.set_fontweight("bold" if candidate.recommended else "normal")
         ax.set_ylim(len(candidates) - 0.5, -0.5)
         ax.grid(False, axis="y")
-        ax.set_xlabel(f"residual over the noise of the sensors; up to {EXPLAINS:g} it is noise")
+        ax.set_xlabel(f"residual over the noise of the sensors; up to {explained:g} it is noise")
         ax.set_title("Structures on the same data")
         dot: dict[str, Any] = {"marker": "o", "markersize": 7, "color": GREY, "linestyle": "none"}
         handles = [Line2D([], [], label="fitted runs", **dot)]
@@ -106,7 +104,7 @@ def structure_candidates(result: BodyIdentification, ax: Any = None) -> Axes:
     return ax
 
 
-def suspension_parameters(result: BodyIdentification, axes: Any = None, *, truth: Truth | None = None) -> np.ndarray:
+def suspension_parameters(result: Identification, axes: Any = None, *, truth: Truth | None = None) -> np.ndarray:
     """Draw stiffness, damping and the amplitudes of the laws of all suspensions, with 95 % intervals.
 
     Args:
@@ -132,13 +130,13 @@ def suspension_parameters(result: BodyIdentification, axes: Any = None, *, truth
     return grid
 
 
-def further_sensors(result: BodyIdentification) -> dict[str, tuple[float, float]]:
+def further_sensors(result: Identification) -> dict[str, tuple[float, float]]:
     """Return the (x, y) of the sensors on the body beside those of the suspensions, by the names of their channels.
 
     Args:
         result: the identification.
     """
-    return {name: (place[0], place[1]) for name, place in result.diagnostics.get("body_sensors", {}).items()}
+    return {sensor.channel: (sensor.x_m, sensor.y_m) for sensor in result.study.sensors}
 
 
 # ---- from above ------------------------------------------------------------------------------------
@@ -163,7 +161,7 @@ def _sensor(ax: Axes, x: float, y: float) -> None:
     ax.plot([y], [x], marker="^", markersize=6, color=BLUE, linestyle="none", zorder=3)
 
 
-def _loadings(ax: Axes, result: BodyIdentification) -> None:
+def _loadings(ax: Axes, result: Identification) -> None:
     colors = run_colors(len(result.runs))
     for run, color in zip(result.runs, colors, strict=True):
         for place, (mass_kg, x, y) in enumerate(run.loading):
@@ -185,7 +183,7 @@ def _loadings(ax: Axes, result: BodyIdentification) -> None:
             _note(ax, f"{mass_kg:+g} kg".replace("-", "−"), (y, x), (0, 0.5 * size + 4), color=color, ha="center")
 
 
-def _centre_of_gravity(ax: Axes, result: BodyIdentification, truth: Truth | None) -> None:
+def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) -> None:
     x, y = (_given(result, name) for name in ("x_cg_m", "y_cg_m"))
     if truth is not None:
         true = truth["parameters"]
@@ -202,7 +200,7 @@ def _centre_of_gravity(ax: Axes, result: BodyIdentification, truth: Truth | None
     ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=told, zorder=5)
 
 
-def _given(result: BodyIdentification, name: str) -> Estimate:
+def _given(result: Identification, name: str) -> Estimate:
     absolute = result.parameters.get(name, Estimate())
     return absolute if absolute.value is not None else result.ratios.get(name, Estimate())
 
@@ -260,7 +258,7 @@ class _Quantity:
     true: tuple[float | None, ...]
 
 
-def _quantities(result: BodyIdentification, truth: Truth | None) -> Iterator[_Quantity]:
+def _quantities(result: Identification, truth: Truth | None) -> Iterator[_Quantity]:
     known = [None if truth is None else truth["interfaces"].get(each.name) for each in result.interfaces]
     share = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth is not None and result.per_mass else 1.0
     for key, title, unit, per_mass in (

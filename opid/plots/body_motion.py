@@ -21,10 +21,11 @@ from opid.plots.style import (
     house_style,
     panels,
     plain_numbers,
+    require_answer,
     run_colors,
     thick,
 )
-from opid.suspensions.result import BodyIdentification, InterfaceEstimate, RunResidual
+from opid.suspensions.result import Identification, InterfaceEstimate, RunResidual
 
 __all__ = ["body_residuals", "predicted_accelerations", "suspension_forces"]
 
@@ -36,7 +37,7 @@ SMOOTHING_HZ = 0.5
 SHOWN_S = 4.0
 
 
-def suspension_forces(result: BodyIdentification, axes: Any = None, *, truth: Truth | None = None) -> np.ndarray:
+def suspension_forces(result: Identification, axes: Any = None, *, truth: Truth | None = None) -> np.ndarray:
     """Draw the force of each suspension over velocity and over travel, and its nonlinear part.
 
     Suspensions that share one law share a row.
@@ -48,7 +49,11 @@ def suspension_forces(result: BodyIdentification, axes: Any = None, *, truth: Tr
 
     Returns:
         (n_rows, 2) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     shown = [
         each
         for place, each in enumerate(result.interfaces)
@@ -66,7 +71,7 @@ def suspension_forces(result: BodyIdentification, axes: Any = None, *, truth: Tr
 
 
 def predicted_accelerations(
-    result: BodyIdentification, axes: Any = None, *, run: str | None = None, start_s: float | None = None
+    result: Identification, axes: Any = None, *, run: str | None = None, start_s: float | None = None
 ) -> np.ndarray:
     """Draw some seconds of what each sensor on the body read and of what the model said it would, offsets removed.
 
@@ -78,7 +83,11 @@ def predicted_accelerations(
 
     Returns:
         (n_sensors, 1) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     shown = next((each for each in result.runs if each.name == run), result.runs[0])
     begin = _loudest(shown) if start_s is None else start_s
     part = (shown.time_s >= begin) & (shown.time_s <= begin + SHOWN_S)
@@ -101,7 +110,7 @@ def predicted_accelerations(
     return grid
 
 
-def body_residuals(result: BodyIdentification, axes: Any = None) -> np.ndarray:
+def body_residuals(result: Identification, axes: Any = None) -> np.ndarray:
     """Draw the errors of the prediction of each sensor over its noise, averaged over neighbouring lines.
 
     Args:
@@ -110,7 +119,11 @@ def body_residuals(result: BodyIdentification, axes: Any = None) -> np.ndarray:
 
     Returns:
         (n_rows, n_columns) Axes, the last switched off if it is not needed.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     names = sensor_names(result, max(len(run.residual) for run in result.runs))
     columns = 1 if len(names) < 4 else 2
     rows = -(-len(names) // columns)
@@ -135,7 +148,7 @@ def body_residuals(result: BodyIdentification, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def sensor_names(result: BodyIdentification, n_sensors: int) -> list[str]:
+def sensor_names(result: Identification, n_sensors: int) -> list[str]:
     """Return what the sensors on the body are called: after their suspensions, then the further ones.
 
     Of pairs the means come first, then the suspensions that are in none.
@@ -163,7 +176,7 @@ def _true_law(interface: InterfaceEstimate, truth: Truth | None, per_mass: bool)
     return law.scaled(1.0 / truth["parameters"]["sprung_mass_kg"]) if per_mass else law
 
 
-def _forces(row: np.ndarray, result: BodyIdentification, interface: InterfaceEstimate, true: Law | None) -> None:
+def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimate, true: Law | None) -> None:
     unit, scale = ("m/s²", 1.0) if result.per_mass else ("kN", 1e-3)
     together = [name for name in (interface.name, *interface.shared_with) if name in result.places] or [interface.name]
     together = list(dict.fromkeys(together))

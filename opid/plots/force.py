@@ -22,13 +22,14 @@ from opid.plots.style import (
     every,
     house_style,
     panels,
+    require_answer,
     run_title,
     thick,
 )
-from opid.suspensions.one_gear.result import Identification
-from opid.suspensions.paper.classical import RunEvidence
+from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.nonlinearity import LawFit
 from opid.suspensions.paper.restoring_force import SliceCurve
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 
 __all__ = ["law_curves", "restoring_force_map", "restoring_force_surface", "slices"]
 
@@ -161,7 +162,7 @@ def _verdict(curve: SliceCurve, fit: LawFit) -> str:
     return f"amplitude {amplitude:.3g} m/s²\nscale {1e3 * inner if unit == 'mm' else inner:.3g} {unit}"
 
 
-def law_curves(result: Identification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
+def law_curves(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
     """Draw the identified force over velocity (at z = 0) and over travel (at z' = 0), with its linear share.
 
     Args:
@@ -171,9 +172,13 @@ def law_curves(result: Identification, axes: Any = None, *, truth: Mapping[str, 
 
     Returns:
         (1, 2) Axes.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
+    require_answer(result)
     visited = result.restoring_force
-    surfaces = [run.surface for run in result.evidence.runs]
+    travelled, moved = _motion(result)
     if visited.per_mass:
         stiffness, damping = (result.ratios[name].value for name in ("stiffness_per_mass", "damping_per_mass"))
     else:
@@ -182,20 +187,22 @@ def law_curves(result: Identification, axes: Any = None, *, truth: Mapping[str, 
     true_law = None
     if truth is not None and not visited.per_mass:
         true_law = law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
-    velocity, travel = (
-        np.linspace(-1, 1, 401) * max(float(np.abs(part).max()) for part in parts) for parts in _motions(surfaces)[::-1]
-    )
+    velocity, travel = (np.linspace(-1, 1, 401) * float(np.abs(part).max()) for part in (moved, travelled))
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.4)
-        rms = [float(np.sqrt(np.mean(np.concatenate(part) ** 2))) for part in _motions(surfaces)]
+        rms = [float(np.sqrt(np.mean(part**2))) for part in (travelled, moved)]
         _law(grid[0, 0], velocity, 1.0, damping, result.law, true_law, "velocity", rms[1])
         _law(grid[0, 1], travel, 1e3, stiffness, result.law, true_law, "travel", rms[0])
         grid[0, 0].set_ylabel("force per sprung mass [m/s²]" if visited.per_mass else "force [N]")
     return grid
 
 
-def _motions(surfaces: list[Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    return [surface.travel for surface in surfaces], [surface.velocity for surface in surfaces]
+def _motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:
+    """Travel and velocity of all runs."""
+    if isinstance(result, PaperIdentification):
+        surfaces = [run.surface for run in result.chain.runs]
+        return np.concatenate([each.travel for each in surfaces]), np.concatenate([each.velocity for each in surfaces])
+    return result.interfaces[0].travel, result.interfaces[0].velocity
 
 
 def _law(

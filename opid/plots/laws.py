@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, SURFACE_MAP, house_style, panels, plain_numbers
-from opid.suspensions.one_gear.force_surface import ForceSurface
-from opid.suspensions.paper.joint_fit import LadderStep, chosen
+from opid.suspensions.force_surface import ForceSurface
+from opid.suspensions.law_search import LawStep, chosen
 
 __all__ = ["force_departures", "force_sections", "model_ladder"]
+
+Ladder = Sequence[LawStep[Any]]
 
 # laws shown that the search did not go on from
 N_OTHERS = 8
 
 
-def model_ladder(ladder: tuple[LadderStep, ...], ax: Any = None, *, noise_floor_m_per_s2: float | None = None) -> Axes:
+def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float | None = None) -> Axes:
     """Draw what each law leaves of the runs it was fitted to and of runs that were left out, its criterion beside it.
 
     Args:
-        ladder: of `search_law`, `pursue_law` or `sparse_road`.
+        ladder: of a search for laws, by the driven model or by the chain of the paper.
         ax: one Axes, or None for a new figure.
         noise_floor_m_per_s2: of the sensors.
     """
@@ -33,8 +36,8 @@ def model_ladder(ladder: tuple[LadderStep, ...], ax: Any = None, *, noise_floor_
             color = RUN_COLORS[1] if step is best else INK if step.kept else GREY
             fitted = 1e3 * step.fit.noise_m_per_s2
             ax.plot([fitted], [row], marker="o", markersize=7, color=color, linestyle="none")
-            if step.left_out_m_per_s2 is not None:
-                left_out = 1e3 * step.left_out_m_per_s2
+            if step.left_out is not None:
+                left_out = 1e3 * step.left_out
                 look: dict[str, Any] = {"markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
                 ax.plot([left_out], [row], marker="D", color=color, **look)
             behind = step.fit.bic - best.fit.bic
@@ -133,11 +136,11 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def _shown(ladder: tuple[LadderStep, ...]) -> list[LadderStep]:
+def _shown(ladder: Ladder) -> list[LawStep[Any]]:
     others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
     return [step for step in ladder if step.kept or step in others]
 
 
-def _label(step: LadderStep) -> str:
+def _label(step: LawStep[Any]) -> str:
     name = step.law_name.replace("_", " ").replace("+", " + ")
-    return f"{name} (sparse)" if step.road == "sparse regression" else name
+    return f"{name} (sparse)" if step.method == "sparse regression" else name

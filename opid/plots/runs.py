@@ -21,13 +21,13 @@ from opid.plots.style import (
 )
 from opid.signals.recording import Recording
 from opid.signals.spectra import cross_spectra
-from opid.suspensions.one_gear.result import Identification
-from opid.suspensions.paper.classical import RunEvidence
+from opid.suspensions.paper.chain import RunEvidence
+from opid.suspensions.paper.result import AnyIdentification
 
 __all__ = ["accelerations", "integration", "recording"]
 
 
-def accelerations(result: Identification, axes: Any = None) -> np.ndarray:
+def accelerations(result: AnyIdentification, axes: Any = None) -> np.ndarray:
     """Draw the acceleration of the spindle and of the airframe, one panel a run.
 
     Args:
@@ -37,16 +37,16 @@ def accelerations(result: Identification, axes: Any = None) -> np.ndarray:
     Returns:
         (n_runs, 1) Axes.
     """
-    runs = result.evidence.runs
+    runs = result.study.runs
     with house_style():
         grid = panels(axes, len(runs), height_in=0.6 + 1.9 * len(runs), sharex=True, sharey=True)
         for ax, run, color in zip(grid[:, 0], runs, run_colors(len(runs)), strict=True):
             for samples, shade, width, name in (
-                (run.unsprung, PALE, 0.5, "spindle (unsprung)"),
-                (run.sprung, color, 0.7, "airframe (sprung)"),
+                (run.recording.channel(result.study.unsprung), PALE, 0.5, "spindle (unsprung)"),
+                (run.recording.channel(result.study.sprung), color, 0.7, "airframe (sprung)"),
             ):
                 label = f"{name}, {np.std(samples):.2f} m/s² rms"
-                ax.plot(run.time_s, samples - np.mean(samples), color=shade, linewidth=width, label=label)
+                ax.plot(run.recording.time_s, samples - np.mean(samples), color=shade, linewidth=width, label=label)
             ax.set_title(run_title(run))
             ax.set_ylabel("acceleration − mean [m/s²]")
             ax.margins(x=0)

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.plots.style import GREEN, GREY, INK, PALE, house_style, panels, plain_numbers, run_colors, run_title, thick
-from opid.suspensions.one_gear.result import Identification
-from opid.suspensions.paper.classical import Evidence, RunEvidence
+from opid.plots.style import (
+    GREEN,
+    GREY,
+    INK,
+    PALE,
+    house_style,
+    panels,
+    plain_numbers,
+    require_answer,
+    run_colors,
+    run_title,
+    thick,
+)
+from opid.suspensions.fit import Fit
+from opid.suspensions.law_search import LawStep
+from opid.suspensions.paper.chain import RunEvidence
+from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.transmissibility import suspension_transmissibility
 
 __all__ = ["equation_residual", "transmissibilities"]
@@ -20,7 +37,27 @@ SMOOTHING_HZ = 0.25
 LOWEST_HZ, HIGHEST_HZ = 0.25, 40.0
 
 
-def transmissibilities(result: Identification, axes: Any = None) -> np.ndarray:
+@dataclass(frozen=True)
+class _Suspension:
+    """A linear suspension, per unit of the reference mass."""
+
+    stiffness: float
+    damping: float
+    ground: float
+    inverse_mass: float
+
+    def transmissibility(self, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
+        """That at the mass of one run."""
+        share = 1 / (1 + self.inverse_mass * mass_change_kg)
+        return suspension_transmissibility(
+            frequency_hz,
+            stiffness_per_mass=share * self.stiffness,
+            damping_per_mass=share * self.damping,
+            ground_stiffness_per_mass=share * self.ground,
+        )
+
+
+def transmissibilities(result: AnyIdentification, axes: Any = None) -> np.ndarray:
     """Draw |T|, its phase and its coherence, one column a run (Iwaniec & Uhl 2007, Figs. 8 and 9).
 
     Args:
@@ -30,8 +67,8 @@ def transmissibilities(result: Identification, axes: Any = None) -> np.ndarray:
     Returns:
         (3, n_runs) Axes.
     """
-    evidence: Evidence = result.evidence
-    n_runs = len(evidence.runs)
+    chain, suspension = result.paper_chain, _suspension(result)
+    n_runs = len(chain.runs)
     with house_style():
         grid = panels(
             axes,
@@ -43,22 +80,23 @@ def transmissibilities(result: Identification, axes: Any = None) -> np.ndarray:
             sharey="row",
             height_ratios=[3, 1.4, 1.1],
         )
-        for column, run, color in zip(grid.T, evidence.runs, run_colors(n_runs), strict=True):
-            _transmissibility(column, run, evidence, color)
+        for column, run, color in zip(grid.T, chain.runs, run_colors(n_runs), strict=True):
+            _transmissibility(column, run, suspension, color, chain.band_hz)
         grid[0, 0].set_ylabel("|T| = |X₂/X₁|")
         grid[1, 0].set_ylabel("phase [°]")
         grid[2, 0].set_ylabel("coherence")
     return grid
 
 
-def _transmissibility(column: np.ndarray, run: RunEvidence, evidence: Evidence, color: str) -> None:
+def _transmissibility(
+    column: np.ndarray, run: RunEvidence, suspension: _Suspension | None, color: str, band_hz: tuple[float, float]
+) -> None:
     magnitude, phase, coherence = column
     measured, beneath = run.T, run.T_without_force
     highest = min(HIGHEST_HZ, 0.4 * run.fs)
     shown = (measured.frequency_hz >= LOWEST_HZ) & (measured.frequency_hz <= highest)
     frequency_hz = measured.frequency_hz[shown]
     fitted_at = np.geomspace(LOWEST_HZ, highest, 400)
-    fitted = _fitted(evidence.joint, run.mass_change_kg, fitted_at)
     averages = f"{measured.spectra.n_averages:.1f} averages"
     lines: list[tuple[str, np.ndarray, np.ndarray, dict[str, Any]]] = [
         (f"measured, {averages}", frequency_hz, measured.value[shown], {"color": GREY, "linewidth": 0.9}),
@@ -74,8 +112,10 @@ def _transmissibility(column: np.ndarray, run: RunEvidence, evidence: Evidence, 
             beneath.value[shown],
             {"color": color, "linewidth": 1.6},
         ),
-        ("fitted suspension", fitted_at, fitted, {"color": INK, "linestyle": "--", "linewidth": 1.0}),
     ]
+    if suspension is not None:
+        fitted = suspension.transmissibility(run.mass_change_kg, fitted_at)
+        lines.append(("fitted suspension", fitted_at, fitted, {"color": INK, "linestyle": "--", "linewidth": 1.0}))
     for label, frequency, value, style in lines:
         magnitude.plot(frequency, np.abs(value), label=label, **style)
         if "paper" not in label:
@@ -106,40 +146,44 @@ def _transmissibility(column: np.ndarray, run: RunEvidence, evidence: Evidence, 
     coherence.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
     coherence.legend(loc="lower left")
     for ax in column:
-        ax.axvspan(*evidence.joint.band_hz, color="#F6F6F6", zorder=0)
+        ax.axvspan(*band_hz, color="#F6F6F6", zorder=0)
 
 
-def _fitted(joint: JointFit, mass_change_kg: float, frequency_hz: np.ndarray) -> np.ndarray:
-    """Transmissibility of the jointly fitted suspension at the mass of one run."""
-    share = 1 / (1 + joint["inverse_mass"] * mass_change_kg)
-    return suspension_transmissibility(
-        frequency_hz,
-        stiffness_per_mass=share * joint["stiffness_per_mass"],
-        damping_per_mass=share * joint["damping_per_mass"],
-        ground_stiffness_per_mass=share * joint["ground_stiffness_per_mass"],
-    )
+def _suspension(result: AnyIdentification) -> _Suspension | None:
+    """What all runs tell of the linear suspension; None where it is refused or not told."""
+    if isinstance(result, PaperIdentification):
+        joint = result.joint
+        stiffness, damping, ground = (joint[name] for name in NAMES)
+        return None if result.is_refused else _Suspension(stiffness, damping, ground, joint["inverse_mass"])
+    told, mass = [result.ratios[name].value for name in NAMES], result.parameters["sprung_mass_kg"].value
+    if told[0] is None or told[1] is None:
+        return None
+    return _Suspension(told[0], told[1], told[2] or 0.0, 1 / mass if mass else 0.0)
 
 
-def equation_residual(result: Identification, ax: Any = None) -> Axes:
+def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:
     """Draw the residual of the fitted equation, as the white sensor noise that would explain it, line by line.
 
     Args:
         result: the identification.
         ax: one Axes, or None for a new figure.
+
+    Raises:
+        NotDeterminedError: the fit was refused.
     """
-    evidence: Evidence = result.evidence
-    linear = next((step.fit for step in evidence.ladder if step.law_name == "linear"), None)
+    require_answer(result)
+    fit, ladder, floor = _fit_of(result)
+    linear = next((step.fit for step in ladder if step.law_name == "linear"), None)
+    names = [run.name for run in result.study.runs]
     with house_style():
         ax = panels(ax, 1, height_in=3.4)[0, 0]
-        runs, colors = evidence.runs, run_colors(len(evidence.runs))
-        if linear is not None and evidence.joint.law.terms:
-            for i in range(len(runs)):
+        if linear is not None and fit.law_name != "linear":
+            for i in range(len(names)):
                 label = "linear law" if i == 0 else None
                 ax.plot(*_noise_lines(linear, i), color=PALE, linewidth=1.1, label=label)
-        for i, (run, color) in enumerate(zip(runs, colors, strict=True)):
-            label = f"{evidence.joint.law.name}, {run.name}"
-            ax.plot(*_noise_lines(evidence.joint, i), color=color, linewidth=1.3, label=label)
-        floor = 1e3 * evidence.noise_floor
+        for i, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True)):
+            ax.plot(*_noise_lines(fit, i), color=color, linewidth=1.3, label=f"{fit.law_name}, {name}")
+        floor *= 1e3
         ax.axhline(floor, color=INK, linestyle="--", linewidth=1, label=f"sensor noise floor, {floor:.2g} mm/s²")
         ax.set_yscale("log")
         plain_numbers(ax.yaxis)
@@ -151,9 +195,20 @@ def equation_residual(result: Identification, ax: Any = None) -> Axes:
     return ax
 
 
-def _noise_lines(fit: JointFit, place: int) -> tuple[np.ndarray, np.ndarray]:
+def _fit_of(result: AnyIdentification) -> tuple[Fit | JointFit, Sequence[LawStep[Any]], float]:
+    """The fit of all runs, the laws that were tried, and the noise floor of the sensors."""
+    if isinstance(result, PaperIdentification):
+        return result.joint, result.ladder, result.chain.noise_floor_m_per_s2
+    return result.evidence[0].fit, result.evidence[0].ladder, result.evidence[0].noise
+
+
+def _noise_lines(fit: Fit | JointFit, place: int) -> tuple[np.ndarray, np.ndarray]:
     """Frequency and rms of the white noise on each channel, mm/s^2, that would make the residual of each line."""
-    frequency_hz, residual = fit.frequency_hz[place], fit.residual[place]
+    if isinstance(fit, JointFit):
+        frequency_hz, residual = fit.frequency_hz[place], fit.residual[place]
+    else:
+        frequency_hz = fit.model.runs[place].omega / (2 * np.pi)
+        residual = fit.model.level * fit.errors.lines[place].ravel() / np.sqrt(2)
     n = max(1, round(SMOOTHING_HZ / float(frequency_hz[1] - frequency_hz[0])))
     power = np.convolve(np.abs(residual) ** 2, np.ones(n), "valid") / n
     middle = np.convolve(frequency_hz, np.ones(n), "valid") / n

@@ -17,7 +17,10 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from opid.suspensions.paper.classical import RunEvidence
+from opid.errors import NotDeterminedError
+from opid.suspensions.paper.chain import RunEvidence
+from opid.suspensions.paper.result import AnyIdentification
+from opid.suspensions.study import Run
 
 # the palette of Okabe & Ito (2008), told apart by colour-blind readers
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
@@ -140,6 +143,19 @@ def every(n_samples: int, n_points: int = N_POINTS) -> slice:
     return slice(None, None, max(1, n_samples // n_points))
 
 
+def require_answer(result: AnyIdentification) -> None:
+    """Refuse to draw a fit of which the identification tells no number.
+
+    Args:
+        result: the identification.
+
+    Raises:
+        NotDeterminedError: it was refused.
+    """
+    if result.is_refused:
+        raise NotDeterminedError(f"there is no fit to draw: {result.not_determined}")
+
+
 def run_colors(n_runs: int) -> list[str]:
     """Return one colour a run, from the palette over and over.
 
@@ -152,11 +168,11 @@ def run_colors(n_runs: int) -> list[str]:
     return [RUN_COLORS[i % len(RUN_COLORS)] for i in range(n_runs)]
 
 
-def run_title(run: RunEvidence) -> str:
+def run_title(run: RunEvidence | Run) -> str:
     """Return the name of a run with its mass against the reference.
 
     Args:
-        run: one run of the evidence.
+        run: of a study, or what was made of it.
     """
     change = "reference mass" if run.mass_change_kg == 0 else f"{run.mass_change_kg:+g} kg".replace("-", "−")
     return f"run {run.name!r}, {change}"

@@ -1,25 +1,22 @@
 """Results -> text, JSON and a page that opens offline.
 
-`result_text` is what the terminal shows, `result_json` what other programs read, `write_report` both with the figures;
-`body_text`, `body_json` and `write_body_report` are the same for a body on several suspensions,
-`bench_text`, `bench_json` and `write_bench_report` are the same for the law of a test bench; `health_text` and
-`health_json` tell what is wrong with logs; `modal_text`, `modal_json` and `write_modal_report` are for nonlinear modal
-models, `updating_text`, `updating_json` and `write_updating_report` for Bayesian updating.
+`result_text` is what the terminal shows, `result_json` what other programs read, `write_report` both with the figures,
+of one gear as of a body on several suspensions. `bench_text`, `bench_json` and `write_bench_report` are the same for
+the law of a test bench; `health_text` and `health_json` tell what is wrong with logs; `modal_text`, `modal_json` and
+`write_modal_report` are for nonlinear modal models, `updating_text`, `updating_json` and `write_updating_report` for
+Bayesian updating.
 """
 
 from opid.report.as_json import result_json
-from opid.report.as_text import result_text
 from opid.report.bench_report import bench_json, bench_text, write_bench_report
 from opid.report.body_field_test import body_truth_json, read_body_truth, write_aircraft_test
-from opid.report.body_report import body_json, write_body_report
-from opid.report.body_text import body_text
 from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
 from opid.report.field_test import read_truth, truth_json, write_field_test
 from opid.report.health_report import health_json, health_text
+from opid.report.identification_report import result_text, write_report
 from opid.report.modal_field_test import write_modal_field_test
 from opid.report.modal_report import modal_json, write_modal_report
 from opid.report.modal_tables import modal_text, read_modal_truth
-from opid.report.page import write_report
 from opid.report.updating_field_test import updating_truth_json, write_updating_field_test
 from opid.report.updating_report import updating_json, write_updating_report
 from opid.report.updating_tables import read_updating_truth, updating_text
@@ -27,8 +24,6 @@ from opid.report.updating_tables import read_updating_truth, updating_text
 __all__ = [
     "bench_json",
     "bench_text",
-    "body_json",
-    "body_text",
     "body_truth_json",
     "comparison_json",
     "comparison_text",
@@ -48,7 +43,6 @@ __all__ = [
     "updating_truth_json",
     "write_aircraft_test",
     "write_bench_report",
-    "write_body_report",
     "write_comparison_report",
     "write_field_test",
     "write_modal_field_test",

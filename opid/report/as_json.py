@@ -1,21 +1,47 @@
-"""Results as values of JSON: plain dicts and lists, SI, and null where there is no finite number."""
+"""Results as values of JSON: plain dicts and lists, SI, and null where there is no finite number.
+
+`result.json` has one schema for one gear and for bodies. What belongs to one of them alone is null or empty for the
+other, so that who reads it finds nothing and not a fault.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.suspensions.one_gear.result import SCHEMA, Identification, VisitedForce
+from opid.report.body_text import reason, recommended, units_of
+from opid.report.gear_text import alternatives_of
+from opid.signals.recording import FloatArray
+from opid.suspensions.faults import Demand
+from opid.suspensions.law_search import LawStep, chosen
+from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
+from opid.suspensions.paper.direct_parameters import DirectParameters
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.result import (
+    BODY_PARAMETERS,
+    BODY_RATIOS,
+    GEAR_PARAMETERS,
+    GEAR_RATIOS,
+    SCHEMA,
+    Evidence,
+    Identification,
+    InterfaceEstimate,
+)
+from opid.suspensions.study import Run, Study
+from opid.suspensions.visited_force import VisitedForce
+
+Json = dict[str, Any]
 
 
-def result_json(result: Identification) -> dict[str, Any]:
+def result_json(result: Identification | PaperIdentification) -> Json:
     """Return an identification as the content of result.json.
 
     Args:
@@ -23,30 +49,44 @@ def result_json(result: Identification) -> dict[str, Any]:
 
     Returns:
         `schema`, `method`, `title`, `date` (ISO 8601, or null), `parameters` {name: {value, std, interval95}},
-        `ratios` likewise, `law` {name,
-        latex, per_mass, parameters {kind: {parameter: {value, std, interval95}}}}, `restoring_force` {travel,
-        velocity, force, nonlinear_force, per_mass, units}, `diagnostics`, `warnings`, `not_determined`.
+        `ratios` likewise, `law` {name, latex, per_mass, parameters {kind: {parameter: {value, std, interval95}}}},
+        `restoring_force` {travel, velocity, force, nonlinear_force, per_mass, units}, `diagnostics`, `warnings`,
+        `not_determined`. Of the driven model also `structure` {kind, is_one_gear, recommended, why,
+        residual_over_noise, noise_m_per_s2, places {interface: {x_m, y_m, sensor_x_m, sensor_y_m}},
+        place_corrections}, `interfaces` [{name, shared_with, x_m, y_m, stiffness, damping and ground_stiffness {value,
+        std, interval95, unit}, law {kind: {parameter: {value, std, interval95}}}, law_name, latex, per_mass,
+        residual_over_noise}], `candidates` [the fields of `Candidate`] and `runs` [{name, mass_change_kg, loading}].
+        Of a body `law` and `restoring_force` hold no values: see `interfaces`.
     """
+    if isinstance(result, PaperIdentification):
+        return plain(_head(result) | _of_gear(result) | {"diagnostics": _paper_diagnostics(result)} | _tail(result))
+    if result.study.is_one_gear:
+        return plain(
+            _head(result)
+            | _of_gear(result)
+            | _structures(result)
+            | {"diagnostics": _gear_diagnostics(result)}
+            | _tail(result)
+        )
     return plain(
-        {
-            "schema": SCHEMA,
-            "method": result.method,
-            "title": result.title,
-            "date": None if result.date is None else result.date.isoformat(),
-            "parameters": _estimates(result.parameters),
-            "ratios": _estimates(result.ratios),
-            "law": {
-                "name": result.law.name,
-                "latex": result.law.latex,
-                "per_mass": result.restoring_force.per_mass,
-                "parameters": {kind: _estimates(values) for kind, values in result.law_estimates.items()},
-            },
-            "restoring_force": _force(result.restoring_force),
-            "diagnostics": result.diagnostics,
-            "warnings": result.warnings,
-            "not_determined": result.not_determined,
-        }
+        _head(result)
+        | _of_body(result)
+        | _structures(result)
+        | {"diagnostics": _body_diagnostics(result)}
+        | _tail(result)
     )
+
+
+def chain_of(result: AnyIdentification) -> PaperChain | None:
+    """Return the steps of the paper on the runs of one gear; None where they cannot be taken.
+
+    Args:
+        result: the identification.
+    """
+    try:
+        return result.paper_chain
+    except (InputError, NotDeterminedError):
+        return None
 
 
 def plain(value: Any) -> Any:
@@ -92,11 +132,100 @@ def _joined(found: re.Match[str]) -> str:
     return re.sub(r"\n\s*", "", re.sub(r",\n\s*", ", ", found[0]))
 
 
-def _estimates(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+# ---- the answer ------------------------------------------------------------------------------------
+
+
+def _head(result: Identification | PaperIdentification) -> Json:
+    return {
+        "schema": SCHEMA,
+        "method": result.method,
+        "title": result.title,
+        "date": None if result.date is None else result.date.isoformat(),
+    }
+
+
+def _tail(result: Identification | PaperIdentification) -> Json:
+    return {"warnings": result.warnings, "not_determined": result.not_determined}
+
+
+def _of_gear(result: AnyIdentification) -> Json:
+    return {
+        "parameters": _estimates(result.parameters),
+        "ratios": _estimates(result.ratios),
+        "law": {
+            "name": result.law.name,
+            "latex": result.law.latex,
+            "per_mass": result.per_mass,
+            "parameters": {kind: _estimates(values) for kind, values in result.law_estimates.items()},
+        },
+        "restoring_force": _force(result.restoring_force),
+    }
+
+
+def _of_body(result: Identification) -> Json:
+    """The names of one gear stand there, too, without values; the laws have them where all suspensions are alike."""
+    none, nothing = Estimate(), np.empty(0)
+    names = tuple(dict.fromkeys((*BODY_PARAMETERS, *GEAR_PARAMETERS)))
+    ratios = tuple(dict.fromkeys((*BODY_RATIOS, *GEAR_RATIOS)))
+    laws = {interface.law.name: interface.law.latex for interface in result.interfaces}
+    name, latex = next(iter(laws.items())) if len(laws) == 1 else (None, None)
+    return {
+        "parameters": {name: asdict(result.parameters.get(name, none)) for name in names},
+        "ratios": {name: asdict(result.ratios.get(name, none)) for name in ratios},
+        "law": {"name": name, "latex": latex, "per_mass": result.per_mass, "parameters": {}},
+        "restoring_force": _force(VisitedForce(nothing, nothing, nothing, nothing, per_mass=result.per_mass)),
+    }
+
+
+def _structures(result: Identification) -> Json:
+    best = recommended(result)
+    places = {
+        name: dict(zip(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), place, strict=True))
+        for name, place in result.places.items()
+    }
+    return {
+        "structure": {
+            "kind": result.structure,
+            "is_one_gear": result.study.is_one_gear,
+            "recommended": None if best is None else best.kind,
+            "why": reason(result) or None,
+            "residual_over_noise": result.residual_over_noise,
+            "noise_m_per_s2": result.noise_m_per_s2,
+            "places": places,
+            "place_corrections": _estimates(result.place_corrections),
+        },
+        "interfaces": [_interface(result, interface) for interface in result.interfaces],
+        "candidates": [asdict(candidate) for candidate in result.candidates],
+        "runs": [
+            {"name": run.name, "mass_change_kg": run.mass_change_kg, "loading": run.loading} for run in result.runs
+        ],
+    }
+
+
+def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
+    stiffness, damping = units_of(result)
+    x_m, y_m = result.places[interface.name][:2]
+    return {
+        "name": interface.name,
+        "shared_with": interface.shared_with,
+        "x_m": x_m,
+        "y_m": y_m,
+        "stiffness": asdict(interface.stiffness) | {"unit": stiffness},
+        "damping": asdict(interface.damping) | {"unit": damping},
+        "ground_stiffness": asdict(interface.ground_stiffness) | {"unit": stiffness},
+        "law": {kind: _estimates(values) for kind, values in interface.law_estimates.items()},
+        "law_name": interface.law.name,
+        "latex": interface.law.latex,
+        "per_mass": result.per_mass,
+        "residual_over_noise": interface.residual_over_noise,
+    }
+
+
+def _estimates(estimates: Mapping[str, Estimate]) -> Json:
     return {name: asdict(estimate) for name, estimate in estimates.items()}
 
 
-def _force(force: VisitedForce) -> dict[str, Any]:
+def _force(force: VisitedForce) -> Json:
     unit = "m/s^2" if force.per_mass else "N"
     return {
         "travel": force.travel,
@@ -105,4 +234,246 @@ def _force(force: VisitedForce) -> dict[str, Any]:
         "nonlinear_force": force.nonlinear_force,
         "per_mass": force.per_mass,
         "units": {"travel": "m", "velocity": "m/s", "force": unit, "nonlinear_force": unit},
+    }
+
+
+# ---- what it rests on ------------------------------------------------------------------------------
+
+
+def _gear_diagnostics(result: Identification) -> Json:
+    evidence, chain = result.evidence[0], chain_of(result)
+    return {
+        "settings": _channels(result.study)
+        | _asked(result)
+        | {
+            "high_pass_hz": None if chain is None else chain.high_pass_hz,
+        },
+        "unexplained_noise_m_per_s2": evidence.fit.noise_m_per_s2,
+        "sensor_noise_floor_m_per_s2": evidence.noise,
+        "unexplained_over_floor": result.residual_over_noise,
+        "n_lines": [run.frequency_hz.size for run in result.runs],
+        "law_candidates": sorted(result.options.kinds),
+        "law_ladder": _ladder(evidence.ladder),
+        "law_alternatives": alternatives_of(result),
+        "runs": _runs_of_gear(result.study.runs, chain),
+        **_chain_parts(chain),
+        "model": _model(evidence)
+        | {"mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True))},
+    }
+
+
+def _paper_diagnostics(result: PaperIdentification) -> Json:
+    chain, settings = result.chain, asdict(result.settings)
+    return {
+        "settings": _channels(result.study)
+        | {
+            "law": settings.pop("law") or "searched",
+            "ground": settings.pop("ground"),
+            "band_hz": settings.pop("band_hz"),
+            "high_pass_hz": settings.pop("high_pass_hz"),
+            "estimator": settings,
+        },
+        "unexplained_noise_m_per_s2": result.joint.noise_m_per_s2,
+        "sensor_noise_floor_m_per_s2": chain.noise_floor_m_per_s2,
+        "unexplained_over_floor": result.residual_over_noise,
+        "n_lines": [frequency.size for frequency in result.joint.frequency_hz],
+        "law_candidates": result.tried_kinds,
+        "law_ladder": _ladder(result.ladder),
+        "law_alternatives": alternatives_of(result),
+        "runs": _runs_of_gear(result.study.runs, chain),
+        **_chain_parts(chain),
+        "model": None,
+    }
+
+
+def _body_diagnostics(result: Identification) -> Json:
+    study, parts = result.study, result.evidence
+    asked = _asked(result)
+    return {
+        "study": _source(study),
+        "law": asked["law"],
+        "band_hz": asked["band_hz"],
+        "settings": asked,
+        "body_sensors": {sensor.channel: [sensor.x_m, sensor.y_m] for sensor in study.sensors},
+        "why": result.why,
+        "kind_asked_for": study.structure.kind,
+        "position_tolerance_m": study.structure.position_tolerance_m,
+        "noise_stated": study.structure.noise_m_per_s2 is not None,
+        "runs": [
+            {
+                "name": run.name,
+                "mass_change_kg": run.mass_change_kg,
+                "findings": [asdict(finding) for finding in run.findings],
+            }
+            for run in study.runs
+        ],
+        "n_data": sum(part.fit.n_data for part in parts),
+        "white": [part.whiteness.white for part in parts],
+        "laws_tried": [
+            {"law": step.law_name, "bic": step.fit.bic, "kept": step.kept, "fs_hz": step.fit.model.runs[0].fs}
+            for part in parts
+            for step in part.ladder
+        ],
+        "law_alternatives": [told for part in parts for told in part.alternatives],
+        "models": [_model(part) for part in parts],
+        "mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True)),
+    }
+
+
+def _source(study: Study) -> str | None:
+    return None if study.source is None else str(study.source)
+
+
+def _channels(study: Study) -> Json:
+    return {"study": _source(study), "sprung": study.sprung, "unsprung": study.unsprung}
+
+
+def _asked(result: Identification) -> Json:
+    """What was asked for, and every tuned number."""
+    options = result.options
+    return {
+        "law": options.law or "searched",
+        "ground": options.ground,
+        "band_hz": result.settings.runs.band_hz,
+        "method_of_law": options.method_of_law,
+        "seed": options.seed,
+        "estimator": asdict(result.settings),
+    }
+
+
+def _ladder(ladder: Sequence[LawStep[Any]]) -> list[Json]:
+    choice = chosen(ladder)
+    return [
+        {
+            "law": step.law_name,
+            "bic": step.fit.bic,
+            "unexplained_noise_m_per_s2": step.fit.noise_m_per_s2,
+            "left_out_m_per_s2": step.left_out,
+            "road": step.method,
+            "kept": step.kept,
+            "chosen": step is choice,
+        }
+        for step in ladder
+    ]
+
+
+def _model(evidence: Evidence) -> Json:
+    """What the fit of the driven model rests on."""
+    fit = evidence.fit
+    faults = {fault.name: fault for fault in fit.model.faults}
+    surfaces = {
+        group: {
+            "largest_departure_in_standard_errors": surface.largest_standard_errors,
+            "expected_by_chance": surface.expected_standard_errors,
+            "largest_departure_percent": surface.largest_percent,
+        }
+        for group, surface in evidence.surfaces.items()
+    }
+    return {
+        "noise_m_per_s2": {
+            side: fit.ratio * _rms(level) for side, level in zip(("unsprung", "sprung"), fit.model.noise, strict=True)
+        },
+        "whiteness": asdict(evidence.whiteness),
+        "std_over_white": {name: each for name, each in evidence.std_over_white.items() if name not in faults},
+        "bootstrap_std_over_white": {
+            name: each for name, each in evidence.bootstrap_over_white.items() if name not in faults
+        },
+        "sensors": {
+            name: {
+                "value": fit.value(name),
+                "std": fit.std[fit.model.names.index(name)],
+                "known_before": [fault.nominal, fault.std],
+            }
+            for name, fault in faults.items()
+        },
+        "demanded": [_demand(demand) for demand in evidence.demands],
+        "imitates_ground_spring": evidence.ground.sentences,
+        "surface": next(iter(surfaces.values()), None),
+        "surfaces": surfaces,
+        "n_starts": evidence.n_starts,
+        "n_evaluations": fit.n_evaluations,
+        "limits": evidence.limits,
+    }
+
+
+def _rms(levels: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(levels))))
+
+
+def _demand(demand: Demand) -> Json:
+    return {
+        "name": demand.name,
+        "words": demand.words,
+        "value": demand.value,
+        "std": demand.std,
+        "error_before": demand.error_before,
+        "error_after": demand.error_after,
+        "alike": demand.alike,
+    }
+
+
+# ---- the steps of the paper ------------------------------------------------------------------------
+
+
+def _chain_parts(chain: PaperChain | None) -> Json:
+    return {
+        "static_transmissibility_read_from_lines": None if chain is None else chain.static_transmissibility,
+        "peak_pairs": [] if chain is None else [_pair(pair) for pair in chain.pairs],
+    }
+
+
+def _pair(pair: PeakPair) -> Json:
+    return {
+        "run": pair.run_name,
+        "reference_hz": pair.match.reference.frequency_hz,
+        "reference_magnitude": pair.match.reference.magnitude,
+        "changed_hz": pair.match.changed.frequency_hz,
+        "changed_magnitude": pair.match.changed.magnitude,
+        "credible": pair.match.credible,
+        "reason": pair.match.reason,
+        "as_printed": asdict(pair.as_printed),
+        "sign_restored": asdict(pair.sign_restored),
+    }
+
+
+def _runs_of_gear(runs: Sequence[Run], chain: PaperChain | None) -> list[Json]:
+    """The runs of one gear; without the paper's chain only what the study says of them."""
+    steps: Sequence[RunEvidence | None] = [None] * len(runs) if chain is None else chain.runs
+    return [_run_of_gear(run, step) for run, step in zip(runs, steps, strict=True)]
+
+
+def _run_of_gear(run: Run, step: RunEvidence | None) -> Json:
+    findings = run.findings if step is None else tuple(dict.fromkeys(step.findings))
+    known = {
+        "name": run.name,
+        "mass_change_kg": run.mass_change_kg,
+        "duration_s": run.recording.duration_s,
+        "fs": run.recording.fs,
+        "findings": [asdict(finding) for finding in findings],
+    }
+    if step is None:
+        return known
+    return known | {
+        "n_averages": step.T.spectra.n_averages,
+        "n_blocks": step.T.spectra.n_blocks,
+        "noise_floor_m_per_s2": dict(zip(("unsprung", "sprung"), step.noise_floor, strict=True)),
+        "travel_rms_m": step.surface.travel.std(),
+        "velocity_rms_m_per_s": step.surface.velocity.std(),
+        "surface_coverage": step.binned.coverage,
+        "terms": [
+            {"term": verdict.name, "departure": verdict.departure, "statement": verdict.statement}
+            for verdict in step.surface_fit.verdicts
+        ],
+        "complex_least_squares": _direct(step.complex_fit),
+        "errors_in_variables": _direct(step.spectral_fit),
+        "peaks_hz": [peak.frequency_hz for peak in step.peaks],
+    }
+
+
+def _direct(fit: DirectParameters) -> Json:
+    names = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
+    return {
+        **{name: [value, std] for name, value, std in zip(names, fit.value, fit.std, strict=True)},
+        "natural_frequency_hz": fit.natural_frequency_hz,
+        "damping_ratio": fit.damping_ratio,
     }

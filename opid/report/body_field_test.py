@@ -17,13 +17,13 @@ from opid.signals.files import written_whole
 from opid.suspensions.result import BODY_PARAMETERS
 from opid.suspensions.study import (
     BodySensor,
-    BodyStudy,
-    LoadedRun,
     MeasuredInterface,
     PointMass,
+    Run,
     StructureSettings,
+    Study,
 )
-from opid.suspensions.study_file import write_body_study
+from opid.suspensions.study_file import write_study
 
 TRUTH_SCHEMA = "opid.body-truth/1"
 _FIELDS = dict(zip(BODY_PARAMETERS, ("mass_kg", "ixx_kg_m2", "iyy_kg_m2", "x_cg_m", "y_cg_m"), strict=True))
@@ -75,7 +75,7 @@ def study_of_aircraft(
     position_tolerance_m: float = 0.0,
     noise_m_per_s2: float | None = None,
     day: date | None = None,
-) -> BodyStudy:
+) -> Study:
     """Return the study of a simulated field test of an aircraft: what its owner knows of it.
 
     Args:
@@ -94,11 +94,11 @@ def study_of_aircraft(
         beside = () if place == (gear.x_m, gear.y_m) else place
         interfaces.append(MeasuredInterface(gear.name, upper, lower, gear.x_m, gear.y_m, *beside))
     paired = {channel for interface in interfaces for channel in (interface.sprung, interface.unsprung)}
-    return BodyStudy(
+    return Study(
         title=title,
         interfaces=tuple(interfaces),
         runs=tuple(
-            LoadedRun(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+            Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
             for name, run, loading in zip(run_names(len(test.runs)), test.runs, test.loadings, strict=True)
         ),
         structure=StructureSettings(
@@ -133,7 +133,7 @@ def write_aircraft_test(
     """
     study = study_of_aircraft(test, title=title, **facts)
     target = made_directory(directory)
-    write_body_study(study, target / "study.toml")
+    write_study(study, target / "study.toml")
     with written_whole(target / "truth.json") as file:
         file.write(json_text(body_truth_json(test, settings=settings)))
     return target / "study.toml"

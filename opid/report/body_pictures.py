@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from opid.report.page import Picture
-from opid.suspensions.result import BodyIdentification
+from opid.suspensions.result import Identification
+
+_OF_ANSWER = {"suspensions", "suspension_forces", "predicted_accelerations", "residual_spectra"}
+"""Figures of a fit, which are not drawn of a fit that is refused."""
 
 
-def body_pictures(result: BodyIdentification) -> tuple[Picture, ...]:
+def body_pictures(result: Identification) -> tuple[Picture, ...]:
     """Return the figures of the report in the order of the page; those that have nothing to show are left out.
 
     Args:
-        result: from `identify_body`.
+        result: the identification.
     """
     from opid import plots
 
@@ -57,13 +60,4 @@ def body_pictures(result: BodyIdentification) -> tuple[Picture, ...]:
             lambda result, truth: plots.body_residuals(result),
         ),
     )
-    found = any(interface.stiffness.value is not None for interface in result.interfaces)
-    empty = {
-        "plan_view": not result.places,
-        "candidates": not result.candidates,
-        "suspensions": not found,
-        "suspension_forces": not found,
-        "predicted_accelerations": not result.runs,
-        "residual_spectra": not result.runs,
-    }
-    return tuple(picture for picture in every if not empty[picture.name])
+    return tuple(picture for picture in every if not (result.is_refused and picture.name in _OF_ANSWER))

@@ -8,8 +8,9 @@ from typing import Any
 
 from opid.estimate import Estimate
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
-from opid.suspensions.levels import over_noise
-from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, BodyIdentification, Candidate, InterfaceEstimate
+from opid.report.gear_text import sensors_in_words
+from opid.suspensions.residual import over_noise
+from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, Candidate, Identification, InterfaceEstimate
 
 PARAMETER_LABELS = {
     "sprung_mass_kg": ("sprung mass M", "kg"),
@@ -30,11 +31,11 @@ _SHORT_HEAD = ("structure", "fit", "left out", "mass [kg]", "law", "verdict")
 Truth = Mapping[str, Any]
 
 
-def body_text(result: BodyIdentification, truth: Truth | None = None) -> str:
+def body_text(result: Identification, truth: Truth | None = None) -> str:
     """Return the identification of a body as text: the numbers, the structures compared, and what to doubt.
 
     Args:
-        result: from `identify_body`.
+        result: the identification.
         truth: of a simulated aircraft, as in truth.json: shown beside each estimate.
     """
     day = "" if result.date is None else f", {result.date}"
@@ -46,12 +47,14 @@ def body_text(result: BodyIdentification, truth: Truth | None = None) -> str:
     if result.candidates:
         parts += ["Structures: residual over noise of the fit, and of runs left out of it"]
         parts += [*aligned(_in_width(candidate_table(result)), n_left=1), "", *wrapped(recommendation(result))]
+    for head, sentences in (("Sensors: ", sensor_sentences(result)), ("Law: ", law_sentences(result))):
+        parts += ["", *(line for each in sentences for line in wrapped(each, head))] if sentences else []
     if result.warnings:
         parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
     return "\n".join(parts).rstrip("\n") + "\n"
 
 
-def body_rows(result: BodyIdentification, truth: Truth | None = None) -> list[Row]:
+def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
     """Return the table of numbers of the body: masses, centre of gravity, radii, and corrections of places.
 
     Args:
@@ -87,7 +90,7 @@ def body_rows(result: BodyIdentification, truth: Truth | None = None) -> list[Ro
     return table
 
 
-def suspension_rows(result: BodyIdentification, truth: Truth | None = None) -> list[Row]:
+def suspension_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
     """Return the table of the suspensions: stiffness, damping, law and residual of each.
 
     Args:
@@ -107,7 +110,7 @@ def suspension_rows(result: BodyIdentification, truth: Truth | None = None) -> l
     return table
 
 
-def candidate_table(result: BodyIdentification) -> list[tuple[str, ...]]:
+def candidate_table(result: Identification) -> list[tuple[str, ...]]:
     """Return the structures that were compared, head first.
 
     Args:
@@ -155,7 +158,7 @@ def verdict(candidate: Candidate) -> str:
     return "explains" if candidate.explains else "rejected"
 
 
-def recommendation(result: BodyIdentification) -> str:
+def recommendation(result: Identification) -> str:
     """Return which structure is recommended, and why; that none is, if so.
 
     Args:
@@ -169,7 +172,7 @@ def recommendation(result: BodyIdentification) -> str:
     return f"Recommended: {kind_in_words(best.kind)}. Why: {sentence(reason(result))}"
 
 
-def recommended(result: BodyIdentification) -> Candidate | None:
+def recommended(result: Identification) -> Candidate | None:
     """Return the structure that is recommended, if one is.
 
     Args:
@@ -178,17 +181,35 @@ def recommended(result: BodyIdentification) -> Candidate | None:
     return next((candidate for candidate in result.candidates if candidate.recommended), None)
 
 
-def reason(result: BodyIdentification) -> str:
+def reason(result: Identification) -> str:
     """Return why the recommended structure is, beside the others where there are any.
 
     Args:
         result: the identification.
     """
     best = recommended(result)
-    return str(result.diagnostics.get("why") or ("" if best is None else best.why))
+    return result.why or ("" if best is None else best.why)
 
 
-def body_limits(result: BodyIdentification) -> str:
+def sensor_sentences(result: Identification) -> list[str]:
+    """Return what was found out about the sensors, a sentence for each fitted structure.
+
+    Args:
+        result: the identification.
+    """
+    return [told for evidence in result.evidence if (told := sensors_in_words(evidence))]
+
+
+def law_sentences(result: Identification) -> list[str]:
+    """Return which other laws explain the runs as well.
+
+    Args:
+        result: the identification.
+    """
+    return [f"{told}." for evidence in result.evidence for told in evidence.alternatives]
+
+
+def body_limits(result: Identification) -> str:
     """Return the sentence that says what the answer rests on.
 
     Args:
@@ -217,7 +238,7 @@ def kind_in_words(kind: str) -> str:
     return {"single": "each suspension alone", "pair": "mean of each pair"}.get(kind, kind.replace("_", " "))
 
 
-def units_of(result: BodyIdentification) -> tuple[str, str]:
+def units_of(result: Identification) -> tuple[str, str]:
     """Return the units of stiffness and damping.
 
     Args:
@@ -257,11 +278,11 @@ def _place(name: str) -> str:
     return f"{whose}, {what.removesuffix('_m').replace('_', ' ')}" if whose else name
 
 
-def _kind(result: BodyIdentification) -> str:
+def _kind(result: Identification) -> str:
     return kind_in_words(result.structure)
 
 
-def _suspension(result: BodyIdentification, interface: InterfaceEstimate, truth: Truth | None) -> Iterator[Row]:
+def _suspension(result: Identification, interface: InterfaceEstimate, truth: Truth | None) -> Iterator[Row]:
     told = truth is not None
     true = truth["interfaces"].get(interface.name) if truth else None
     share = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth and result.per_mass else 1.0
@@ -276,6 +297,9 @@ def _suspension(result: BodyIdentification, interface: InterfaceEstimate, truth:
     yield estimate_row(f"stiffness {slope}", stiffness, interface.stiffness, known.get("stiffness_n_per_m"), told)
     slope = "C/M" if result.per_mass else "C"
     yield estimate_row(f"damping {slope}", damping, interface.damping, known.get("damping_n_s_per_m"), told)
+    if interface.ground_stiffness.value:
+        slope = "K3/M" if result.per_mass else "K3"
+        yield estimate_row(f"ground {slope}", stiffness, interface.ground_stiffness, None, told)
     for term in terms:
         if len(terms) > 1:
             yield Row(f"Term {term.name} of {interface.name}: {formula(term.kind.latex)}")

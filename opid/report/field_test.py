@@ -13,9 +13,9 @@ from opid.report.as_json import json_text, plain
 from opid.report.directory import made_directory
 from opid.report.truth_file import read_truth_file
 from opid.signals.files import written_whole
-from opid.suspensions.one_gear.result import PARAMETERS
-from opid.suspensions.one_gear.study import Run, Study
-from opid.suspensions.one_gear.study_file import write_study
+from opid.suspensions.result import GEAR_PARAMETERS
+from opid.suspensions.study import Run, study_of_gear
+from opid.suspensions.study_file import write_study
 
 TRUTH_SCHEMA = "opid.truth/1"
 
@@ -34,7 +34,7 @@ def truth_json(test: TaxiTest, *, settings: Mapping[str, Any] | None = None) -> 
     return plain(
         {
             "schema": TRUTH_SCHEMA,
-            "parameters": {name: getattr(gear, name) for name in PARAMETERS},
+            "parameters": {name: getattr(gear, name) for name in GEAR_PARAMETERS},
             "law": {"name": gear.law.name, "parameters": gear.law.parameters},
             "mass_change_kg": test.mass_change_kg,
             "settings": dict(settings or {}),
@@ -60,7 +60,7 @@ def write_field_test(
         Run("heavy", test.heavy.recording, 0.0),
         Run("light", test.light.recording, test.mass_change_kg),
     )
-    study = Study(title, sprung="upper_z", unsprung="lower_z", runs=runs)
+    study = study_of_gear(title, sprung="upper_z", unsprung="lower_z", runs=runs)
     target = made_directory(directory)
     write_study(study, target / "study.toml")
     with written_whole(target / "truth.json") as file:
@@ -79,7 +79,7 @@ def read_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
 
     def check(truth: dict[str, Any]) -> None:
-        truth["parameters"] = {name: float(truth["parameters"][name]) for name in PARAMETERS}
+        truth["parameters"] = {name: float(truth["parameters"][name]) for name in GEAR_PARAMETERS}
         law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
 
     return read_truth_file(

@@ -82,7 +82,7 @@ class Numbers:
             for each in self.interfaces
         )
         nothing = {name: dict.fromkeys(getattr(self, name), Estimate()) for name in ("parameters", "ratios")}
-        return Numbers(nothing["parameters"], nothing["ratios"], interfaces, self.corrections)
+        return Numbers(nothing["parameters"], nothing["ratios"], interfaces, {})
 
     def without_intervals_of(self, terms: Sequence[StraightTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
         """Return them without the intervals of what trades with straight terms.

@@ -15,6 +15,7 @@ import numpy as np
 from opid.signals.recording import FloatArray
 from opid.suspensions.fit import NO_FIT, Fit, carried_over, fit_model
 from opid.suspensions.model import Model
+from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import FaultSettings
 from opid.suspensions.start import Start
@@ -118,21 +119,26 @@ def let_in(
         progress: called with the name of each step as it begins.
     """
     say, known = progress or (lambda step: None), fit.model.settings.faults
+    runs = fit.model.runs
     standing = now = _Standing(fit, tuple(demand.updated(fit) for demand in before))
     # faults that explain the runs only together are let in together: what stands is the last that explains something
     for _ in range(known.most):
-        tried = []
+        tried, coarse = [], _at_runs(now.fit, now.fit.model.coarse.runs)
+        # what is tried is compared at a coarse rate, what is let in is confirmed with all readings
         for hypothesis in _promising(now.fit, ground, start):
             say(hypothesis.words)
-            grown = _grown(now.fit, hypothesis, start)
+            grown = _grown(coarse, hypothesis, start)
             if grown is not None and _is_plausible(grown, hypothesis):
                 tried.append((grown, hypothesis))
         if not tried:
             break
         best, hypothesis = min(tried, key=lambda entry: entry[0].bic)
-        if not _is_better(best, now.fit, known):
+        if not _is_better(best, coarse, known):
             break
         alike = tuple(h.words for other, h in tried if h is not hypothesis and other.bic < best.bic + known.alike_bic)
+        best = _at_runs(best, runs)
+        if not _is_better(best, now.fit, known):
+            break
         new = tuple(_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
         helps = now is standing and best.noise_m_per_s2 < (1 - known.helps_fraction) * now.fit.noise_m_per_s2
         now = _Standing(best, (*now.demands, *new))
@@ -175,6 +181,14 @@ def with_ground(fit: Fit, start: Start) -> Fit | None:
         start: with values of theirs.
     """
     return _grown(fit, Hypothesis("a spring to the ground", ground=True), start)
+
+
+def _at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
+    """The fit with other samples of the same runs."""
+    if all(a is b for a, b in zip(fit.model.runs, runs, strict=True)):
+        return fit
+    promise = fit.model.settings.fit.least_promise
+    return fit_model(replace(fit.model, runs=runs), fit.theta, least_promise=promise)
 
 
 def _gain(gram: FloatArray, along: FloatArray, others: list[int], new: int) -> float:
@@ -231,12 +245,14 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
         gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
     except NO_FIT:
         return []
-    found, search = [], fit.model.settings.search
+    found, search, asked = [], fit.model.settings.search, False
+    if start is not None:
+        asked = any(start.demands_ground(k, fit.model.settings.start) for k in range(len(fit.model.groups)))
     for gain, hypothesis in zip(gains, hypotheses, strict=True):
         score = gain / fit.variance
         if fit.ratio > search.hopeless and score < search.good_fraction * fit.n_data:
             continue
-        if hypothesis.ground and start is not None:
+        if hypothesis.ground and asked and start is not None:
             score = max(score, float(np.max((start.ground_stiffness / start.ground_std) ** 2)))
         found.append((score, hypothesis))
     found = sorted((entry for entry in found if entry[0] > known.least_score), key=lambda entry: -entry[0])

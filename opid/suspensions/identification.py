@@ -303,6 +303,7 @@ def _answer(
         stiffness=told.interfaces[0].stiffness,
         ground=told.interfaces[0].ground_stiffness,
         loose=loose,
+        per_mass=per_mass,
         is_refused=refused is not None,
         mended_spikes=mended,
     )

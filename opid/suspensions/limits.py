@@ -115,7 +115,8 @@ def ground_imitations(fit: Fit) -> GroundImitations:
     gram = (errors.jacobian[:n] / size).T @ (errors.jacobian[:n] / size)
     names = list(model.names)
     springs = [names.index(group.called(GROUND)) for group in model.groups]
-    fitted = [names.index(name) for name in fit.model.names] + list(range(len(names), size.size))
+    kept = [names.index(name) for name in fit.model.names if name in names]
+    fitted = [*kept, *range(len(names), size.size)]
     std = []
     for spring in springs:
         beside = [k for k in fitted if k != spring]

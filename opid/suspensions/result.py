@@ -284,13 +284,20 @@ class Identification:
 
     @cached_property
     def paper_chain(self) -> PaperChain:
-        """The steps of the paper on the runs of one gear, with the law that was found, for figures beside it."""
+        """The steps of the paper on the runs of one gear, with the law that was found, for figures beside it.
+
+        Raises:
+            InputError: channels that are no pair for the paper's chain, or runs that are too short for it.
+        """
         from opid.suspensions.paper.chain import compute_chain
 
         fit = self.evidence[0].fit
+        law, inverse_mass = fit.laws[fit.model.groups[0].name], fit.model.inverse_mass(fit.theta)
+        if self.is_refused:  # a fit that is refused says nothing of the force
+            law, inverse_mass = LINEAR, 0.0
         return compute_chain(
             self.study,
-            law_per_mass=fit.laws[fit.model.groups[0].name],
-            inverse_mass=fit.model.inverse_mass(fit.theta) if fit.model.mass_free else 0.0,
+            law_per_mass=law,
+            inverse_mass=inverse_mass if fit.model.mass_free else 0.0,
             ground=self.options.ground,
         )

@@ -213,8 +213,13 @@ class DrivenRun:
             self._splines[source, integrals] = interpolate.make_interp_spline(
                 time, self._column(source, integrals), k=5
             )
-        delayed = np.clip(time + lag_s, 0.0, time[-1])
-        return self._taken(side, self._splines[source, integrals](delayed, order))
+        delayed = time + lag_s
+        held = np.clip(delayed, 0.0, time[-1])
+        samples = self._splines[source, integrals](held, order)
+        if order:
+            # beyond the ends the record is held, and a lag moves nothing
+            samples[held != delayed] = 0.0
+        return self._taken(side, samples)
 
     def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
         name, place = source

@@ -239,8 +239,8 @@ def judged(found: Found, question: Question) -> Found:
         return found
     settings = fit.model.settings
     problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
-    model = fit.model.coarse
-    coarse = fit if model is fit.model else fit_model(model, fit.theta, least_promise=settings.fit.promise_in_search)
+    coarse = _thinned(fit)
+    model = coarse.model
     method = next((step.method for step in reversed(found.ladder) if step.fit.law_name == fit.law_name), "pursuit")
     ladder: Ladder = (LawStep(coarse, True, method),)
     if not question.law_is_given:
@@ -251,7 +251,9 @@ def judged(found: Found, question: Question) -> Found:
             best = min(smaller, key=lambda step: step.fit.bic)
             again = refit(coarse, best.fit.laws, least_promise=settings.fit.promise_in_search)
             ladder = (*([] if again is None else [LawStep(again, False, best.method)]), *ladder)
-        ladder = add_neighbours(problem, ladder, kinds=question.kinds or library())
+        if len(fit.model.groups) == 1:
+            # of several suspensions a reader asks for the structure first, and each further fit is long
+            ladder = add_neighbours(problem, ladder, kinds=question.kinds or library())
     ladder = judge_by_left_out(problem, ladder)
     best_fit = chosen(ladder).fit
     if best_fit.law_name != fit.law_name:
@@ -262,6 +264,17 @@ def judged(found: Found, question: Question) -> Found:
     tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in told]
     story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _thinned(fit: Fit) -> Fit:
+    """The fit at a coarse rate; as it is where the body moves too fast for that."""
+    model, known = fit.model.coarse, fit.model.settings.fit
+    if model is fit.model or fastest_rate(fit.model, fit.theta) > known.fastest * model.runs[0].fs:
+        return fit
+    try:
+        return fit_model(model, fit.theta, least_promise=known.promise_in_search)
+    except NO_FIT:
+        return fit
 
 
 def _without_laws(model: Model, theta: FloatArray) -> FloatArray:

@@ -138,7 +138,7 @@ class SearchSettings:
         first_order_error: the error that columns promise may be wrong by this fraction: laws are fitted that promise
             less than is asked for by so much.
         n_refitted: laws fitted in a round.
-        n_rounds: rounds.
+        n_rounds: at the most; in each the law may change by a step.
         most_terms: of the law of one suspension.
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
@@ -217,7 +217,7 @@ class IntervalSettings:
             1 of 1000 runs.
         n_bands: of the band in which a residual is looked at for where it stands out.
         bootstrap_s: blocks of time that are resampled.
-        n_bootstrap: resamples.
+        n_bootstrap: resamples: deviations by so many scatter by 7 %.
         equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
         largest_noise_ratio: the noise below and on the body differs at most so much.
         least_noise_gain: equal noise is kept unless another ratio raises the log likelihood by this.
@@ -271,6 +271,16 @@ class SurfaceSettings:
 @dataclass(frozen=True)
 class Settings:
     """All of them.
+
+    Args:
+        verdicts: what is called explained, doubtful and refused.
+        runs: how runs are prepared.
+        start: of the equation of motion that start values come from.
+        fit: of the least squares.
+        search: of laws.
+        faults: that may be let in.
+        intervals: and what is said of them.
+        surface: of the force without a law.
 
     >>> from dataclasses import replace
     >>> stricter = replace(Settings(), verdicts=Verdicts(refused=10.0))

@@ -122,12 +122,14 @@ class Run:
         loading: what it carries more than the reference, empty for the reference; for one gear a number will do, kg,
             negative if mass was removed.
         findings: what is to be said of the logs that it was taken from; of the recording itself that is found later.
+        log: the file that it was read from without a study file; None where it came otherwise.
     """
 
     name: str
     recording: Recording
     loading: tuple[PointMass, ...] | float = ()
     findings: tuple[Finding, ...] = ()
+    log: Path | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.loading, (int, float)):

@@ -149,7 +149,8 @@ def study_from_logs(
         sources = {
             channel: Source(Path(path), ChannelSettings(channel)) for channel in dict.fromkeys((unsprung, sprung))
         }
-        runs.append(run_from_files(RunFiles(name, sources, float(change)), progress=progress))
+        run = run_from_files(RunFiles(name, sources, float(change)), progress=progress)
+        runs.append(replace(run, log=Path(path)))
     return study_of_gear(title, sprung=sprung, unsprung=unsprung, runs=at_one_rate(runs))
 
 

@@ -99,6 +99,8 @@ _BODY_LEAK = {
     "tolerance": _NUMBER,
 }
 
+_OF_A_SENSOR = "[channels.NAME] of a sensor of an interface or of the body"
+
 
 def is_body_study(document: Mapping[str, Any]) -> bool:
     """Return whether a study file is about a body on several suspensions: it has [[interfaces]].
@@ -133,6 +135,7 @@ def _body_faults(document: Document) -> Iterator[str]:
         yield f"'sensors' in the study is {document['sensors']!r}, give tables [[sensors.leak]]"
     if isinstance(document.get("channels"), dict):
         yield from _channel_faults("channels", document["channels"])
+        yield from _useless_facts("channels", document["channels"], _sensors_named(document), _OF_A_SENSOR)
     for number, entry in _tables(document, "interfaces"):
         yield from _interface_faults(number, entry)
     for number, entry in _tables(document, "body_sensors"):
@@ -266,7 +269,14 @@ def _run_faults(number: int, entry: Any) -> Iterator[str]:
         yield from _loading_faults(where, entry["loading"])
     if isinstance(entry.get("channels"), dict):
         yield from _channel_faults("runs.channels", entry["channels"])
-        yield from _useless_facts("runs.channels", entry["channels"], ())
+        yield from _useless_facts("runs.channels", entry["channels"], (), _OF_A_SENSOR)
+
+
+def _sensors_named(document: Document) -> list[str]:
+    """Channels that the tables of a body call sensors."""
+    named = (("interfaces", "sprung"), ("interfaces", "unsprung"), ("body_sensors", "channel"))
+    entries = [(entry, key) for name, key in named for _, entry in _tables(document, name) if isinstance(entry, dict)]
+    return [entry[key] for entry, key in entries if isinstance(entry.get(key), str)]
 
 
 def _loading_faults(where: str, rows: Sequence[Any]) -> Iterator[str]:
@@ -355,12 +365,17 @@ def _channel_faults(where: str, entries: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name!r} in [{where}] is {entry!r}, give the name of a channel, its number or a table"
 
 
-def _useless_facts(where: str, entries: Mapping[str, Any], known: Sequence[str]) -> Iterator[str]:
-    """Facts of sensors where nothing would come of them."""
+def _useless_facts(
+    where: str,
+    entries: Mapping[str, Any],
+    known: Sequence[str],
+    right: str = "[channels.sprung] or [channels.unsprung]",
+) -> Iterator[str]:
+    """Facts of sensors where nothing would come of them, and where they would be right."""
     for name, entry in entries.items():
         for key in SENSOR_KEYS if isinstance(entry, dict) and name not in known else ():
             if key in entry:
-                yield f"{key!r} stands in [{where}.{name}], give it in [channels.sprung] or [channels.unsprung]"
+                yield f"{key!r} stands in [{where}.{name}], give it in {right}"
 
 
 def _sensor_faults(sensors: Mapping[str, Any]) -> Iterator[str]:

@@ -91,7 +91,7 @@ def why_no_mass(study: Study, parts: Sequence[Fitted], covariances: Sequence[Flo
     pairs = list(zip(parts, covariances, strict=True))
     loose = [part for part, covariance in pairs if _is_loose(mass_of(part.fit, covariance), verdicts)]
     if study.is_one_gear:
-        return _why_no_mass_of_gear(study, parts[0].fit, covariances[0], bool(loose))
+        return _why_no_mass_of_gear(study, parts[0].fit, covariances[0], bool(loose), ratio)
     if not loose:
         return None
     if ratio > verdicts.doubtful:
@@ -129,7 +129,7 @@ def _why_no_scale(study: Study) -> str:
     )
 
 
-def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loose: bool) -> str | None:
+def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loose: bool, ratio: float) -> str | None:
     changes = [run.mass_change_kg for run in study.runs]
     place, mu = fit.model.names.index("inverse_mass"), fit.value("inverse_mass")
     std, largest = float(np.sqrt(max(covariance[place, place], 0.0))), max(changes) - min(changes)
@@ -137,6 +137,12 @@ def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loos
         return (
             f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "
             "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"
+        )
+    if is_loose and ratio > fit.model.settings.verdicts.doubtful:
+        return (
+            f"the fitted model leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs: this "
+            "gear may not be alone on its body, which rolls and pitches on others (then describe all of them in "
+            "[[interfaces]]), or the channels, the law or the mass changes are not as stated"
         )
     if is_loose:
         upper = mu + 1.96 * std
@@ -300,6 +306,7 @@ class Answer:
         stiffness: K of the first interface.
         ground: of the first interface.
         loose: motions whose inertia is hardly told.
+        per_mass: whether forces are told per kg of the body.
         is_refused: whether no number is told.
         mended_spikes: below and on the body.
     """
@@ -315,6 +322,7 @@ class Answer:
     stiffness: Estimate
     ground: Estimate
     loose: Sequence[str]
+    per_mass: bool
     is_refused: bool
     mended_spikes: tuple[int, int]
 
@@ -508,8 +516,9 @@ def _of_the_ground(answer: Answer) -> Iterator[str]:
     sentences = answer.evidence[0].ground.sentences
     imitations = "; ".join(sentences) or "none of the usual faults of the sensors looks much like it"
     yield (
-        f"the ground spring K3 = {ground.value:.3g} N/m differs from zero, yet a free aircraft has none: faults of the "
-        f"sensors were tried beside it and explain the runs less well; for comparison, {imitations}"
+        f"the ground spring K3 = {ground.value:.3g} N/m{' per kg' * answer.per_mass} differs from zero, yet a free "
+        "aircraft has none: faults of the sensors were tried beside it and explain the runs less well; for comparison, "
+        f"{imitations}"
     )
 
 

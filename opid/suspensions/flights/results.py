@@ -227,7 +227,7 @@ def _flight(file: Path, name: str) -> Flight:
         raise InputError(f"{file} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
     try:
         day = document.get("date")
-        body = document.get("structure")
+        body = _structure(document)
         values, laws = _of_one_gear(document) if body is None else _of_body(document)
         return Flight(
             name,
@@ -252,6 +252,12 @@ def _flight(file: Path, name: str) -> Flight:
 # ---- what a file holds -----------------------------------------------------------------------------
 
 Found = tuple[dict[Quantity, Estimate], dict[str, tuple[str, ...]]]
+
+
+def _structure(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """What is told of the structure of a body; None of one gear, which is itself."""
+    structure: Mapping[str, Any] | None = document.get("structure")
+    return None if structure is None or structure.get("is_one_gear", False) else structure
 
 
 def _of_one_gear(document: Mapping[str, Any]) -> Found:
@@ -302,7 +308,7 @@ def _amplitudes(
 
 def _doubt(document: Mapping[str, Any]) -> str:
     """Why a result has no values, none but ratios, or no intervals: its own sentence, without brackets and advice."""
-    reason, structure = document.get("not_determined"), document.get("structure") or {}
+    reason, structure = document.get("not_determined"), _structure(document) or {}
     if reason:
         short = re.split(r"[:;] ", re.sub(r" \([^()]*\)", "", str(reason)))[0]
         return f"it is not determined ({short})"

@@ -14,6 +14,7 @@ from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.result import Identification
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
 from opid.suspensions.visited_force import VisitedForce
@@ -82,6 +83,16 @@ class PaperIdentification:
         return self.restoring_force.per_mass
 
     @property
+    def paper_chain(self) -> PaperChain:
+        """The steps of the paper, as other results call them."""
+        return self.chain
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether no number of the joint fit is told."""
+        return self.method != "paper" and self.residual_over_noise > self.settings.refused
+
+    @property
     def residual_over_noise(self) -> float:
         """The noise that would explain the residual of the joint fit over the sensors' own noise."""
         return self.joint.noise_m_per_s2 / max(self.chain.noise_floor_m_per_s2, 1e-12)
@@ -95,3 +106,7 @@ class PaperIdentification:
     def alternative_laws(self) -> tuple[str, ...]:
         """Which other laws explain the runs as well, a sentence each."""
         return alternatives(self.ladder, SearchSettings(alike_bic=self.settings.bic_margin))
+
+
+AnyIdentification = Identification | PaperIdentification
+"""What `identify` returns: the driven model's answer, or that of the paper's chain."""

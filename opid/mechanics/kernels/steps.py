@@ -1,25 +1,22 @@
-"""The time steps as plain functions of numbers and arrays, for `opid.mechanics.kernels` to compile.
-
-Nothing here is called as it stands: `_evaluate` is the choice among the kinds of law, which the compiler puts in.
-"""
+"""Forces of laws and sliders, and the time steps of a structure, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
 
-
-def _evaluate(code, z, v, a, b):  # type: ignore[no-untyped-def]
-    """Stands for what `_evaluation` returns."""
-    raise NotImplementedError
+from opid.mechanics.kernels.choice import evaluate
+from opid.mechanics.kernels.compilation import kernel, part
 
 
+@part(inline=True)
 def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
     total = 0.0
     for row in range(first, last):
-        total += values[row, 0] * _evaluate(codes[row], z, v, values[row, 1], values[row, 2])[0]
+        total += values[row, 0] * evaluate(codes[row], z, v, values[row, 1], values[row, 2])[0]
     return total
 
 
+@part(inline=True, freedom="any order")
 def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untyped-def]
     """Force of Jenkins elements; their sliders stand where they stood when the step began."""
     total = 0.0
@@ -33,6 +30,7 @@ def _slider_force(sliders, first, last, positions, z):  # type: ignore[no-untype
     return total
 
 
+@part(inline=True)
 def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
     """Drag along the sliders whose springs carry more than they can."""
     directions, spans, _, _, _, sliders = joints
@@ -48,6 +46,7 @@ def _move_sliders(joints, x, positions):  # type: ignore[no-untyped-def]
             positions[begin + k] = high if place > high else place
 
 
+@part(inline=True, freedom="any order")
 def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     total = 0.0
     # max, and counting from 0: the compiler then knows that no place counts from the end, and takes several at once
@@ -57,6 +56,7 @@ def _dot(matrix, row, first, last, x):  # type: ignore[no-untyped-def]
     return total
 
 
+@part(inline=True, freedom="any order")
 def _dot_of_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-def]
     total = 0.0
     begin = max(0, first)
@@ -65,6 +65,7 @@ def _dot_of_two(one, other, row, first, last, x, v):  # type: ignore[no-untyped-
     return total
 
 
+@part(inline=True)
 def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-def]
     """out = inputs forces, at one half step."""
     for i in range(out.size):
@@ -74,6 +75,7 @@ def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-de
         out[i] = total
 
 
+@part(inline=True)
 def _accelerate(matrices, joints, drive, positions, x, v, out):  # type: ignore[no-untyped-def]
     """out = drive - stiffness x - damping v - sum_j loads_j (K_j z + C_j w + f_j(z, w) + sliders_j), z = d_j x.
 
@@ -95,6 +97,7 @@ def _accelerate(matrices, joints, drive, positions, x, v, out):  # type: ignore[
             out[begin + i] -= loads[j, begin + i] * force
 
 
+@kernel()
 def _force_many(codes, values, z, v):  # type: ignore[no-untyped-def]
     force = np.empty(z.size)
     for k in range(force.size):
@@ -108,6 +111,7 @@ _STAGE_WEIGHT = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
 
 
+@kernel()
 def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0):  # type: ignore[no-untyped-def]
     n_steps = forces.shape[0] // 2
     n_samples = n_steps // steps_per_sample + 1
@@ -146,6 +150,7 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
     return displacement, velocity, acceleration, positions
 
 
+@part(inline=True)
 def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
     """Force of joint i, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
@@ -158,7 +163,7 @@ def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-u
     place += 3
     for row in range(firsts[i], firsts[i + 1]):
         amplitude = values[row, 0]
-        shape, shape_z, shape_v, first, second = _evaluate(codes[row], z, v, values[row, 1], values[row, 2])
+        shape, shape_z, shape_v, first, second = evaluate(codes[row], z, v, values[row, 1], values[row, 2])
         total += amplitude * shape
         slope_z += amplitude * shape_z
         slope_v += amplitude * shape_v
@@ -171,6 +176,7 @@ def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-u
     return total, slope_z, slope_v, place
 
 
+@part(inline=False)
 def _places(joints):  # type: ignore[no-untyped-def]
     """Where the own parameters of each interface begin (k, c, g and those of its law)."""
     _, firsts, _, n_inner, _ = joints

@@ -1,17 +1,11 @@
-"""Newton's method for a backbone, condensed on the joints, as plain functions of numbers and arrays.
-
-Nothing here is called as it stands: `opid.mechanics.kernels` compiles it, and puts in `_evaluate`, the choice of kinds.
-"""
+"""Newton's method for a backbone, condensed on the joints, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
 
-
-def _evaluate(code, z, v, a, b):  # type: ignore[no-untyped-def]
-    """Stands for what `_evaluation` returns."""
-    raise NotImplementedError
-
+from opid.mechanics.kernels.choice import evaluate
+from opid.mechanics.kernels.compilation import kernel, part
 
 # the relative step after which Newton's method stops: the error it leaves is about its square
 _SMALL_STEP = 1e-8
@@ -26,6 +20,7 @@ _FARTHEST_EXTENSION = 0.2
 _LEAST_TRAVEL = 1e-30
 
 
+@part(inline=False)
 def _power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
     """First harmonic of sums of c |z|^(p-1) z for one harmonic: c beta_p |z|^(p-1) z, and its slope."""
     first_rows, last_rows, _, powers, values, factors = law
@@ -52,6 +47,7 @@ def _power_forces(law, sample, z, force, slope):  # type: ignore[no-untyped-def]
         slope[j, 0, 0] = by_z
 
 
+@part(inline=True, freedom="any order")
 def _weighted_sum(weights, row, values):  # type: ignore[no-untyped-def]
     total = 0.0
     for t in range(values.size):
@@ -59,6 +55,7 @@ def _weighted_sum(weights, row, values):  # type: ignore[no-untyped-def]
     return total
 
 
+@part(inline=True, freedom="any order")
 def _motion_of_joint(z, n_joints, j, cosines, motion):  # type: ignore[no-untyped-def]
     for t in range(motion.size):
         total = 0.0
@@ -67,6 +64,7 @@ def _motion_of_joint(z, n_joints, j, cosines, motion):  # type: ignore[no-untype
         motion[t] = total
 
 
+@part(inline=True)
 def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: ignore[no-untyped-def]
     """Add one term of a law at all times of a period; the powers apart, which are taken several at once."""
     for t in range(motion.size):
@@ -80,7 +78,7 @@ def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: igno
         elif power == 5:
             tangent = amplitude * z * z * z * z
         else:
-            shape, by_z, _, _, _ = _evaluate(code, z, 0.0, a, b)
+            shape, by_z, _, _, _ = evaluate(code, z, 0.0, a, b)
             force[t] += amplitude * shape
             slope[t] += amplitude * by_z
             continue
@@ -88,6 +86,7 @@ def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: igno
         slope[t] += power * tangent
 
 
+@part(inline=False)
 def _transformed_forces(law, sample, transform, z, force, slope, work):  # type: ignore[no-untyped-def]
     """Harmonics of the forces, and their slopes by the harmonics of the extensions, from times of a period."""
     first_rows, last_rows, codes, powers, values, _ = law
@@ -108,6 +107,7 @@ def _transformed_forces(law, sample, transform, z, force, slope, work):  # type:
                 slope[j, k, other] = _weighted_sum(products, k * n_harmonics + other, slope_then)
 
 
+@part(inline=False)
 def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[no-untyped-def]
     """Sums over modes of products / (l_i - h^2 l), and of products / (l_i - h^2 l)^2."""
     for c in range(once.size):
@@ -121,6 +121,7 @@ def _receptance(eigenvalue, products, square, at, once, twice):  # type: ignore[
             twice[c] += products[i, c] * squared
 
 
+@part(inline=False)
 def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  # type: ignore[no-untyped-def]
     """Newton's matrix with, in its last column, the equations' values; the unknowns are z_h and the eigenvalue.
 
@@ -167,6 +168,7 @@ def _fill(system, harmonics, amplitude, y, force, slope, once, twice, matrix):  
             matrix[n - 1, n - 1] = (-seen / at + (own[0] / at - 1.0) * seen_slope) / own[1]
 
 
+@part(inline=False)
 def _eliminate(matrix):  # type: ignore[no-untyped-def]
     """Solve in place, with pivots; the solution is the last column. False where the matrix is singular."""
     n = matrix.shape[0]
@@ -192,6 +194,7 @@ def _eliminate(matrix):  # type: ignore[no-untyped-def]
     return True
 
 
+@part(inline=False)
 def _newton(system, harmonics, law, sample, transform, amplitude, share, y, rooms):  # type: ignore[no-untyped-def]
     """Move y to a solution for a share of the law and leave its forces in the rooms; False where there is none near."""
     force, slope, once, twice, matrix, work, moved = rooms
@@ -238,6 +241,7 @@ def _newton(system, harmonics, law, sample, transform, amplitude, share, y, room
     return False
 
 
+@part(inline=False)
 def _predict(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-untyped-def]
     """Extrapolate z / A and the eigenvalue by the polynomial through the last (at most three) points."""
     for k in range(y.size):
@@ -253,6 +257,7 @@ def _predict(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-u
         y[k] *= amplitude
 
 
+@part(inline=False)
 def _remember(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-untyped-def]
     """Put a point in front of the others and return how many there are."""
     for known in range(min(n_known, 2), 0, -1):
@@ -266,6 +271,7 @@ def _remember(places, ratios, n_known, place, amplitude, y):  # type: ignore[no-
     return min(n_known + 1, 3)
 
 
+@part(inline=False)
 def _march(system, harmonics, law, sample, transform, known, n_known, goal, held, y, rooms):  # type: ignore[no-untyped-def]
     """Go from the last known point to a goal, in smaller steps where needed, and return how many points are known.
 
@@ -301,6 +307,7 @@ def _march(system, harmonics, law, sample, transform, known, n_known, goal, held
     return n_trial
 
 
+@part(inline=False)
 def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[no-untyped-def]
     """First harmonic at all sensors."""
     own, _, others, _, _, _ = system
@@ -322,6 +329,7 @@ def _shapes(system, sensors, amplitude, y, force, first, seen):  # type: ignore[
         seen[s] += own_sensors[s] * q
 
 
+@kernel()
 def _backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: ignore[no-untyped-def]
     """Eigenvalue, shapes and extensions (harmonic by harmonic) of all samples at all amplitudes, which grow."""
     own, own_joints, _, others_products, _, _ = system

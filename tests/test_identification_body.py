@@ -8,23 +8,27 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from body_runs import NOISE, aircraft, gears_apart, one_track, short_runs, study
+from law_runs import logs_of
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.airframe import Loading
 from opid.mechanics.landing_gear import LandingGear
 from opid.signals.recording import Channel, Recording
-from opid.suspensions import candidates as candidates_module
-from opid.suspensions import doubts, identification
+from opid.suspensions import driven_laws, identification
+from opid.suspensions import warnings as doubts
 from opid.suspensions.candidates import Fitted, groups_of
-from opid.suspensions.doubts import mass_doubt
-from opid.suspensions.identification import identify_body
+from opid.suspensions.identification import identify
 from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS
-from opid.suspensions.structure import ImpossibleBodyError
+from opid.suspensions.settings import Settings
 from opid.suspensions.study import (
     BodySensor,
+    MeasuredInterface,
     PointMass,
-    symmetric_pairs,
+    Run,
+    StructureSettings,
+    Study,
+    study_of_gear,
 )
 
 LAW = "arctan_velocity"
@@ -42,7 +46,7 @@ def candidates(found, kind):
 @pytest.fixture(scope="module")
 def compared():
     """All structures on the runs of the aircraft."""
-    return identify_body(study("auto"), law=LAW)
+    return identify(study("auto"), law=LAW)
 
 
 def test_the_rigid_body_is_recommended_on_an_aircraft(compared):
@@ -56,8 +60,8 @@ def test_the_rigid_body_is_recommended_on_an_aircraft(compared):
     rigid = compared.candidates[4]
     assert rigid.explains
     assert rigid.left_out_over_noise == pytest.approx(1.0, abs=0.1)
-    assert compared.diagnostics["why"].startswith("one rigid body leaves ")
-    assert "each gear alone leaves" in compared.diagnostics["why"]
+    assert compared.why.startswith("one rigid body leaves ")
+    assert "each gear alone leaves" in compared.why
 
 
 def test_its_numbers_are_those_of_the_aircraft(compared):
@@ -91,12 +95,12 @@ def test_what_is_left_of_each_run_is_shown(compared):
         assert np.mean(run.residual**2) == pytest.approx(1.0, abs=0.1)
         assert run.measured.shape == run.predicted.shape == (3, run.time_s.size)
         assert np.std(run.measured - run.predicted) < 3 * NOISE
-    assert all(compared.diagnostics["white"])
-    assert compared.diagnostics["law"] == LAW
+    assert compared.evidence[0].whiteness.white
+    assert compared.options.law == LAW
 
 
 def test_gears_that_stand_alone_are_told_from_an_aircraft():
-    found = identify_body(study("auto", runs=gears_apart()), law=LAW)
+    found = identify(study("auto", runs=gears_apart()), law=LAW)
     assert found.structure == "single"
     assert [each.recommended for each in found.candidates] == [True] * 3 + [False, False]
     assert all(each.explains for each in candidates(found, "single"))
@@ -109,7 +113,7 @@ def test_gears_that_stand_alone_are_told_from_an_aircraft():
 
 
 def test_one_loading_gives_ratios_and_a_sentence(compared):
-    found = identify_body(study(runs=short_runs()[:1]), law=LAW)
+    found = identify(study(runs=short_runs()[:1]), law=LAW)
     true = aircraft()
     assert found.not_determined.startswith(
         "one run gives ratios to the mass alone: record a second one with a known mass"
@@ -128,17 +132,19 @@ def test_one_loading_gives_ratios_and_a_sentence(compared):
     assert ratio.std / ratio.value < absolute.std / absolute.value
 
 
-def test_runs_of_one_loading_are_told_from_a_single_run(compared):
-    part = SimpleNamespace(found=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
-    twice = SimpleNamespace(runs=(compared.runs[0], compared.runs[0]))
-    assert mass_doubt(twice, [part], [None], 1.0).startswith("all runs have the same loading: only ratios to the mass")
+def test_runs_of_one_loading_are_told_from_a_single_run():
+    part = SimpleNamespace(settings=Settings(), fit=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
+    twice = study(runs=tuple(replace(run, loading=()) for run in short_runs()))
+    assert doubts.why_no_mass(twice, [part], [None], 1.0).startswith(
+        "all runs have the same loading: only ratios to the mass"
+    )
 
 
 def test_a_run_of_a_few_seconds_is_refused():
     given = study()
     short = replace(given.runs[0], recording=given.runs[0].recording.section(0.0, 4.0))
     with pytest.raises(InputError, match="run 'light' lasts 4 s: give at least 10 s"):
-        identify_body(replace(given, runs=(short, *given.runs[1:])))
+        identify(replace(given, runs=(short, *given.runs[1:])))
 
 
 def test_noise_that_is_not_stated_and_a_low_rate_are_told():
@@ -147,16 +153,16 @@ def test_noise_that_is_not_stated_and_a_low_rate_are_told():
         replace(run, recording=replace(run.recording, samples=run.recording.samples[::4], fs=64.0))
         for run in given.runs
     )
-    part = SimpleNamespace(noise=0.0053)
-    told = list(doubts._of_the_record(replace(given, runs=slow), [part]))
+    part = SimpleNamespace(level=0.0053, settings=Settings())
+    told = list(doubts._of_the_record(SimpleNamespace(study=replace(given, runs=slow), parts=[part])))
     assert told[0].startswith("the noise of the sensors, 5.3 mm/s^2, is taken from their quietest spectra")
     assert told[1].startswith("the runs are sampled at 64 Hz, and compared up to 25.6 Hz")
-    assert not list(doubts._of_the_record(study(), [part]))
+    assert not list(doubts._of_the_record(SimpleNamespace(study=study(), parts=[part])))
 
 
 def test_a_loading_that_moves_nothing_does_not_give_the_mass():
     runs = short_runs(loads=(Loading(1.0, 1.0, 0.2),))
-    found = identify_body(study(runs=runs), law=LAW)
+    found = identify(study(runs=runs), law=LAW)
     assert found.structure == "rigid_body"
     assert found.residual_over_noise < 1.2
     assert "the change of loading ('light' +0 kg, 'heavy' +1 kg) moves too little" in found.not_determined
@@ -184,7 +190,7 @@ def with_loading(*rows):
 
 
 def test_a_loading_of_the_wrong_sign_gives_no_negative_springs():
-    found = identify_body(study(runs=with_loading((-500.0, 1.0, 0.2))), law=LAW)
+    found = identify(study(runs=with_loading((-500.0, 1.0, 0.2))), law=LAW)
     assert found.not_determined == (
         "the mass would be negative: check the sign of the loading ('light' +0 kg, 'heavy' -500 kg), or whether two "
         "runs are exchanged"
@@ -199,7 +205,7 @@ def test_a_loading_of_the_wrong_sign_gives_no_negative_springs():
 def test_runs_that_are_exchanged_are_told():
     light, heavy = short_runs()
     exchanged = (replace(light, recording=heavy.recording), replace(heavy, recording=light.recording))
-    found = identify_body(study(runs=exchanged), law=LAW)
+    found = identify(study(runs=exchanged), law=LAW)
     assert found.not_determined.startswith("the mass would be negative")
     assert found.not_determined.endswith("whether two runs are exchanged")
     assert found.per_mass
@@ -213,7 +219,7 @@ def test_a_sensor_that_is_upside_down_is_refused_and_the_worst_one_named():
         samples[:, run.recording.names.index("left_upper_z")] *= -1
         recording = Recording(samples, fs=run.recording.fs, channels=run.recording.channels)
         runs.append(replace(run, recording=recording))
-    found = identify_body(study(runs=tuple(runs)), law="linear")
+    found = identify(study(runs=tuple(runs)), law="linear")
     assert re.search(r"times the sensors' noise; most at '\w+_upper_z': \d+, the others \d+", found.not_determined)
     assert "upside down, in another unit" in found.not_determined
     assert all(each.stiffness == Estimate() for each in found.interfaces)
@@ -222,7 +228,7 @@ def test_a_sensor_that_is_upside_down_is_refused_and_the_worst_one_named():
 
 
 def test_a_loading_in_tonnes_is_asked_about():
-    found = identify_body(study(runs=with_loading((0.5, 1.0, 0.2))), law=LAW)
+    found = identify(study(runs=with_loading((0.5, 1.0, 0.2))), law=LAW)
     assert found.warnings == (
         "the scale rests on +0.5 kg at (1, 0.2) m, which makes the mass 5.41 kg: loadings are in kg",
     )
@@ -230,7 +236,7 @@ def test_a_loading_in_tonnes_is_asked_about():
 
 def test_a_body_that_does_not_roll_does_not_tell_its_inertia_in_roll():
     """What the search finds is 2 to 90 per cent of it, with a sharp interval: noise explained."""
-    found = identify_body(study(runs=one_track()), law=LAW)
+    found = identify(study(runs=one_track()), law=LAW)
     true = aircraft()
     assert found.not_determined is None
     assert found.residual_over_noise < 1.2
@@ -243,14 +249,14 @@ def test_a_body_that_does_not_roll_does_not_tell_its_inertia_in_roll():
 
 
 def test_inertias_that_rough_places_hide_are_told():
-    found = identify_body(study(runs=short_runs()[:1], position_tolerance_m=0.6), law=LAW)
+    found = identify(study(runs=short_runs()[:1], position_tolerance_m=0.6), law=LAW)
     assert found.ratios["roll_radius_m"] == Estimate()
     assert any("measure the coordinates better" in sentence for sentence in found.warnings)
 
 
 def test_runs_that_do_not_go_together_are_not_recommended(monkeypatch):
-    monkeypatch.setattr(candidates_module, "left_out_level", lambda fit: 1.5 * NOISE)
-    found = identify_body(study(), law=LAW)
+    monkeypatch.setattr(driven_laws, "left_out_ratio", lambda fit: 1.5)
+    found = identify(study(), law=LAW)
     (rigid,) = found.candidates
     assert rigid.residual_over_noise < 1.1
     assert (rigid.left_out_over_noise, rigid.explains, rigid.recommended) == (pytest.approx(1.5), False, False)
@@ -264,11 +270,8 @@ def test_runs_that_do_not_go_together_are_not_recommended(monkeypatch):
 
 
 def test_a_refit_that_fails_does_not_throw_the_fit_away(monkeypatch):
-    def fails(fit):
-        raise ImpossibleBodyError("no body")
-
-    monkeypatch.setattr(candidates_module, "left_out_level", fails)
-    found = identify_body(study(), law=LAW)
+    monkeypatch.setattr(driven_laws, "left_out_ratio", lambda fit: None)
+    found = identify(study(), law=LAW)
     assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
     assert found.candidates[0].left_out_over_noise is None
     assert found.candidates[0].recommended
@@ -276,7 +279,7 @@ def test_a_refit_that_fails_does_not_throw_the_fit_away(monkeypatch):
 
 
 def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
-    found = identify_body(study(runs=short_runs(8.0)), law="linear")
+    found = identify(study(runs=short_runs(8.0)), law="linear")
     assert found.residual_over_noise > 3
     assert not any(each.recommended for each in found.candidates)
     assert "no structure explains these runs" in found.warnings[0]
@@ -289,7 +292,7 @@ def test_loadings_that_were_not_there_are_not_believed():
     """A wrong mass would scale everything and be seen by nobody; a wrong place is seen."""
     runs = short_runs()
     wrong = (runs[0], replace(runs[1], loading=(PointMass(500.0, -1.5, -1.0),)))
-    found = identify_body(study(runs=wrong), law=LAW)
+    found = identify(study(runs=wrong), law=LAW)
     assert found.residual_over_noise > 1.2
     assert not found.candidates[0].recommended
     assert any("wrong coordinates or loadings" in sentence for sentence in found.warnings)
@@ -301,7 +304,7 @@ def test_groups_share_and_places_are_corrected_within_their_tolerance():
     assert [group.slots for group in groups_of(given)] == [(0,), (1, 2)]
     off = replace(given.interfaces[1], sensor_x_m=given.interfaces[1].sensor_x_m + 0.015)
     given = replace(given, interfaces=(given.interfaces[0], off, given.interfaces[2]))
-    found = identify_body(given, law=LAW)
+    found = identify(given, law=LAW)
     nose, left, right = found.interfaces
     assert nose.shared_with == ()
     assert left.shared_with == ("right",)
@@ -323,15 +326,14 @@ def test_a_further_sensor_on_the_body_is_predicted_too():
         channels = (*run.recording.channels, Channel("again", "m/s^2"))
         runs.append(replace(run, recording=Recording(samples, fs=run.recording.fs, channels=channels)))
     given = replace(study(runs=tuple(runs)), sensors=(BodySensor("again", 0.25, 1.4),))
-    found = identify_body(given, law=LAW)
+    found = identify(given, law=LAW)
     assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
     assert found.runs[0].residual.shape[0] == 4
     assert len(found.interfaces) == 3
 
 
 def test_pairs_are_found_by_their_places():
-    assert symmetric_pairs(study()) == [(1, 2)]
-    found = identify_body(study("pair"), law="linear")
+    found = identify(study("pair"), law="linear")
     assert [each.kind for each in found.candidates] == ["pair", "single"]
     assert found.interfaces[1].shared_with == ("right",)
     assert found.not_determined.endswith('these gears do not move alone: try kind = "auto" or "rigid_body"')
@@ -339,34 +341,34 @@ def test_pairs_are_found_by_their_places():
 
 
 def test_where_nothing_can_be_fitted_it_is_said(monkeypatch):
-    def fails(given, arrays, noises, slots, **settings):
-        return Fitted("single", slots, None, (), NOISE, None, "it grows")
+    def fails(task, interfaces):
+        return Fitted("single", interfaces, None, task.noise, task.settings, "it grows")
 
-    monkeypatch.setattr(identification, "fitted_alone", fails)
+    monkeypatch.setattr(identification, "fit_alone", fails)
     with pytest.raises(NotDeterminedError, match="no structure can be fitted to these runs: it grows; it grows"):
-        identify_body(study("single"))
+        identify(study("single"))
 
 
 def test_a_gear_that_cannot_be_fitted_leaves_no_mass_of_the_whole(monkeypatch):
-    real = identification.fitted_alone
+    real = identification.fit_alone
 
-    def fails_at_the_nose(given, arrays, noises, slots, **settings):
-        if slots == (0,):
-            return Fitted("single", slots, None, (), NOISE, None, "it grows")
-        return real(given, arrays, noises, slots, **settings)
+    def fails_at_the_nose(task, interfaces):
+        if interfaces == (0,):
+            return Fitted("single", interfaces, None, task.noise, task.settings, "it grows")
+        return real(task, interfaces)
 
-    monkeypatch.setattr(identification, "fitted_alone", fails_at_the_nose)
-    found = identify_body(study("single", runs=gears_apart()), law=LAW)
+    monkeypatch.setattr(identification, "fit_alone", fails_at_the_nose)
+    found = identify(study("single", runs=gears_apart()), law=LAW)
     assert found.not_determined == "nose cannot be fitted (it grows), so there is no mass of the whole"
     assert found.parameters["sprung_mass_kg"] == Estimate()
-    assert "each gear alone cannot be fitted" in found.diagnostics["why"]
+    assert "each gear alone cannot be fitted" in found.why
     assert [each.name for each in found.interfaces] == ["left", "right"]
     assert found.interfaces[0].stiffness.interval95 is not None
 
 
 def test_an_unknown_law_is_refused():
     with pytest.raises(InputError, match="arctan_velocity"):
-        identify_body(study(), law="arctan_velocty")
+        identify(study(), law="arctan_velocty")
 
 
 def two_gears(*, right_loaded):
@@ -384,7 +386,7 @@ def two_gears(*, right_loaded):
 
 def test_two_interfaces_on_one_line_are_compared_as_gears_alone():
     """kind = "auto" leaves the rigid body out where it cannot be."""
-    found = identify_body(two_gears(right_loaded=True), law=LAW)
+    found = identify(two_gears(right_loaded=True), law=LAW)
     assert {each.kind for each in found.candidates} == {"single", "pair"}
     assert found.structure == "single"
     assert near(found.parameters["sprung_mass_kg"], 2 * GEAR.sprung_mass_kg)
@@ -393,7 +395,7 @@ def test_two_interfaces_on_one_line_are_compared_as_gears_alone():
 
 
 def test_a_load_over_one_gear_says_nothing_of_the_other():
-    found = identify_body(two_gears(right_loaded=False), law=LAW)
+    found = identify(two_gears(right_loaded=False), law=LAW)
     left, right = candidates(found, "single")
     assert near(left.sprung_mass_kg, GEAR.sprung_mass_kg)
     assert right.sprung_mass_kg == Estimate()
@@ -405,3 +407,41 @@ def test_a_load_over_one_gear_says_nothing_of_the_other():
         # the same noise twice on the right: its interval is too narrow
         truth = GEAR.suspension_stiffness_n_per_m / GEAR.sprung_mass_kg
         assert each.stiffness.value == pytest.approx(truth, rel=2e-3)
+
+
+# ---- a gear is an aircraft with one leg ------------------------------------------------------------
+
+
+def test_a_gear_is_a_body_with_one_interface_to_the_last_digit():
+    """The same runs as a study of one gear, and with one table [[interfaces]] at the origin."""
+    logs = [Run(name, *each) for name, each in zip(("heavy", "light"), logs_of(), strict=True)]
+    gear = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=logs)
+    written = Study("taxi", (MeasuredInterface("left", "upper_z", "lower_z"),), logs, StructureSettings("auto"))
+    assert written.is_one_gear
+    one, other = (identify(each) for each in (gear, written))
+    assert one.parameters == other.parameters
+    assert one.ratios == other.ratios
+    assert one.law_estimates == other.law_estimates
+    assert one.warnings == other.warnings
+    np.testing.assert_array_equal(one.evidence[0].fit.theta, other.evidence[0].fit.theta)
+
+
+def test_a_single_gear_of_a_rolling_aircraft_gets_no_mass_and_is_told_that_it_may_not_be_alone():
+    """The left gear of the aircraft, under its share of the load; what it leaves is short of a plain refusal."""
+    logs = [Run(run.name, run.recording, 0.4 * run.mass_change_kg) for run in short_runs()]
+    found = identify(study_of_gear("left", sprung="left_upper_z", unsprung="left_lower_z", runs=logs), law=LAW)
+    assert found.residual_over_noise > 3
+    assert "this gear may not be alone on its body, which rolls and pitches on others" in found.not_determined
+    assert "describe all of them in [[interfaces]]" in found.not_determined
+    assert all(each == Estimate() for each in found.parameters.values())
+    assert any("a gear on a body that rolls or pitches is no gear alone" in each for each in found.warnings)
+    # forces are per kg here, and so is every number in a sentence
+    assert all("N/m per kg" in each for each in found.warnings if "K3 = " in each)
+
+
+def test_ground_springs_of_an_aircraft_that_are_ruled_out_are_zero(compared):
+    found = identify(study(), law=LAW, ground=False)
+    assert [each.ground_stiffness for each in found.interfaces] == [Estimate(0.0)] * 3
+    for each in compared.interfaces:
+        assert each.ground_stiffness.value == 0.0
+        assert 0.0 < each.ground_stiffness.std < 0.02 * each.stiffness.value

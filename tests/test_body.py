@@ -10,7 +10,7 @@ from opid.mechanics.airframe import Loading, airframe_mass, loaded
 from opid.mechanics.laws import law
 from opid.mechanics.structure import Joint, Structure
 from opid.mechanics.virtual_aircraft import default_aircraft
-from opid.suspensions.structure import RIGID, ImpossibleBodyError, mobility, own_body, rigid_body, vertical
+from opid.suspensions.body import RIGID, ImpossibleBodyError, mobility, own_body, rigid_body, vertical
 
 PLACES = [(5.0, 0.0), (0.0, 1.6), (0.0, -1.6)]
 SENSORS = [(5.3, 0.2), (0.25, 1.4), (0.25, -1.4), (-4.0, 0.1)]

@@ -1,0 +1,178 @@
+"""The compiled part of mechanics: the laws on single numbers and the time steps, by numba.
+
+`docs/kernels.md` has the map: which function calls which, and how to add one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.core.errors import NumbaError
+from numpy.typing import NDArray
+
+from opid.errors import InputError
+from opid.mechanics.kernels.backbone_steps import _backbones
+from opid.mechanics.kernels.choice import code_of
+from opid.mechanics.kernels.prediction_steps import _predictions
+from opid.mechanics.kernels.steps import _force_many, _structure_steps
+from opid.mechanics.kinds import Kind
+from opid.mechanics.laws import FloatArray, Law, TermSet
+
+__all__ = [
+    "backbones",
+    "check_compiles",
+    "code_of",
+    "force_kernel",
+    "law_arrays",
+    "predictions",
+    "runge_kutta_4",
+]
+
+
+def law_arrays(*laws: Law | TermSet) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Return laws as the compiled functions take them: one table with the terms of all.
+
+    Args:
+        laws: any laws.
+
+    Returns:
+        The row at which each law begins and, at the end, the number of rows, (n_laws + 1,);
+        the code of each term, (n_terms,), see `code_of`; its values, (n_terms, 3), filled up with ones.
+
+    >>> from opid.mechanics.laws import default_law
+    >>> law_arrays(default_law("arctan_velocity"))
+    (array([0, 1]), array([0]), array([[4.e+02, 2.e-02, 1.e+00]]))
+    """
+    terms = [term for law in laws for term in law.terms]
+    firsts = np.cumsum([0, *(len(law.terms) for law in laws)], dtype=np.int64)
+    codes = np.array([code_of(term.name) for term in terms], dtype=np.int64)
+    # an amplitude and two inner values
+    values = np.ones((len(terms), 3))
+    for row, term in zip(values, terms, strict=True):
+        row[: len(term.values)] = term.values
+    return firsts, codes, values
+
+
+def force_kernel(codes: NDArray[np.int64], values: FloatArray, z: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the force of one law, N, (n,).
+
+    Args:
+        codes: of the terms, as `law_arrays` gives them.
+        values: of the terms.
+        z: (n,) extension, m.
+        v: (n,) its rate, m/s.
+    """
+    return _force_many(codes, values, z, v)
+
+
+def runge_kutta_4() -> Any:
+    """Return the compiled time step of a structure, `opid.mechanics.kernels.steps._structure_steps`.
+
+    It takes (matrices, joints, forces, step_s, steps_per_sample, x, v, positions), as `opid.mechanics.response` makes
+    them, and returns displacement, velocity and acceleration at each sample, (n, n_dof) each, and the sliders'
+    positions after the last.
+    """
+    return _structure_steps
+
+
+def backbones() -> Any:
+    """Return the compiled Newton's method for backbones, `opid.mechanics.kernels.backbone_steps._backbones`.
+
+    It takes (system, sensors, harmonics, law, transform, amplitudes), as `opid.mechanics.backbones` makes them.
+    """
+    return _backbones
+
+
+def predictions(
+    joints: tuple[Any, ...],
+    accelerance: FloatArray,
+    by_mass: FloatArray,
+    reading: FloatArray,
+    by_reading: FloatArray,
+    drive: FloatArray,
+    by_drive: FloatArray,
+    measured: FloatArray,
+    by_measured: FloatArray,
+    step_s: float,
+    start: FloatArray,
+    covariance_start: FloatArray,
+    noise: FloatArray,
+    ground: bool,
+    sensitivity: bool,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return innovation and spread (n_interfaces, n), derivatives of the first, and motion (3, n_interfaces, n).
+
+    Args:
+        joints: stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law
+            (n_interfaces, 4); rows, codes, number of inner values and values of the laws.
+        accelerance: (n_interfaces, n_interfaces), 1/kg.
+        by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
+        reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg.
+        by_reading: (n_directions, n_interfaces, n_interfaces) the same directions of that.
+        drive: (2 n - 1, n_interfaces), m/s^2.
+        by_drive: (2 n - 1, n_directions, n_interfaces) directions of the drive.
+        measured: (n, n_interfaces), m/s^2.
+        by_measured: (n, n_directions, n_interfaces) directions of the measured.
+        step_s: s.
+        start: (n_states,) z, v, [x, w], offset of the drive, offset of the measured, of all interfaces each.
+        covariance_start: (n_states, n_states).
+        noise: (4, n_interfaces) rms of drive and measured, and what their offsets walk in a step, m/s^2.
+        ground: whether x and w are states.
+        sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
+    """
+    n = drive.shape[1]
+    # nothing is corrected where the state is certain and nothing disturbs it
+    correct = bool(covariance_start.any() or noise[[0, 2, 3]].any())
+    # the kernel follows z, v, both offsets, [x - z, w - v]
+    into = np.eye(start.size)
+    if ground:
+        into = into[np.arange(6 * n).reshape(6, n)[[0, 1, 4, 5, 2, 3]].ravel()]
+        into[4 * n :, : 2 * n] = -np.eye(2 * n)
+    # directions last: the innermost loops go over them
+    ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
+    innovation, spread, changes, motion = _predictions(
+        # None, not 1 and not False: numba compiles a kernel of its own for it and leaves out what is behind it
+        None if n == 1 else n,
+        (ground or None) if n == 1 else ground,
+        joints,
+        accelerance,
+        ways[0],
+        reading,
+        ways[1],
+        drive,
+        by_drive,
+        measured,
+        by_measured,
+        step_s,
+        into @ start,
+        into[:, : start.size - 2 * n].copy(),
+        into @ covariance_start @ into.T,
+        noise,
+        correct,
+        sensitivity,
+    )
+    # made sample by sample: rows of a whole record, a power of two apart, would share few places of the cache
+    return innovation, spread, changes.transpose(1, 2, 0), motion
+
+
+def check_compiles(kind: Kind) -> None:
+    """Compile the function of a kind.
+
+    Args:
+        kind: of a user.
+
+    Raises:
+        InputError: numba cannot compile it.
+    """
+    try:
+        values = njit(kind.function, error_model="numpy")(0.001, 0.02, 1.0, 1.0)
+    except NumbaError as error:
+        # the first line only names the step that failed
+        reason = [*str(error).splitlines(), ""][1].strip()
+        raise InputError(
+            f"numba cannot compile the function of {kind.name!r} ({reason}): write it with numpy alone, no helpers"
+        ) from None
+    if len(values) != 5:
+        raise InputError(f"the function of {kind.name!r} returns {len(values)} values: give five")

@@ -1,0 +1,440 @@
+"""Predict, correct, repeat: the filter of `opid.mechanics.prediction`, compiled.
+
+State of n interfaces, n numbers each: z, v, offset of the drive o, offset of the readings r, [d, e]. The last two only
+where a ground spring needs the place of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. With
+b = -A F, z' = v and v' = b - u - o, a sensor reads b + r; one that sits beside its interface reads -R F + r.
+
+A small change y of (z, v) obeys y' = J_s y + (0, c_s) at stage s of a step, J_s = [0, 1; -A kz_s, -A kv_s] with the
+slopes kz, kv of the forces, and the classical Runge-Kutta step is linear in y and c:
+
+    y(next) = T y + sum_s L_s (0, c_s),   L_4 = h/6,  L_3 = h/3 + h L_4 J_4,  L_2 = h/3 + h/2 L_3 J_3,
+                                          L_1 = h/6 + h/2 L_2 J_2,            T = 1 + sum_s L_s J_s.
+
+These matrices are made once a step and serve all parameters and the covariance: the derivatives are those of the steps
+themselves, with the gain of the correction held fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from opid.mechanics.kernels.compilation import kernel, part
+from opid.mechanics.kernels.small_arrays import small_zeros
+from opid.mechanics.kernels.steps import _STAGE_PLACE, _STAGE_STEP, _STAGE_WEIGHT, _joint_force, _places
+
+
+@part(inline=True, freedom="fused")
+def _step_matrices(accelerance, by_z, by_v, step_s, of_acceleration, of_force, transition, work):  # type: ignore[no-untyped-def]
+    """T; what a body acceleration at a stage does to (z, v) after the step, L_s (0, 1); and a joint force, L_s (0, -A).
+
+    From the last stage to the first, one row of L_s J_s in `work` at a time.
+    """
+    n = by_z.shape[1]
+    for row in range(2 * n):
+        for column in range(2 * n):
+            transition[row, column] = 1.0 if row == column else 0.0
+            work[column] = 0.0
+        for stage in range(3, -1, -1):
+            weight, ahead = _STAGE_WEIGHT[stage] * step_s, _STAGE_STEP[stage] * step_s
+            for i in range(n):
+                work[i] = ahead * work[i] + (weight if row == i else 0.0)
+                of_acceleration[stage, row, i] = ahead * work[n + i] + (weight if row == n + i else 0.0)
+            for i in range(n):
+                share = 0.0
+                for k in range(n):
+                    share -= of_acceleration[stage, row, k] * accelerance[k, i]
+                of_force[stage, row, i] = share
+                work[n + i] = work[i] + share * by_v[stage, i]
+                work[i] = share * by_z[stage, i]
+                transition[row, i] += work[i]
+                transition[row, n + i] += work[n + i]
+
+
+@part(inline=True, freedom="fused")
+def _by_offset_and_ground(linear, of_acceleration, of_force, step_s, ground, transition, of_drive):  # type: ignore[no-untyped-def]
+    """What the drive at each half step does to (z, v), by itself and by d of later stages; columns of o, d and e."""
+    n = linear.shape[0]
+    for row in range(2 * n):
+        for i in range(n):
+            g = linear[i, 2]
+            first, second = of_force[0, row, i], of_force[1, row, i]
+            third, fourth = of_force[2, row, i], of_force[3, row, i]
+            of_drive[0, row, i] = -of_acceleration[0, row, i] + 0.25 * step_s * step_s * g * third
+            of_drive[1, row, i] = (
+                -of_acceleration[1, row, i] - of_acceleration[2, row, i] + 0.5 * step_s * step_s * g * fourth
+            )
+            of_drive[2, row, i] = -of_acceleration[3, row, i]
+            transition[row, 2 * n + i] = of_drive[0, row, i] + of_drive[1, row, i] + of_drive[2, row, i]
+            if ground:
+                transition[row, 4 * n + i] = g * (first + second + third + fourth)
+                transition[row, 5 * n + i] = g * step_s * (0.5 * (second + third) + fourth)
+
+
+@part(inline=True, freedom="fused")
+def _carry(transition, ground, moving, resting, carried):  # type: ignore[no-untyped-def]
+    """Add rows z and v of Phi times columns to `carried`; `moving` has rows z and v of them, `resting` the others."""
+    n = transition.shape[0] // 2
+    for row in range(2 * n):
+        for i in range(n):
+            # an offset of the readings moves nothing
+            z, v, o = transition[row, i], transition[row, n + i], transition[row, 2 * n + i]
+            if ground:
+                d, e = transition[row, 4 * n + i], transition[row, 5 * n + i]
+                for c in range(moving.shape[1]):
+                    of_ground = d * resting[2 * n + i, c] + e * resting[3 * n + i, c]
+                    carried[row, c] += z * moving[i, c] + v * moving[n + i, c] + o * resting[i, c] + of_ground
+            else:
+                for c in range(moving.shape[1]):
+                    carried[row, c] += z * moving[i, c] + v * moving[n + i, c] + o * resting[i, c]
+
+
+@part(inline=True, freedom="fused")
+def _carry_ground(step_s, n, resting):  # type: ignore[no-untyped-def]
+    """Put rows d and e of Phi times columns in place of those in `resting`: d' = e, e' = o."""
+    for i in range(n):
+        for c in range(resting.shape[1]):
+            e, o = resting[3 * n + i, c], resting[i, c]
+            resting[2 * n + i, c] += step_s * (e + 0.5 * step_s * o)
+            resting[3 * n + i, c] = e + step_s * o
+
+
+@part(inline=True, freedom="any order")
+def _dot_of_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for s in range(one.shape[1]):
+        total += one[row, s] * other[other_row, s]
+    return total
+
+
+@part(inline=True, freedom="fused")
+def _carry_covariance(transition, step_s, ground, noise, covariance, product):  # type: ignore[no-untyped-def]
+    """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step."""
+    n_states, n = covariance.shape[0], noise.shape[1]
+    for row in range(2 * n):
+        for s in range(n_states):
+            product[row, s] = 0.0
+    _carry(transition, ground, covariance[: 2 * n], covariance[2 * n :], product)
+    for row in range(2 * n):
+        for q in range(row + 1):
+            total = _dot_of_rows(product, row, transition, q)
+            for i in range(n):
+                total += noise[0, i] ** 2 * transition[row, 2 * n + i] * transition[q, 2 * n + i]
+            covariance[row, q] = covariance[q, row] = total
+    if ground:
+        _carry_ground(step_s, n, covariance[2 * n :])
+        for i in range(n):
+            variance = noise[0, i] ** 2
+            for row in range(2 * n):
+                o = product[row, 2 * n + i] + variance * transition[row, 2 * n + i]
+                product[row, 4 * n + i] += step_s * (product[row, 5 * n + i] + 0.5 * step_s * o)
+                product[row, 5 * n + i] += step_s * o
+            for s in range(2 * n, n_states):
+                e, o = covariance[s, 5 * n + i], covariance[s, 2 * n + i]
+                covariance[s, 4 * n + i] += step_s * (e + 0.5 * step_s * o)
+                covariance[s, 5 * n + i] = e + step_s * o
+            covariance[4 * n + i, 4 * n + i] += 0.25 * variance * step_s**4
+            covariance[4 * n + i, 5 * n + i] += 0.5 * variance * step_s**3
+            covariance[5 * n + i, 4 * n + i] += 0.5 * variance * step_s**3
+            covariance[5 * n + i, 5 * n + i] += variance * step_s**2
+    for row in range(2 * n):
+        for s in range(2 * n, n_states):
+            covariance[row, s] = covariance[s, row] = product[row, s]
+    for i in range(n):
+        covariance[2 * n + i, 2 * n + i] += noise[2, i] ** 2
+        covariance[3 * n + i, 3 * n + i] += noise[3, i] ** 2
+
+
+@part(inline=True, freedom="fused")
+def _balance(step_s, tied, transition):  # type: ignore[no-untyped-def]
+    """The transition with z + tied d in place of z."""
+    n = tied.size
+    for i in range(n):
+        transition[i, 2 * n + i] += 0.5 * step_s * step_s * tied[i]
+        transition[i, 4 * n + i] += tied[i]
+        transition[i, 5 * n + i] += step_s * tied[i]
+    for row in range(2 * n):
+        for i in range(n):
+            transition[row, 4 * n + i] -= tied[i] * transition[row, i]
+
+
+@part(inline=True, freedom="fused")
+def _gain(ground, covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
+    """Gain K of the white innovation, lower Cholesky factor of the covariance of the raw one, and P - K K'."""
+    n, n_states = by_state.shape
+    for i in range(n):
+        for s in range(n_states):
+            gain[i, s] = covariance[3 * n + i, s]
+        for k in range(n):
+            z, v = by_state[i, k], by_state[i, n + k]
+            for s in range(n_states):
+                gain[i, s] += z * covariance[k, s] + v * covariance[n + k, s]
+            if ground:
+                d = by_state[i, 4 * n + k]
+                for s in range(n_states):
+                    gain[i, s] += d * covariance[4 * n + k, s]
+    for i in range(n):
+        for k in range(i + 1):
+            variance = _dot_of_rows(by_state, i, gain, k)
+            for q in range(k):
+                variance -= scale[i, q] * scale[k, q]
+            if i == k:
+                # rounding must not make it smaller than the noise of the reading
+                scale[i, i] = np.sqrt(max(variance + noise[1, i] ** 2, noise[1, i] ** 2))
+            else:
+                scale[i, k] = variance / scale[k, k]
+    for i in range(n):
+        for q in range(i):
+            for s in range(n_states):
+                gain[i, s] -= scale[i, q] * gain[q, s]
+        per_scale = 1.0 / scale[i, i]
+        for s in range(n_states):
+            gain[i, s] *= per_scale
+    for i in range(n):
+        for s in range(n_states):
+            share = gain[i, s]
+            for q in range(n_states):
+                covariance[s, q] -= share * gain[i, q]
+
+
+@part(inline=True, freedom="fused")
+def _push(owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried):  # type: ignore[no-untyped-def]
+    """Add to `carried` what the parameters themselves do to z and v in a step."""
+    n, n_own, n_mass, n_drive = force.shape[1], by_own.shape[1], by_mass.shape[2], by_drive.shape[1]
+    for row in range(2 * n):
+        for i in range(n):
+            first, second = of_force[0, row, i], of_force[1, row, i]
+            third, fourth = of_force[2, row, i], of_force[3, row, i]
+            # max, and counting from 0: the compiler then knows that no place counts from the end
+            begin = max(0, owns[i])
+            for p in range(owns[i + 1] - owns[i]):
+                carried[row, begin + p] += (
+                    first * by_own[0, begin + p]
+                    + second * by_own[1, begin + p]
+                    + third * by_own[2, begin + p]
+                    + fourth * by_own[3, begin + p]
+                )
+        for c in range(n_drive):
+            total = 0.0
+            for half in range(3):
+                for i in range(n):
+                    total += of_drive[half, row, i] * by_drive[2 * step + half, c, i]
+            carried[row, n_own + n_mass + c] += total
+        for i in range(n if n_mass > 0 else 0):
+            for k in range(n):
+                share = 0.0
+                for stage in range(4):
+                    share += of_acceleration[stage, row, i] * force[stage, k]
+                for m in range(n_mass):
+                    carried[row, n_own + m] -= share * by_mass[i, k, m]
+
+
+@part(inline=True, freedom="fused")
+def _push_ground(step, step_s, first_drive, by_drive, resting):  # type: ignore[no-untyped-def]
+    """What directions of the drive do to d and e in a step."""
+    n = by_drive.shape[2]
+    for c in range(by_drive.shape[1]):
+        for i in range(n):
+            first, middle, last = by_drive[2 * step, c, i], by_drive[2 * step + 1, c, i], by_drive[2 * step + 2, c, i]
+            resting[2 * n + i, first_drive + c] += step_s * step_s * (first + 2.0 * middle) / 6.0
+            resting[3 * n + i, first_drive + c] += step_s * (first + 4.0 * middle + last) / 6.0
+
+
+@kernel(freedom="fused")
+def _predictions(  # type: ignore[no-untyped-def]
+    several, ground_is_followed, joints, accelerance, by_mass, reading, by_reading, drive, by_drive, measured,
+    by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
+):  # fmt: skip
+    """Predict each sample from the ones before it, see `opid.mechanics.prediction`.
+
+    `several` is the number of interfaces, or None for one: the compiler then knows the sizes of all small arrays and
+    keeps their numbers in registers. For one interface `ground_is_followed` is True or None, for several a bool.
+
+    The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
+    reading sees it in the long run, and with it z: their small difference would drown.
+
+    Parameters: those of the joints, directions of A (the last axis of `by_mass`), of the drive, of the measured, then
+    those of `by_start`.
+    """
+    n = 1 if several is None else several
+    ground = False if ground_is_followed is None else ground_is_followed
+    n_states = 6 * n if ground else 4 * n
+    n_samples, linear = measured.shape[0], joints[0]
+    owns = _places(joints)
+    n_own, n_mass, n_drive, n_measured = owns[n], by_mass.shape[2], by_drive.shape[1], by_measured.shape[1]
+    first_measured = n_own + n_mass + n_drive
+    n_known = first_measured + n_measured
+    n_parameters = n_known + by_start.shape[1] if differentiate else 0
+    state, covariance = small_zeros(several, (n_states,)), small_zeros(several, (n_states, n_states))
+    for s in range(n_states):
+        state[s] = start[s]
+        for q in range(n_states):
+            covariance[s, q] = covariance_start[s, q]
+    # The compiler takes blocks of columns at once; columns that nobody reads fill up the last block.
+    width = (n_parameters + 15) // 16 * 16
+    moving, carried, resting = np.zeros((2 * n, width)), np.zeros((2 * n, width)), np.zeros((n_states - 2 * n, width))
+    if differentiate:
+        for c in range(by_start.shape[1]):
+            for s in range(2 * n):
+                moving[s, n_known + c] = by_start[s, c]
+            for s in range(2 * n, n_states):
+                resting[s - 2 * n, n_known + c] = by_start[s, c]
+    # of the rows of the stages the last is that of the prediction, which is the first stage where nothing is corrected
+    seen = 4 if correct else 0
+    force, by_z, by_v, by_own = (
+        small_zeros(several, (5, n)),
+        small_zeros(several, (5, n)),
+        small_zeros(several, (5, n)),
+        np.zeros((5, n_own)),
+    )
+    of_acceleration, of_force, of_drive = (
+        small_zeros(several, (4, 2 * n, n)),
+        small_zeros(several, (4, 2 * n, n)),
+        small_zeros(several, (3, 2 * n, n)),
+    )
+    transition, work = small_zeros(several, (2 * n, n_states)), small_zeros(several, (2 * n,))
+    product = small_zeros(several, (2 * n, n_states))
+    by_state, gain, scale = (
+        small_zeros(several, (n, n_states)),
+        small_zeros(several, (n, n_states)),
+        small_zeros(several, (n, n)),
+    )
+    white, change = small_zeros(several, (n,)), np.zeros((n, width))
+    here, following = small_zeros(several, (4, n)), small_zeros(several, (4, n))
+    tied = small_zeros(several, (n,))
+    for i in range(n):
+        by_state[i, 3 * n + i], scale[i, i] = 1.0, noise[1, i]
+        if ground:
+            if linear[i, 3] + linear[i, 2] > 0.0:
+                tied[i] = linear[i, 2] / (linear[i, 3] + linear[i, 2])
+            for s in range(n_states):
+                covariance[i, s] += tied[i] * covariance[4 * n + i, s]
+            for s in range(n_states):
+                covariance[s, i] += tied[i] * covariance[s, 4 * n + i]
+    innovation, spread = np.empty((n, n_samples)), np.empty((n, n_samples))
+    sensitivity, motion = np.empty((n_samples, n, n_parameters)), np.empty((3, n, n_samples))
+
+    for step in range(n_samples):
+        place = 0
+        for i in range(n):
+            z, v = state[i], state[n + i]
+            x = z + state[4 * n + i] if ground else 0.0
+            force[seen, i], by_z[seen, i], by_v[seen, i], place = _joint_force(joints, i, place, seen, z, v, x, by_own)
+            by_z[seen, i] += linear[i, 2]
+        for i in range(n):
+            body = 0.0
+            for k in range(n):
+                body -= reading[i, k] * force[seen, k]
+                by_state[i, k] = -reading[i, k] * by_z[seen, k]
+                by_state[i, n + k] = -reading[i, k] * by_v[seen, k]
+                if ground:
+                    by_state[i, 4 * n + k] = -reading[i, k] * linear[k, 2]
+            motion[0, i, step], motion[1, i, step], motion[2, i, step] = state[i], state[n + i], body
+            white[i] = measured[step, i] - body - state[3 * n + i]
+        if differentiate:
+            for i in range(n):
+                for p in range(width):
+                    change[i, p] = -resting[n + i, p]
+                for k in range(n):
+                    z, v = by_state[i, k], by_state[i, n + k]
+                    for p in range(width):
+                        change[i, p] -= z * moving[k, p] + v * moving[n + k, p]
+                    if ground:
+                        d = by_state[i, 4 * n + k]
+                        for p in range(width):
+                            change[i, p] -= d * resting[2 * n + k, p]
+                    begin = max(0, owns[k])
+                    for p in range(owns[k + 1] - owns[k]):
+                        change[i, begin + p] += reading[i, k] * by_own[seen, begin + p]
+                    for m in range(n_mass):
+                        change[i, n_own + m] += by_reading[i, k, m] * force[seen, k]
+                for c in range(n_measured):
+                    change[i, first_measured + c] += by_measured[step, c, i]
+        if correct:
+            for k in range(n if ground else 0):
+                for i in range(n):
+                    by_state[i, 4 * n + k] -= tied[k] * by_state[i, k]
+            _gain(ground, covariance, by_state, noise, gain, scale)
+            for k in range(n if ground else 0):
+                for i in range(n):
+                    gain[i, k] -= tied[k] * gain[i, 4 * n + k]
+        for i in range(n):
+            for q in range(i):
+                white[i] -= scale[i, q] * white[q]
+                for p in range(width):
+                    change[i, p] -= scale[i, q] * change[q, p]
+            per_scale = 1.0 / scale[i, i]
+            white[i] *= per_scale
+            innovation[i, step], spread[i, step] = white[i], scale[i, i]
+            for p in range(width):
+                change[i, p] *= per_scale
+            for p in range(n_parameters):
+                sensitivity[step, i, p] = change[i, p]
+            for s in range(n_states):
+                state[s] += gain[i, s] * white[i]
+        if step == n_samples - 1:
+            break
+
+        for i in range(n):
+            here[0, i], here[1, i] = state[i], state[n + i]
+            if ground:
+                here[2, i], here[3, i] = state[4 * n + i], state[5 * n + i]
+            for row in range(4):
+                following[row, i] = here[row, i]
+        for stage in range(4):
+            place = 0
+            for i in range(0 if stage > 0 or correct else n, n):
+                z, v = here[0, i], here[1, i]
+                x = z + here[2, i] if ground else 0.0
+                force[stage, i], by_z[stage, i], by_v[stage, i], place = _joint_force(
+                    joints, i, place, stage, z, v, x, by_own
+                )
+                by_z[stage, i] += linear[i, 2]
+            weight, ahead = _STAGE_WEIGHT[stage] * step_s, _STAGE_STEP[stage] * step_s
+            for i in range(n):
+                under = drive[2 * step + _STAGE_PLACE[stage], i] + state[2 * n + i]
+                relative = -under
+                for k in range(n):
+                    relative -= accelerance[i, k] * force[stage, k]
+                # z before v and d before e: the rate of the first is the second, as it stands at this stage
+                following[0, i] += weight * here[1, i]
+                here[0, i] = state[i] + ahead * here[1, i]
+                following[1, i] += weight * relative
+                here[1, i] = state[n + i] + ahead * relative
+                if ground:
+                    following[2, i] += weight * here[3, i]
+                    here[2, i] = state[4 * n + i] + ahead * here[3, i]
+                    following[3, i] += weight * under
+                    here[3, i] = state[5 * n + i] + ahead * under
+        for i in range(n):
+            state[i], state[n + i] = following[0, i], following[1, i]
+            if ground:
+                state[4 * n + i], state[5 * n + i] = following[2, i], following[3, i]
+        if not (correct or differentiate):
+            continue
+
+        _step_matrices(accelerance, by_z, by_v, step_s, of_acceleration, of_force, transition, work)
+        _by_offset_and_ground(linear, of_acceleration, of_force, step_s, ground, transition, of_drive)
+        if differentiate:
+            for row in range(2 * n):
+                for p in range(width):
+                    carried[row, p] = 0.0
+                # of the correction z and v keep what the step makes of it, the others all
+                for i in range(n if correct else 0):
+                    share = _dot_of_rows(transition, row, gain, i)
+                    for p in range(width):
+                        carried[row, p] += share * change[i, p]
+            _carry(transition, ground, moving, resting, carried)
+            for s in range(2 * n, n_states if correct else 0):
+                for i in range(n):
+                    for p in range(width):
+                        resting[s - 2 * n, p] += gain[i, s] * change[i, p]
+            _push(owns, step, by_mass, by_drive, force, by_own, of_acceleration, of_force, of_drive, carried)
+            if ground:
+                _carry_ground(step_s, n, resting)
+                _push_ground(step, step_s, n_own + n_mass, by_drive, resting)
+            moving, carried = carried, moving
+        if correct:
+            if ground:
+                _balance(step_s, tied, transition)
+            _carry_covariance(transition, step_s, ground, noise, covariance, product)
+    return innovation, spread, sensitivity, motion

@@ -1,0 +1,192 @@
+"""One gear as text and as tables: parameters, law, ratios to the mass, and what the answer rests on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.result import Evidence, Identification
+
+Truth = Mapping[str, Any]
+
+PARAMETER_LABELS = {
+    "sprung_mass_kg": ("sprung mass M2", "kg"),
+    "suspension_stiffness_n_per_m": ("stiffness K2", "N/m"),
+    "suspension_damping_n_s_per_m": ("damping C2", "N s/m"),
+    "ground_stiffness_n_per_m": ("ground K3", "N/m"),
+}
+RATIO_LABELS = {
+    "stiffness_per_mass": ("K2/M2", "1/s^2"),
+    "damping_per_mass": ("C2/M2", "1/s"),
+    "ground_stiffness_per_mass": ("K3/M2", "1/s^2"),
+    "natural_frequency_hz": ("natural freq.", "Hz"),
+    "damping_ratio": ("damping ratio", "1"),
+}
+# kinds of law that are named one by one
+_MOST_NAMED = 6
+
+
+def gear_text(result: AnyIdentification, truth: Truth | None = None) -> str:
+    """Return the identification of one gear as text: the numbers, what limits them, and what to doubt.
+
+    Args:
+        result: the identification.
+        truth: of a simulated run, as in truth.json: shown beside each estimate.
+    """
+    parts = [f"{result.title or 'Identification'} ({result.method})", ""]
+    if result.not_determined:
+        parts += [*wrapped("Not determined: " + result.not_determined), ""]
+    parts += [*table_lines(gear_rows(result, truth), columns(truth)), "", *wrapped(gear_limits(result))]
+    if isinstance(result, Identification):
+        sensors = sensors_in_words(result.evidence[0])
+        parts += ["", *wrapped(sensors, "Sensors: ")] if sensors else []
+    for sentence in alternatives_of(result):
+        parts += ["", *wrapped(f"{sentence}.", "Law: ")]
+    if result.warnings:
+        parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
+    return "\n".join(parts) + "\n"
+
+
+def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row]:
+    """Return the table of numbers: parameters, law, ratios to the mass.
+
+    Args:
+        result: the identification.
+        truth: as in truth.json, or None.
+    """
+    true = truth["parameters"] if truth else {}
+    table = [
+        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), truth is not None)
+        for name, estimate in result.parameters.items()
+    ]
+    table += _law_rows(result, truth)
+    table.append(Row("Ratios to the mass of the reference run"))
+    table += [
+        estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
+        for name, estimate in result.ratios.items()
+    ]
+    return table
+
+
+def gear_limits(result: AnyIdentification) -> str:
+    """Return the sentences that say what the answer rests on.
+
+    Args:
+        result: the identification.
+    """
+    return _limits_of_model(result) if isinstance(result, Identification) else _limits_of_chain(result)
+
+
+def alternatives_of(result: AnyIdentification) -> tuple[str, ...]:
+    """Return which other laws explain the runs as well, a sentence each.
+
+    Args:
+        result: the identification.
+    """
+    return result.evidence[0].alternatives if isinstance(result, Identification) else result.alternative_laws
+
+
+def sensors_in_words(evidence: Evidence) -> str:
+    """Return what was found out about the sensors beside what was known of them before; empty where nothing was.
+
+    Args:
+        evidence: of a fit.
+    """
+    fit = evidence.fit
+    told = [
+        f"{fault.name} {fit.value(fault.name):.5g} +- {fit.std[fit.model.names.index(fault.name)]:.1g} "
+        f"(before: {fault.nominal:.3g} +- {fault.std:.1g})"
+        for fault in fit.model.faults
+    ]
+    return "; ".join(told) + "." if told else ""
+
+
+def _limits_of_model(result: Identification) -> str:
+    evidence, lines = result.evidence[0], result.runs[0].frequency_hz
+    white = evidence.whiteness.white
+    predicted = (
+        f"{_from_runs(len(result.runs), (lines[0], lines[-1]))}the airframe acceleration is predicted to "
+        f"{_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, the noise floor of the sensors is at most "
+        f"{_mm_per_s2(evidence.noise)}; the prediction errors are {'white' if white else 'not white'}."
+    )
+    if not any(estimate.interval95 for estimate in (*result.parameters.values(), *result.ratios.values())):
+        return predicted
+    checked = evidence.bootstrap_over_white.get("inverse_mass")
+    check = f" (resampled blocks of time give {checked:.2f} times that of the mass)" if checked and white else ""
+    sentences = [
+        f"{predicted} The intervals are those of {'such noise' if white else 'errors so coloured'}{check}.",
+        *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence.limits),
+    ]
+    return " ".join(sentences) + _chosen_among(result.options.law, result.options.kinds)
+
+
+def _limits_of_chain(result: PaperIdentification) -> str:
+    averages = min(run.T.spectra.n_averages for run in result.chain.runs)
+    return (
+        f"{_from_runs(len(result.chain.runs), result.chain.band_hz)}the fitted equation leaves "
+        f"{_mm_per_s2(result.joint.noise_m_per_s2)} rms unexplained, the noise floor of the airframe sensor is at most "
+        f"{_mm_per_s2(result.chain.noise_floor_m_per_s2)}. Each transmissibility rests on {averages:.1f} independent "
+        f"averages (the parameters do not come from it).{_chosen_among(result.settings.law, result.tried_kinds)}"
+    )
+
+
+def _from_runs(n_runs: int, band_hz: tuple[float, float]) -> str:
+    return f"From {n_runs} run{'s' * (n_runs > 1)}, {band_hz[0]:.3g} to {band_hz[1]:.3g} Hz: "
+
+
+def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
+    if law is not None:
+        return ""
+    named = ", ".join(sorted(kinds)) if len(kinds) <= _MOST_NAMED else f"the {len(kinds)} kinds of the library"
+    return (
+        f" Stiffness and damping are the linear part beneath the law, which was chosen among {named} and their sums; "
+        "another law would share the force out otherwise."
+    )
+
+
+def _law_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+    per_mass = result.per_mass
+    terms = result.law.terms
+    shown = f", {'f/M2' if per_mass else 'f'} = {formula(result.law.latex)}" if len(terms) == 1 else ""
+    told = f"; truth: {truth['law']['name']}" if truth and truth["law"]["name"] != result.law.name else ""
+    yield Row(f"Law: {result.law.name}{shown}{told}")
+    for term in terms:
+        if len(terms) > 1:
+            yield Row(f"Term {term.name}: {formula(term.kind.latex)}")
+        for parameter in term.kind.parameters if term.name in result.law_estimates else ():
+            amplitude = parameter.role == "amplitude"
+            true = truth["law"]["parameters"].get(term.name, {}).get(parameter.name) if truth else None
+            if truth and true is not None and amplitude and per_mass:
+                true /= truth["parameters"]["sprung_mass_kg"]
+            yield estimate_row(
+                # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
+                parameter.name.split("_n")[0] if amplitude else parameter.role,
+                f"{parameter.unit}/kg" if amplitude and per_mass else parameter.unit,
+                result.law_estimates[term.name][parameter.name],
+                true,
+                truth is not None,
+            )
+
+
+def _true_ratio(name: str, true: Mapping[str, float]) -> float | None:
+    if not true:
+        return None
+    mass = true["sprung_mass_kg"]
+    stiffness, damping = true["suspension_stiffness_n_per_m"], true["suspension_damping_n_s_per_m"]
+    ground = true["ground_stiffness_n_per_m"]
+    omega = math.sqrt((stiffness + ground) / mass)
+    return {
+        "stiffness_per_mass": stiffness / mass,
+        "damping_per_mass": damping / mass,
+        "ground_stiffness_per_mass": ground / mass,
+        "natural_frequency_hz": omega / (2 * math.pi),
+        "damping_ratio": damping / (2 * mass * omega),
+    }.get(name)
+
+
+def _mm_per_s2(value: float) -> str:
+    """An acceleration with two digits."""
+    return f"{float(f'{1e3 * value:.2g}'):g} mm/s^2"

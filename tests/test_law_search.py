@@ -1,0 +1,184 @@
+"""Which law, by prediction: known laws are found, from near and from far, and the ladder says how surely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from law_runs import fitted, runs_of, shared, true_values
+
+from opid.mechanics.kinds import Kind, Parameter
+from opid.mechanics.landing_gear import DEFAULT_LAW
+from opid.mechanics.laws import LAWS, LINEAR, Law, default_law
+from opid.mechanics.own_kinds import register_kind, unregister_kind
+from opid.suspensions import driven_laws
+from opid.suspensions.driven_laws import DrivenLaws
+from opid.suspensions.fit import Fit, refit
+from opid.suspensions.law_search import (
+    LawStep,
+    add_neighbours,
+    alternatives,
+    chosen,
+    is_better,
+    judge_by_left_out,
+    library,
+    search_laws,
+)
+from opid.suspensions.settings import SearchSettings
+
+SETTINGS = SearchSettings()
+LAWS_OF_RUNS = DrivenLaws(SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def friction():
+    return fitted(runs_of(DEFAULT_LAW), DEFAULT_LAW)
+
+
+FROM_TO = [
+    ("arctan_velocity", "coulomb_friction"),
+    ("coulomb_friction", "arctan_velocity"),
+    ("cubic_damping", "quadratic_damping"),
+    ("coulomb_friction+quadratic_damping", "arctan_velocity+cubic_damping"),
+    ("arctan_velocity", "arctan_velocity+cubic_stiffness"),
+    ("arctan_velocity+cubic_stiffness", "cubic_stiffness"),
+    ("arctan_velocity", "arctan_mixed"),
+    ("linear", "arctan_velocity+quadratic_damping"),
+    ("linear", "linear"),
+]
+
+
+@pytest.mark.parametrize(("start", "truth"), FROM_TO, ids=lambda name: name)
+def test_the_true_law_is_found(start, truth):
+    law = default_law(truth)
+    ladder = search_laws(LAWS_OF_RUNS, fitted(runs_of(law), default_law(start)))
+    best = chosen(ladder).fit
+    assert best.law_name == truth
+    assert ladder[0].law_name == start
+    assert chosen(ladder).method == ("equation" if start == truth else "pursuit")
+    np.testing.assert_array_less(np.abs(shared(best) - true_values(best, law)), 4.5 * best.std)
+
+
+class SeenLaws:
+    """Stands in for a fit that compares by its criterion and its error alone."""
+
+    def __init__(self, law, bic, noise_m_per_s2=5e-3):
+        self.laws, self.bic, self.noise_m_per_s2, self.n_data = {"": law}, bic, noise_m_per_s2, 4000
+        self.law_name = law.name
+
+
+def test_the_dictionary_foretells_the_fit(friction):
+    """The criterion of a near relative, and of one term more, against those of the fits."""
+    (dictionary,) = LAWS_OF_RUNS.dictionaries(friction, library()).values()
+    found = {proposal.law.name: proposal for proposal in dictionary.proposals()}
+    for name, rtol in (("coulomb_friction", 0.3), ("arctan_velocity+cubic_stiffness", 0.01)):
+        reached = refit(friction, {"": found[name].law}).bic - friction.bic
+        np.testing.assert_allclose(found[name].bic, reached, rtol=rtol, atol=0.5)
+
+
+def test_scales_between_the_simulated_ones_are_right(friction):
+    """What the fitted law does is what its own columns say; scales are offered evenly."""
+    kinds = ["cubic_stiffness", "dead_zone_stiffness", "coulomb_friction"]
+    (dictionary,) = LAWS_OF_RUNS.dictionaries(friction, kinds).values()
+    assert list(dictionary.fitted) == ["arctan_velocity"]
+    now, weights = dictionary.left(dictionary.fitted["arctan_velocity"])
+    np.testing.assert_allclose(weights[0], friction.laws[""].terms[0].amplitude, rtol=1e-3)
+    np.testing.assert_allclose(now, np.sum(friction.errors.stacked**2), rtol=1e-3)
+    assert dictionary.left_by_all() < now
+    scales = [dictionary.terms[place].inner[0] for place in dictionary.offered["coulomb_friction"]]
+    steps = np.diff(np.log(scales))
+    assert len(scales) == 4 * 3 + 1
+    np.testing.assert_allclose(steps, steps[0])
+    # a column at a scale between is that of a simulation there
+    few = DrivenLaws(replace(SETTINGS, n_scales=7, n_between=1)).dictionaries(friction, kinds)[""]
+    at_scale = {round(np.log(dictionary.terms[k].inner[0]), 6): k for k in dictionary.offered["coulomb_friction"]}
+    for place in few.offered["coulomb_friction"]:
+        near = at_scale[round(np.log(few.terms[place].inner[0]), 6)]
+        np.testing.assert_allclose(dictionary.along[near], few.along[place], atol=0.02 * np.linalg.norm(few.along))
+        np.testing.assert_allclose(dictionary.size[near], few.size[place], rtol=0.02)
+
+
+def test_what_a_run_left_out_says(friction):
+    linear = refit(friction, {"": LINEAR})
+    held = LAWS_OF_RUNS.left_out(friction)
+    assert held == pytest.approx(friction.noise_m_per_s2, rel=0.02)
+    assert LAWS_OF_RUNS.left_out(linear) > 3 * held
+    assert LAWS_OF_RUNS.left_out(fitted(runs_of(DEFAULT_LAW)[:1], DEFAULT_LAW, mass_free=False)) is None
+
+
+@pytest.mark.parametrize(("left_out", "winner"), [(4.9e-3, "more"), (5e-3, "fewer"), (5.1e-3, "fewer")])
+def test_a_law_that_predicts_no_better_gives_way(monkeypatch, left_out, winner):
+    """Of two laws the larger one must predict a run that was left out better."""
+    fewer, more = SeenLaws(DEFAULT_LAW, 0.0), SeenLaws(DEFAULT_LAW + default_law("cubic_stiffness"), -50.0)
+    monkeypatch.setattr(DrivenLaws, "left_out", lambda self, fit: 5e-3 if fit is fewer else left_out)
+    judged = judge_by_left_out(LAWS_OF_RUNS, (LawStep(fewer, True, "given"), LawStep(more, True, "pursuit")))
+    assert chosen(judged).fit is (more if winner == "more" else fewer)
+    assert {step.fit: step.left_out for step in judged} == {fewer: 5e-3, more: left_out}
+
+
+def test_a_larger_law_needs_a_margin():
+    few, many = DEFAULT_LAW, DEFAULT_LAW + default_law("cubic_stiffness")
+    fit = SeenLaws(few, 0.0)
+    assert not is_better(SeenLaws(many, -6.0), fit, SETTINGS)
+    assert not is_better(SeenLaws(many, -40.0), fit, SETTINGS)
+    lower = SeenLaws(many, -40.0, 0.99 * 5e-3)
+    assert is_better(lower, fit, SETTINGS)
+    assert not is_better(fit, lower, SETTINGS)
+    assert is_better(SeenLaws(default_law("coulomb_friction"), -1.0), fit, SETTINGS)
+
+
+def test_a_law_that_cannot_be_told_apart_is_named():
+    def ladder(behind, law=None):
+        rival = SeenLaws(law or Law(default_law("coulomb_friction").terms), behind)
+        return LawStep(rival, False, "pursuit"), LawStep(SeenLaws(DEFAULT_LAW, 0.0), True, "pursuit")
+
+    (sentence,) = alternatives(ladder(3.0), SETTINGS)
+    assert sentence.startswith("coulomb_friction (0.02 m/s) in place of arctan_velocity")
+    assert "BIC +3" in sentence
+    assert "velocities" in sentence
+    assert alternatives(ladder(20.0), SETTINGS) == ()
+    # what is the chosen law and more besides is no alternative, but what does without a term is one
+    assert alternatives(ladder(3.0, DEFAULT_LAW + default_law("cubic_stiffness")), SETTINGS) == ()
+    (sentence,) = alternatives(ladder(3.0, LINEAR), SETTINGS)
+    assert sentence.startswith("the runs are explained as well without arctan_velocity (BIC +3)")
+
+
+def test_a_reader_sees_the_linear_gear_and_the_nearest_laws(friction):
+    ladder = add_neighbours(LAWS_OF_RUNS, (LawStep(friction, True, "pursuit"),))
+    assert ladder[0].law_name == "linear"
+    assert ladder[0].left_out > 3 * 5e-3
+    assert chosen(ladder).fit is friction
+    assert len(ladder) == 2 + SETTINGS.n_neighbours
+    assert len({step.law_name for step in ladder}) == len(ladder)
+
+
+def test_laws_are_not_searched_where_they_promise_nothing(friction, monkeypatch):
+    """Far beyond the noise, terms that explain hardly any of it are not tried."""
+    theta = friction.theta * np.where(np.arange(friction.theta.size) == 0, 3.0, 1.0)
+    wrong = Fit(friction.model, theta, friction.model.evaluate(theta), 1)
+    assert wrong.ratio > SETTINGS.hopeless
+    left = float(wrong.errors.stacked @ wrong.errors.stacked)
+    monkeypatch.setattr(driven_laws.LawDictionary, "left_by_all", lambda self: 0.9 * left)
+    assert LAWS_OF_RUNS.dictionaries(wrong, ("cubic_stiffness",)) == {}
+    (step,) = search_laws(LAWS_OF_RUNS, wrong)
+    assert step.fit is wrong
+    monkeypatch.setattr(driven_laws.LawDictionary, "left_by_all", lambda self: 0.5 * left)
+    assert list(LAWS_OF_RUNS.dictionaries(wrong, ("cubic_stiffness",))) == [""]
+
+
+def test_the_library_is_what_is_searched_and_follows_the_registered_kinds():
+    names = library()
+    assert {"arctan_velocity", "arctan_mixed", "cubic_stiffness", "gas_spring", "blow_off_damping"} <= set(names)
+    assert set(names) <= set(LAWS)
+    # those with an exponent contain others as special cases
+    assert not {"signed_power_damping", "signed_power_stiffness"} & set(names)
+
+    def softening(z, v, s, _):
+        bell = np.exp(-((z / s) ** 2))
+        return z * bell, (1 - 2 * (z / s) ** 2) * bell, 0.0, 2 * (z / s) ** 3 * bell, 0.0
+
+    stiffness = Parameter("stiffness_n_per_m", "N/m", "amplitude", 1e5)
+    register_kind(Kind("softening", r"k z", (stiffness, Parameter("scale_m", "m", "scale", 0.005)), softening))
+    try:
+        assert "softening" in library()
+    finally:
+        unregister_kind("softening")

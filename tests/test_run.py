@@ -1,0 +1,215 @@
+"""One run as the model takes it: faults of any sensor are undone as they were made, and differentiated; coarse runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from opid.errors import InputError
+from opid.mechanics.driven import half_steps
+from opid.mechanics.sensors import Sensor, measure
+from opid.suspensions.run import driven_run
+from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
+from opid.suspensions.settings import RunSettings
+
+FS, N = 256.0, 4000
+LOOSE = SensorFacts(gain_tolerance=0.03, corner_hz=0.4, corner_tolerance=0.3)
+LATE = replace(LOOSE, lag_tolerance_s=0.01)
+ALL = Sensors(
+    (LOOSE, IDEAL, LOOSE),
+    (LATE, LOOSE, IDEAL, LATE),
+    ("nose", "left", "right", "tail"),
+    (("unsprung", 0, 0.05), ("unsprung", 0, 0.05), ("sprung", 1, 0.05), ("unsprung", 1, 0.05), ("sprung", 3, 0.05)),
+)
+"""Three interfaces and a further sensor, with every kind of fault on either side, alone and together."""
+RNG = np.random.default_rng(3)
+AWAY = {
+    fault.name: fault.nominal + fault.std * float(RNG.uniform(0.3, 0.9)) * (1 - 2 * (k % 2))
+    for k, fault in enumerate(ALL.faults)
+}
+
+
+def band_limited(seed, *, low_hz=0.3, high_hz=40.0):
+    """Return noise of rms 1 in a band, periodic, so that every operation on it has a closed form by its lines."""
+    rng = np.random.default_rng(seed)
+    frequency_hz = np.fft.rfftfreq(N, 1 / FS)
+    lines = rng.standard_normal((2, frequency_hz.size)).T @ [1, 1j]
+    lines[(frequency_hz < low_hz) | (frequency_hz > high_hz)] = 0.0
+    samples = np.fft.irfft(lines, N)
+    return samples / samples.std()
+
+
+SIGNALS = np.stack([band_limited(seed) for seed in range(12)], axis=1)
+
+
+def run_of(unsprung=SIGNALS[:, :3], sprung=SIGNALS[:, 3:7], leaks=SIGNALS[:, 7:12]):
+    return driven_run(unsprung, sprung, fs=FS, leaks=leaks)
+
+
+@pytest.mark.parametrize("side", ["drive", "readings"])
+@pytest.mark.parametrize("fault", ALL.faults, ids=lambda fault: fault.name)
+@pytest.mark.parametrize("coarse", [False, True])
+def test_derivatives_are_the_limits_of_differences(side, fault, coarse):
+    run = replace(run_of(), stride=2) if coarse else run_of()
+    corrected = getattr(run, side)
+    by = {name: (channel, column) for name, channel, column in corrected(ALL, AWAY).by}
+    step = 1e-6 * max(abs(AWAY[fault.name]), 0.01)
+    ahead, behind = (corrected(ALL, AWAY | {fault.name: AWAY[fault.name] + sign * step}).value for sign in (1, -1))
+    differences = (ahead - behind) / (2 * step)
+    # every fault acts on one channel of one side
+    acts = fault.side == ("unsprung" if side == "drive" else "sprung")
+    assert (fault.name in by) == acts
+    others = np.delete(differences, fault.channel, axis=1) if acts else differences
+    assert not others.any()
+    if acts:
+        channel, column = by[fault.name]
+        assert channel == fault.channel
+        expected = differences[:, channel]
+        assert np.abs(expected).max() > 0
+        np.testing.assert_allclose(column, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_derivatives_stand_where_the_predictor_takes_them():
+    corrected = run_of().readings(ALL, AWAY)
+    directions = corrected.directions(4)
+    assert directions.shape == (N, len(corrected.by), 4)
+    for place, (_, channel, column) in enumerate(corrected.by):
+        np.testing.assert_array_equal(directions[:, place, channel], column)
+        assert not np.delete(directions[:, place], channel, axis=1).any()
+    assert run_of().readings(ideal_sensors(3, 4), {}).directions(4) is None
+
+
+def test_ideal_sensors_change_nothing_but_the_mean():
+    run = run_of(SIGNALS[:, :3] + 9.8, SIGNALS[:, 3:7] - 3.0, None)
+    sensors = ideal_sensors(3, 4)
+    drive, readings = run.drive(sensors, {}), run.readings(sensors, {})
+    assert drive.by == readings.by == ()
+    below, above = (samples - samples.mean(axis=0) for samples in (SIGNALS[:, :3], SIGNALS[:, 3:7]))
+    np.testing.assert_allclose(drive.value, half_steps(below), atol=1e-12)
+    np.testing.assert_allclose(readings.value, above, atol=1e-12)
+
+
+# ---- each fault undone as the virtual sensor makes it ----------------------------------------------
+
+
+def read(samples, seed=9, across=None, **faults):
+    sensor = Sensor(noise_m_per_s2=0.0, **faults)
+    return measure(samples, fs=FS, sensor=sensor, rng=np.random.default_rng(seed), cross_axis_acceleration=across)
+
+
+def one(below=IDEAL, above=IDEAL, leaks=()):
+    return Sensors((below,), (above,), ("",), leaks)
+
+
+# the ends of the record have no neighbours to interpolate by
+INTERIOR = slice(50, -50)
+
+
+@pytest.mark.parametrize("corner_hz", [0.1, 0.33, 0.462])
+def test_an_ac_coupling_is_undone(corner_hz):
+    """The sensor's filter is the bilinear transform of the coupling, and the trapezoidal rule inverts just that."""
+    facts = SensorFacts(corner_hz=corner_hz)
+    reading = read(SIGNALS[:, 0], corner_hz=corner_hz)
+    run = run_of(reading, reading, None)
+    time = np.arange(N) / FS
+    for found in (run.drive(one(facts, facts), {}).value[::2, 0], run.readings(one(facts, facts), {}).value[:, 0]):
+        # an unknown constant is left, and the mean that was taken off the reading grows to a straight line
+        slope, constant = np.polyfit(time, found - SIGNALS[:, 0], 1)
+        np.testing.assert_allclose(found - SIGNALS[:, 0], slope * time + constant, atol=1e-5)
+        assert slope == pytest.approx(-2 * np.pi * corner_hz * reading.mean(), abs=1e-6)
+    assert np.std((reading - SIGNALS[:, 0])[INTERIOR]) > 0.01
+
+
+@pytest.mark.parametrize("samples", [0.2, 0.5, 1.0])
+def test_a_lag_is_undone(samples):
+    lag_s = samples / FS
+    sensors = one(above=SensorFacts(lag_tolerance_s=0.01))
+    reading = read(SIGNALS[:, 1], lag_s=lag_s)
+    found = run_of(SIGNALS[:, 0], reading, None).readings(sensors, {"lag_s": lag_s}).value[:, 0]
+    assert np.std((found - SIGNALS[:, 1])[INTERIOR]) < 3e-3
+    assert np.std((reading - SIGNALS[:, 1])[INTERIOR]) > 0.1 * samples
+
+
+def test_gains_are_divided_out_and_leaks_taken_out_of_the_side_that_they_went_into():
+    loose = SensorFacts(gain_tolerance=0.03)
+    sensors = one(loose, loose, (("unsprung", 0, 0.05), ("sprung", 0, 0.05)))
+    lower = read(SIGNALS[:, 0], gain=1.03, cross_axis=0.03, across=SIGNALS[:, 2])
+    upper = read(SIGNALS[:, 1], gain=0.97, cross_axis=-0.02, across=SIGNALS[:, 3])
+    run = run_of(lower, upper, SIGNALS[:, 2:4])
+    # a leak is a fraction of the reading: this one came in before the gain
+    faults = {"gain_unsprung": 1.03, "gain_sprung": 0.97, "leak[0]": 0.03 * 1.03, "leak[1]": -0.02 * 0.97}
+    np.testing.assert_allclose(run.drive(sensors, faults).value[::2, 0], SIGNALS[:, 0], atol=1e-12)
+    np.testing.assert_allclose(run.readings(sensors, faults).value[:, 0], SIGNALS[:, 1], atol=1e-12)
+
+
+# ---- lines, rates ----------------------------------------------------------------------------------
+
+
+def test_the_lines_are_those_of_the_band_and_of_unit_noise():
+    run = driven_run(SIGNALS[:, 0], SIGNALS[:, 1], fs=FS, band_hz=(0.5, 20.0))
+    frequency_hz = run.omega / (2 * np.pi)
+    assert (frequency_hz[0], frequency_hz[-1]) == pytest.approx((0.5, 20.0), abs=FS / N)
+    np.testing.assert_allclose(frequency_hz, np.fft.rfftfreq(run.n_samples, 1 / FS)[run.lines])
+    noise = np.random.default_rng(0).standard_normal((20, run.n_samples))
+    lines = run.transform(noise)
+    assert lines.shape == (20, run.omega.size)
+    np.testing.assert_allclose([lines.real.std(), lines.imag.std()], 1.0, rtol=0.03)
+    # no sensor says anything near half the sampling rate
+    assert driven_run(SIGNALS[:, 0], SIGNALS[:, 1], fs=FS, band_hz=(0.5, 500.0)).omega[-1] <= 0.4 * FS * 2 * np.pi
+
+
+def test_a_slow_log_is_sampled_finer():
+    run = driven_run(SIGNALS[:, :3], SIGNALS[:, 3:6], fs=100.0)
+    assert (run.finer, run.fs, run.n_samples) == (3, 300.0, 3 * N)
+    np.testing.assert_allclose(run.sprung[::3], SIGNALS[:, 3:6] - SIGNALS[:, 3:6].mean(axis=0), atol=4e-3)
+    assert run.omega[-1] <= 2 * np.pi * 40.0
+    with_settings = driven_run(SIGNALS[:, :3], SIGNALS[:, 3:6], fs=100.0, settings=RunSettings(lowest_rate_hz=90.0))
+    assert with_settings.finer == 1
+
+
+@pytest.mark.parametrize(
+    ("fs", "band_hz", "stride"),
+    [(256.0, (0.3, 40.0), 1), (512.0, (0.3, 150.0), 1), (512.0, (0.3, 100.0), 2), (2000.0, (0.3, 40.0), 8)],
+)
+def test_a_run_is_thinned_as_far_as_its_steps_and_its_band_allow(fs, band_hz, stride):
+    noise = np.random.default_rng(0).standard_normal((round(10 * fs), 2))
+    run = driven_run(noise[:, :1], noise[:, 1:], fs=fs, band_hz=band_hz)
+    coarse = run.coarse
+    assert (coarse is run) == (stride == 1)
+    assert (coarse.stride, coarse.fs) == (stride, fs / stride)
+    drive = coarse.drive(ideal_sensors(1, 1), {}).value
+    assert drive.shape == (2 * coarse.n_samples - 1, 1)
+    assert coarse.n_samples * stride <= len(noise)
+    # readings are compared as they are, at the instants of the steps
+    readings = coarse.readings(ideal_sensors(1, 1), {}).value
+    np.testing.assert_array_equal(readings, run.sprung[::stride][: coarse.n_samples])
+    # the same band, but for the few samples that make no even number of steps
+    assert coarse.omega[-1] == pytest.approx(run.omega[-1], rel=0.01)
+
+
+def test_a_slow_drive_is_the_same_at_a_coarse_rate_and_what_would_fold_is_gone():
+    def at_a_coarse_rate(hz, fs, n):
+        wave = np.sin(2 * np.pi * hz * np.arange(n) / fs)[:, np.newaxis]
+        coarse = driven_run(wave, wave, fs=fs).coarse
+        # a filter needs some samples at either end
+        return coarse, coarse.drive(ideal_sensors(1, 1), {}).value[200:-200, 0]
+
+    coarse, drive = at_a_coarse_rate(10.0, 2000.0, 20_000)
+    time = np.arange(200, 200 + drive.size) / (2 * coarse.fs)
+    assert np.abs(drive - np.sin(2 * np.pi * 10 * time)).max() < 2e-3
+    assert np.abs(at_a_coarse_rate(240.0, 512.0, 5120)[1]).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"unsprung": SIGNALS[:-1, 0]}, r"unsprung has shape \(3999, 1\), .*: give runs of one length"),
+        ({"leaks": SIGNALS[:-1, 2:4]}, r"leaks \(3999, 2\): give runs of one length"),
+        ({"band_hz": (5, 6)}, r"the band 5 to 6 Hz holds 15 lines of a run of 15.6 s: give a longer run or a wider"),
+        ({"band_hz": (6, 5)}, "band"),
+    ],
+)
+def test_what_makes_no_run_is_refused(arguments, words):
+    given = {"unsprung": SIGNALS[:, 0], "sprung": SIGNALS[:, 1], "leaks": None, **arguments}
+    with pytest.raises(InputError, match=words):
+        driven_run(given.pop("unsprung"), given.pop("sprung"), fs=FS, **given)

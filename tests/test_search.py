@@ -1,0 +1,240 @@
+"""The way to a fit: at a coarse rate until laws are found, then with all readings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from body_runs import LOADS, NOISE, PLACES, aircraft, study
+from law_runs import MASS_KG, gear_model, runs_of
+
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.landing_gear import DEFAULT_LAW
+from opid.mechanics.laws import LINEAR, default_law, law
+from opid.mechanics.sensors import Sensor
+from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.signals.recording import Recording
+from opid.suspensions import search
+from opid.suspensions.candidates import Task, fit_rigid, gear_body, loading_matrix
+from opid.suspensions.model import Group
+from opid.suspensions.run import driven_run
+from opid.suspensions.search import Question, find_model, folded_power, is_hopeless, judged
+from opid.suspensions.settings import Settings
+from opid.suspensions.start import start_values
+from opid.suspensions.study import PointMass, Run
+
+FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
+
+
+# ---- one gear --------------------------------------------------------------------------------------
+
+
+def found_of(runs, question, law=LINEAR):
+    """Where a search ends from start values of the equation of motion."""
+    kinds = () if question.law_is_given else ("arctan_velocity", "cubic_stiffness")
+    group = Group("", (0,), law.scaled(1 / MASS_KG) if law.terms else law)
+    start = start_values(runs, gear_body(), (group,), mass_free=True, kinds=kinds)
+    model = replace(gear_model(runs), groups=start.groups, motion_rms=start.motion_rms)
+    return find_model(model, start, question)
+
+
+def test_a_given_law_is_the_only_one_that_is_tried():
+    question = Question(law_is_given=True)
+    found = judged(found_of(runs_of(DEFAULT_LAW), question, DEFAULT_LAW), question)
+    (step,) = found.ladder
+    assert (step.law_name, step.method, step.kept) == ("arctan_velocity", "given", True)
+    assert step.left_out == pytest.approx(NOISE, rel=0.05)
+    assert (found.n_starts, found.demands) == (1, ())
+
+
+@pytest.mark.parametrize("method", ["pursuit", "sparse regression", "both"])
+def test_every_method_ends_at_the_true_law(method):
+    question = Question(method_of_law=method)
+    found = judged(found_of(runs_of(default_law("quadratic_damping")), question), question)
+    assert found.fit.law_name == "quadratic_damping"
+    assert found.fit.ratio == pytest.approx(1.0, abs=0.05)
+    assert [step.law_name for step in found.ladder if step.kept][-1] == "quadratic_damping"
+    assert "linear" in {step.law_name for step in found.ladder}
+    methods = {step.method for step in found.ladder}
+    assert ("sparse regression" in methods) <= (method != "pursuit")
+    # a law stands once in the story, and all of it is told at one rate
+    names = [step.law_name for step in found.ladder]
+    assert len(set(names)) == len(names)
+    assert len({step.fit.model.runs[0].fs for step in found.ladder}) == 1
+
+
+def test_a_wrong_law_that_is_given_is_left_alone_and_more_ways_are_tried():
+    question = Question(law_is_given=True, faults=False)
+    found = found_of(runs_of(DEFAULT_LAW), question)
+    assert found.fit.law_name == "linear"
+    assert found.fit.ratio > 3
+    assert found.n_starts == (1 if is_hopeless(found.fit) else 2)
+
+
+# ---- an aircraft at 512 Hz -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """Two runs of 12 s at 512 Hz."""
+    test = aircraft_test(
+        aircraft(),
+        rng=np.random.default_rng(3),
+        loadings=[LOADS],
+        duration_s=12.0,
+        fs=512.0,
+        coherent_tracks=False,
+        sprung_sensors=PLACES,
+        sensor=Sensor(noise_m_per_s2=NOISE),
+        lowest_step_rate_hz=1024.0,
+    )
+    loads = tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in LOADS)
+    runs = zip(("light", "heavy"), test.runs, ((), loads), strict=True)
+    return study(runs=tuple(Run(name, run.recording, given) for name, run, given in runs))
+
+
+def arrays_of(given):
+    names = [given.channels(side) for side in ("unsprung", "sprung")]
+    return [
+        tuple(np.stack([run.recording.channel(name) for name in side], axis=1) for side in names) for run in given.runs
+    ]
+
+
+def rigid(given, kind_of_law):
+    arrays = [(below, above, np.empty((len(below), 0))) for below, above in arrays_of(given)]
+    question = Question(kind_of_law is not None, ground=False, faults=False)
+    noise = (np.full(3, NOISE), np.full(3, NOISE))
+    return fit_rigid(
+        Task(given, arrays, given.sensor_facts(), noise, kind_of_law, question, Settings(), lambda step: None)
+    )
+
+
+def with_added(given, channels, added):
+    """The study with something added to some channels of each run."""
+
+    def changed(recording):
+        samples = np.array(recording.samples)
+        for name in channels:
+            samples[:, recording.names.index(name)] += added(len(samples))
+        return Recording(samples, fs=recording.fs, channels=recording.channels)
+
+    return replace(given, runs=tuple(replace(each, recording=changed(each.recording)) for each in given.runs))
+
+
+@pytest.fixture(scope="module")
+def true(fast):
+    found = rigid(fast, FRICTION)
+    assert found.residual_over_noise < 1.05
+    return found.fit
+
+
+def test_at_a_coarse_rate_the_true_model_leaves_the_noise_as_well(true):
+    coarse = true.model.coarse
+    assert [(run.fs, run.stride) for run in coarse.runs] == [(256.0, 2)] * 2
+    # 470 lines of three sensors: 0.027 is one standard deviation
+    for lines in coarse.evaluate(true.theta, sensitivity=False).lines:
+        assert np.mean(np.abs(lines) ** 2) / 2 == pytest.approx(1.0, abs=0.12)
+
+
+def test_noise_below_the_suspensions_is_averaged_at_a_coarse_rate(fast, true):
+    """So much of it that the readings follow it: what is left is white of unit variance at either rate."""
+    rng, loud = np.random.default_rng(5), 1.0
+    given = with_added(fast, fast.channels("unsprung"), lambda n: loud * rng.standard_normal(n))
+    runs = tuple(
+        driven_run(*arrays, fs=fast.fs, loading=loading_matrix(given, place))
+        for place, arrays in enumerate(arrays_of(given))
+    )
+    model = replace(true.model, runs=runs, noise=(np.full(3, loud), np.full(3, NOISE)))
+    for each in (model, model.coarse):
+        lines = each.evaluate(true.theta, sensitivity=False).lines
+        assert [np.mean(np.abs(line) ** 2) / 2 for line in lines] == pytest.approx([1.0, 1.0], abs=0.15)
+
+
+class EnoughError(Exception):
+    """Ends a fit where a test has seen what it wants."""
+
+
+def rates_tried(monkeypatch, given):
+    seen = []
+
+    def stops(model, theta, **settings):
+        seen.append(model.runs[0].stride)
+        raise EnoughError
+
+    monkeypatch.setattr(search, "fit_model", stops)
+    with pytest.raises(EnoughError):
+        rigid(given, FRICTION)
+    return seen
+
+
+@pytest.mark.parametrize(("stiffer", "stride"), [(1.0, 2), (200.0, 1)])
+def test_a_body_that_moves_fast_is_followed_at_the_full_rate(fast, monkeypatch, stiffer, stride):
+    """Steps of 1/256 s follow 0.7 x 256 rad/s; 200 times stiffer, a gear answers at some 28 Hz."""
+    real = search.fastest_rate
+
+    def rate(model, theta):
+        theta = theta.copy()
+        theta[list(model.first_of_group)] *= stiffer
+        return real(model, theta)
+
+    monkeypatch.setattr(search, "fastest_rate", rate)
+    assert rates_tried(monkeypatch, fast) == [stride]
+
+
+def test_a_tone_that_would_fold_into_the_band_is_followed_at_the_full_rate(fast, monkeypatch):
+    def tone(n):
+        return 0.5 * np.sin(2 * np.pi * 240 * np.arange(n) / 512.0)
+
+    assert rates_tried(monkeypatch, fast) == [2]
+    assert rates_tried(monkeypatch, with_added(fast, ["left_upper_z"], tone)) == [1]
+
+
+def test_a_way_that_is_lost_at_a_coarse_rate_is_gone_at_the_full_one(fast, monkeypatch):
+    seen, real = [], search.fit_model
+
+    def grows(model, theta, **settings):
+        seen.append(model.runs[0].stride)
+        if seen[-1] == 2:
+            raise UnboundedResponseError("it grows")
+        return real(model, theta, **settings)
+
+    monkeypatch.setattr(search, "fit_model", grows)
+    assert rigid(fast, FRICTION).residual_over_noise < 1.05
+    assert seen[0] == 2
+    assert 1 in seen
+
+
+def test_folded_power_is_that_of_the_lines_that_fold():
+    """Of white noise it is one; a tone counts where thinning by two takes it for one of the band."""
+    run = driven_run(np.zeros((5120, 1)), np.zeros((5120, 1)), fs=512.0)
+    white = np.random.default_rng(0).standard_normal((1, 5120))
+    assert folded_power(white, run, run.coarse) == pytest.approx(1.0, abs=0.2)
+    time_s = np.arange(5120) / 512.0
+    for tone_hz, counts in ((240.0, True), (220.0, True), (200.0, False), (16.0, False)):
+        tone = np.sin(2 * np.pi * tone_hz * time_s)[np.newaxis]
+        assert (folded_power(tone, run, run.coarse) > 1.0) == counts, tone_hz
+
+
+def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(fast, monkeypatch):
+    """From linear suspensions; what half of the readings do not show is asked of all of them."""
+    strides, real = [], search.search_laws
+
+    def asked(problem, fit, **settings):
+        strides.append(fit.model.runs[0].stride)
+        return real(problem, fit, **settings)
+
+    monkeypatch.setattr(search, "search_laws", asked)
+    found = rigid(fast, None)
+    assert strides[0] == 2
+    assert strides[-1] == 1
+    fit = found.fit
+    assert fit.model.runs[0].stride == 1
+    for number, (name, gear) in enumerate(zip(fit.laws, aircraft().gears, strict=True)):
+        # the force on the body, whatever it is called
+        v = np.linspace(-0.3, 0.3, 41)
+        mass = 1 / fit.model.inverse_mass(fit.theta)
+        damping = fit.theta[fit.model.first_of_group[number] + 1]
+        force = mass * (damping * v + fit.laws[name].force(0.0, v))
+        true = gear.suspension_damping_n_s_per_m * v + gear.law.force(0.0, v)
+        assert np.abs(force - true).max() < 0.1 * np.abs(true).max(), gear.name
+        assert fit.laws[name].terms
+    assert found.residual_over_noise < 1.03
