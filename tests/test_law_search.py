@@ -61,8 +61,8 @@ def test_the_true_law_is_found(start, truth):
 class SeenLaws:
     """Stands in for a fit that compares by its criterion and its error alone."""
 
-    def __init__(self, law, bic, noise_m_per_s2=5e-3):
-        self.laws, self.bic, self.noise_m_per_s2, self.n_data = {"": law}, bic, noise_m_per_s2, 4000
+    def __init__(self, law, bic, error_rms=5e-3):
+        self.laws, self.bic, self.error_rms, self.n_data = {"": law}, bic, error_rms, 4000
         self.law_name = law.name
 
 
@@ -124,6 +124,17 @@ def test_a_larger_law_needs_a_margin():
     assert is_better(lower, fit, SETTINGS)
     assert not is_better(fit, lower, SETTINGS)
     assert is_better(SeenLaws(default_law("coulomb_friction"), -1.0), fit, SETTINGS)
+
+
+def test_of_laws_that_fit_alike_the_plainer_one_is_taken_where_it_is_asked_for():
+    plain, rich = SeenLaws(default_law("quadratic_damping"), 0.0), SeenLaws(default_law("coulomb_friction"), -6.0)
+    asked = replace(SETTINGS, inner_margin=10.0)
+    assert is_better(rich, plain, SETTINGS)
+    assert not is_better(rich, plain, asked)
+    assert is_better(plain, rich, asked)
+    # a larger law must pass the margin for larger laws only
+    larger = SeenLaws(plain.laws[""] + rich.laws[""], -11.0, 0.99 * 5e-3)
+    assert is_better(larger, plain, asked)
 
 
 def test_a_law_that_cannot_be_told_apart_is_named():

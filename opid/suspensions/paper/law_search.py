@@ -1,24 +1,125 @@
-"""Which law: add the term that most improves the joint fit, until nothing improves it enough.
+"""Which law, on the equation of the sprung mass: the one search (`opid.suspensions.law_search`) over its lines.
 
-Every candidate is fitted to all runs at once (`opid.suspensions.paper.spectral_equation`), started from the time-domain
-fit of the restoring-force surface. A term is kept if it lowers both the Bayesian information criterion and the
-unexplained noise by the margins of the settings.
+Columns of candidates are derivatives of the residual of the equation. Every law that is worth it is fitted to all runs
+at once, from the values that the columns suggest and from the time-domain fit of the restoring-force surface.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.laws import LAWS, Law, default_law
-from opid.suspensions.law_search import LawStep
+from opid.mechanics.laws import LAWS, Law, Term, default_law
+from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
+from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.law_search import LawStep, search_laws
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.nonlinearity import fit_surface
 from opid.suspensions.paper.restoring_force import RestoringForce
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
-from opid.suspensions.paper.spectral_equation import EquationLines, fit_equation
+from opid.suspensions.paper.spectral_equation import EquationLines, differentiate, fit_equation
+from opid.suspensions.settings import SearchSettings
+
+
+@dataclass(frozen=True, eq=False)
+class EquationLaws:
+    """A `LawProblem` of fits of the equation.
+
+    Args:
+        runs: one `EquationLines` a run.
+        surfaces: one `RestoringForce` a run, for start values.
+        inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
+        ground: whether the ground spring is free.
+        known: settings of the chain.
+    """
+
+    runs: Sequence[EquationLines]
+    surfaces: Sequence[RestoringForce]
+    inverse_mass: float | None
+    ground: bool
+    known: PaperSettings
+
+    @property
+    def settings(self) -> SearchSettings:
+        """Of the search: all candidates are few, so each that may be better is fitted."""
+        return SearchSettings(
+            bic_margin=self.known.bic_margin,
+            error_margin=self.known.noise_margin,
+            first_order_error=self.known.first_order_error,
+            n_refitted=len(self.known.candidates),
+            most_terms=self.known.most_terms,
+            alike_bic=self.known.bic_margin,
+        )
+
+    def linear_fit(self) -> JointFit:
+        """Return the fit without a law."""
+        return self.refit(None, {"": Law()})
+
+    def dictionaries(self, fit: JointFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+        """Return the candidates beside a fit.
+
+        Args:
+            fit: where to depart from.
+            kinds: that may enter.
+        """
+        offered = [term for kind in kinds if kind not in fit.law.parameters for term in self._faint(kind, fit)]
+        # a scale that is moved by a thousandth shows the derivative by its logarithm
+        moved = [Term(term.name, (term.amplitude, *(1.001 * scale for scale in term.inner))) for term in offered]
+        found = differentiate(self.runs, fit, [*offered, *moved])
+        nodes: dict[str, list[Node]] = {}
+        columns = zip(offered, found.by_terms[: len(offered)], found.by_terms[len(offered) :], strict=True)
+        for term, column, beside in columns:
+            slope = 1000 * (beside - column) if [p.role for p in term.kind.parameters[1:]] == ["scale"] else None
+            nodes.setdefault(term.name, []).append(Node(Term(term.name, (1.0, *term.inner)), column, slope))
+        return {
+            "": make_dictionary(
+                fit.law, found.residual, found.by_law, found.by_others, nodes, self.settings, n_data=fit.n_data
+            )
+        }
+
+    def refit(self, fit: JointFit | None, laws: Mapping[str, Law]) -> JointFit:
+        """Fit another law from the values that it has, and from those of the surface.
+
+        Args:
+            fit: of another law.
+            laws: the law, by the empty name.
+        """
+        return fit_law(
+            self.runs,
+            self.surfaces,
+            laws[""].name,
+            inverse_mass=self.inverse_mass,
+            ground=self.ground,
+            before=None if fit is None else (fit, laws[""]),
+            settings=self.known,
+        )
+
+    def left_out(self, fit: JointFit) -> None:
+        """Return None: the ratios of one run do not predict another."""
+
+    def confirms(self, fit: JointFit, than: JointFit) -> bool:
+        """Return True: nothing is left out."""
+        return True
+
+    def _faint(self, kind: str, fit: JointFit) -> list[Term]:
+        """Terms too weak to move anything."""
+        travel, velocity = (
+            np.concatenate([getattr(run, name) for run in self.runs]) for name in ("travel", "velocity")
+        )
+        found = []
+        for term in offered_terms(
+            kind,
+            travel_rms=float(travel.std()),
+            velocity_rms=float(velocity.std()),
+            n_scales=self.settings.n_scales,
+        ):
+            force = Law((term,)).force(travel[::7], velocity[::7])
+            amplitude = self.settings.faint * fit.noise_m_per_s2 / max(float(np.sqrt(np.mean(force**2))), 1e-300)
+            found.append(Term(kind, (amplitude, *term.inner)))
+        return found
 
 
 def search_law(
@@ -42,33 +143,13 @@ def search_law(
         InputError: an unknown candidate.
     """
 
-    def fitted(name: str, before: JointFit | None = None) -> JointFit:
-        return fit_law(runs, surfaces, name, inverse_mass=inverse_mass, ground=ground, before=before, settings=settings)
-
     for name in settings.candidates:
         if name not in LAWS:
             default_law(name)  # says which law is meant
     if settings.most_terms < 0:
         raise InputError(f"most_terms is {settings.most_terms}: give 0 or more")
-    current = LawStep(fitted("linear"), True, "equation")
-    ladder = [current]
-    names: list[str] = []
-    while len(names) < settings.most_terms:
-        rest = [name for name in settings.candidates if name not in names]
-        tried = [fitted("+".join([*names, name]), current.fit) for name in rest]
-        if not tried:
-            break
-        best = min(tried, key=lambda fit: fit.bic)
-        is_better = (
-            best.bic < current.fit.bic - settings.bic_margin
-            and best.noise_m_per_s2 < (1 - settings.noise_margin) * current.fit.noise_m_per_s2
-        )
-        ladder += [LawStep(fit, is_better and fit is best, "equation") for fit in tried]
-        if not is_better:
-            break
-        names.append(rest[tried.index(best)])
-        current = LawStep(best, True, "equation")
-    return tuple(ladder)
+    problem = EquationLaws(runs, surfaces, inverse_mass, ground, settings)
+    return search_laws(problem, problem.linear_fit(), kinds=settings.candidates)
 
 
 def fit_law(
@@ -78,7 +159,7 @@ def fit_law(
     *,
     inverse_mass: float | None,
     ground: bool = True,
-    before: JointFit | None = None,
+    before: tuple[JointFit, Law] | None = None,
     settings: PaperSettings = DEFAULTS,
 ) -> JointFit:
     """Fit one law to all runs, from start values that the restoring-force surface gives.
@@ -89,7 +170,7 @@ def fit_law(
         law_name: the law.
         inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
         ground: whether the ground spring is free.
-        before: a fit whose law lacks one term of this one: a second start.
+        before: a fit of another law, and values of this one beside it: a second start.
         settings: how many points give the start values, and what is correlated.
 
     Returns:
@@ -98,10 +179,10 @@ def fit_law(
     surface = thinned(surfaces[0], n_points=settings.start_points)
     rough = fit_surface(surface, law_name, settings=settings)
     starts = [(rough.straight["stiffness_per_mass"], rough.straight["damping_per_mass"], rough.law, inverse_mass)]
-    if before is not None and before.law.terms:
-        grown = _grown(before.law, rough.law)
-        mu = before["inverse_mass"] if inverse_mass is not None else None
-        starts.append((before["stiffness_per_mass"], before["damping_per_mass"], grown, mu))
+    if before is not None:
+        fit, law = before
+        mu = fit["inverse_mass"] if inverse_mass is not None else None
+        starts.append((fit["stiffness_per_mass"], fit["damping_per_mass"], law, mu))
     fits = [
         fit_equation(
             runs,
@@ -115,12 +196,6 @@ def fit_law(
         for stiffness, damping, law, mu in starts
     ]
     return max(fits, key=lambda fit: fit.log_likelihood)
-
-
-def _grown(law: Law, larger: Law) -> Law:
-    """Return `law` with the terms of `larger` that it lacks."""
-    have = {term.name for term in law.terms}
-    return law + Law(tuple(term for term in larger.terms if term.name not in have))
 
 
 def thinned(surface: RestoringForce, *, n_points: int = PaperSettings.start_points) -> RestoringForce:

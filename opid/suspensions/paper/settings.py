@@ -29,6 +29,8 @@ class PaperSettings:
         bic_margin: criteria closer than this do not tell two laws apart (10 is "very strong" by Kass & Raftery 1995).
         noise_margin: a further term must lower the unexplained noise by this fraction as well: with thousands of lines
             the criterion alone would pay for correcting the filter.
+        first_order_error: the error that columns of candidates promise may be wrong by this fraction: a friction whose
+            amplitude is large is ranked by its columns with an error of 5 %.
         start_points: points that start values are fitted to; more cost time and change nothing.
         seen_above: evidence from which a term is seen: chi-square (2 degrees of freedom, amplitude and scale) at 0.999.
         least_departure: a term must depart from a straight line by this fraction of its rms to be seen.
@@ -78,6 +80,7 @@ class PaperSettings:
     most_terms: int = 2
     bic_margin: float = 10.0
     noise_margin: float = 0.02
+    first_order_error: float = 0.1
     start_points: int = 3000
     seen_above: float = 13.8
     least_departure: float = 0.01

@@ -19,14 +19,14 @@ which is w^2 T = k2 (T - 1) + j w c2 (T - 1) + k3 T for T = A2/A1 and F = 0. Thr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from opid.errors import InputError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws import Law, Term
 from opid.signals.motion import relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
@@ -196,6 +196,47 @@ def fit_equation(
         n_evaluations=int(solution.nfev),
         band_hz=runs[0].band_hz,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """What the residual of a fit does when something moves, a real number a part of a line.
+
+    Args:
+        residual: (n,) of the fit.
+        by_law: (n, n_law) by each entry of the law.
+        by_others: (n, n_others) by everything else that was fitted.
+        by_terms: one (n,) for each further term, by its amplitude.
+    """
+
+    residual: FloatArray
+    by_law: FloatArray
+    by_others: FloatArray
+    by_terms: list[FloatArray]
+
+
+def differentiate(runs: Sequence[EquationLines], fit: JointFit, terms: Sequence[Term]) -> Derivatives:
+    """Return the derivatives of the residual of a fit, by differences.
+
+    Args:
+        runs: that were fitted.
+        fit: of `fit_equation`.
+        terms: further ones, with amplitudes so small that they move nothing.
+    """
+    has_ground, has_mass = (name in fit.names for name in ("ground_stiffness_per_mass", "inverse_mass"))
+    model = _Model(tuple(runs), fit.law, has_ground, has_mass)
+    theta = fit.value.copy()
+    theta[model.law_part] = to_free(fit.law)
+    residual = model.stacked(theta)
+    steps = 1e-6 * model.typical(theta)
+    jacobian = np.stack([(model.stacked(theta + step) - residual) / step.sum() for step in np.diag(steps)], axis=1)
+    by_terms = []
+    for term in terms:
+        larger = replace(model, law=fit.law + Law((term,)))
+        moved = np.concatenate([theta[: model.law_part.start], to_free(larger.law), theta[model.law_part.stop :]])
+        by_terms.append((larger.stacked(moved) - residual) / term.amplitude)
+    own = np.arange(theta.size)[model.law_part]
+    return Derivatives(residual, jacobian[:, own], np.delete(jacobian, own, axis=1), by_terms)
 
 
 @dataclass(frozen=True, eq=False)
