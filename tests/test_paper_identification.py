@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from opid.suspensions.one_gear.study import Run, Study
 
 from opid.errors import InputError
 from opid.mechanics.landing_gear import LandingGear, taxi_test

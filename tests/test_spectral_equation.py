@@ -7,7 +7,7 @@ from opid.errors import InputError
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import Law, law
 from opid.mechanics.sensors import Sensor
-from opid.suspensions.paper.joint_fit import chosen
+from opid.suspensions.law_search import chosen
 from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.restoring_force import restoring_force
 from opid.suspensions.paper.settings import PaperSettings

@@ -119,14 +119,11 @@ class _Search:
         noisier, explained = model.settings.fit.noisier, model.settings.verdicts.explained
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
-        begun = theta
-        if len(model.sensors.sprung) == 1:
-            # several interfaces have too many starts for a grid; the other ways begin at rest
-            begun = model.looked_for_start(theta)
-        ways: list[Callable[[], Found]] = [lambda: self._way(model, begun, noisier[0])]
+        ways: list[Callable[[], Found]] = [lambda: self._way(model, _begun(model, theta, noisier[0]), noisier[0])]
         if model.ground:
-            # noise below the suspensions, made larger, moves the ground that such springs stand on: begin without
-            ways.insert(0, lambda: self._way(model, begun, ()))
+            # noise below the suspensions, made much larger, moves the ground that such springs stand on
+            nearer = noisier[-1]
+            ways.insert(0, lambda: self._way(model, _begun(model, theta, nearer), nearer))
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self._way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
@@ -162,6 +159,11 @@ class _Search:
         """One way from start values to a fit, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
         fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
+        if len(model.sensors.sprung) == 1 and fit.ratio > model.settings.verdicts.explained:
+            # with better parameters another start may predict the first seconds better
+            begun = _begun(model, fit.theta, noisier)
+            again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
+            fit = min(fit, again, key=lambda each: each.bic)
         demands: tuple[Demand, ...] = ()
         more: tuple[Demand, ...] = ()
         if faults_first:
@@ -272,6 +274,17 @@ def _thinned(fit: Fit) -> Fit:
         return fit_model(model, fit.theta, least_promise=known.promise_in_search)
     except NO_FIT:
         return fit
+
+
+def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatArray:
+    """The vector with the start of each run of one gear looked for under the noise that a way begins with.
+
+    Several interfaces have too many starts for a grid.
+    """
+    if len(model.sensors.sprung) > 1:
+        return theta
+    factor = noisier[0] if noisier else 1.0
+    return replace(model, noise=(factor * model.noise[0], model.noise[1])).looked_for_start(theta)
 
 
 def _without_laws(model: Model, theta: FloatArray) -> FloatArray:

@@ -51,7 +51,7 @@ def visited_force(
         n_cells: cells along each axis.
 
     >>> z, v = np.linspace(-1, 1, 99), np.linspace(-2, 2, 99)
-    >>> force = visited_force(z, v, LINEAR, stiffness=2.0, damping=0.0, per_mass=False)
+    >>> force = visited_force(z, v, Law(), stiffness=2.0, damping=0.0, per_mass=False)
     >>> bool(np.allclose(force.force, 2 * force.travel))
     True
     """
