@@ -83,9 +83,12 @@ class Fit:
     @cached_property
     def bic(self) -> float:
         """Bayesian information criterion (Schwarz 1978): smaller is better."""
-        # known to a tolerance before, a place is no free parameter
-        n_free = self.model.n_shared - len(self.model.body.coordinates)
-        return float(n_free * np.log(self.n_data) - 2 * self.model.log_likelihood(self.errors, self.theta))
+        # known to a tolerance before, a place is no free parameter; it costs to move it, and a sensor, far from there
+        n_places = len(self.model.body.coordinates)
+        n_free = self.model.n_shared - n_places
+        moved = self.errors.stacked[self.n_data :][: n_places + len(self.model.faults)]
+        likelihood = self.model.log_likelihood(self.errors, self.theta)
+        return float(n_free * np.log(self.n_data) - 2 * likelihood + moved @ moved)
 
     @cached_property
     def laws(self) -> dict[str, Law]:

@@ -174,9 +174,18 @@ class _Search:
             fit, more = self._let_in(fit)
         if more:
             # what was wrong with the sensors may have been taken for a term of the law
-            ladder = (*ladder, *self._laws(fit))
+            ladder = (*ladder, *self._laws_anew(fit))
             fit = chosen(ladder).fit
         return Found(fit, ladder, (*demands, *more))
+
+    def _laws_anew(self, fit: Fit) -> Ladder:
+        """Laws searched from those of a fit, and from none: the better of both."""
+        ladder = self._laws(fit)
+        linear = None if self.question.law_is_given else refit(fit, dict.fromkeys(fit.laws, LINEAR))
+        if linear is None or not n_terms(fit):
+            return ladder
+        bare = self._laws(linear)
+        return (*ladder, *bare) if chosen(bare).fit.bic < chosen(ladder).fit.bic else (*bare, *ladder)
 
     def _laws(self, fit: Fit, method: str = "equation") -> Ladder:
         if self.question.law_is_given:
