@@ -159,7 +159,7 @@ class _Search:
         """One way from start values to a fit, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
         fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
-        if len(model.sensors.sprung) == 1 and fit.ratio > model.settings.verdicts.explained:
+        if model.body.n_slots == 1 and fit.ratio > model.settings.verdicts.explained:
             # with better parameters another start may predict the first seconds better
             begun = _begun(model, fit.theta, noisier)
             again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
@@ -290,7 +290,7 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
 
     Several interfaces have too many starts for a grid.
     """
-    if len(model.sensors.sprung) > 1:
+    if model.body.n_slots > 1:
         return theta
     factor = noisier[0] if noisier else 1.0
     return replace(model, noise=(factor * model.noise[0], model.noise[1])).looked_for_start(theta)
