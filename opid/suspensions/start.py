@@ -277,7 +277,10 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
 
 def _candidates(kind: str, rms: FloatArray, n_scales: int) -> list[Term]:
     """Terms of unit amplitude of a kind, at some inner scales."""
-    return offered_terms(kind, travel_rms=float(rms[0]), velocity_rms=float(rms[1]), n_scales=n_scales)
+    # from friction that is full at once on
+    return offered_terms(
+        kind, travel_rms=float(rms[0]), velocity_rms=float(rms[1]), n_scales=n_scales, fractions=(0.28, 0.98)
+    )
 
 
 def _start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
