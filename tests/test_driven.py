@@ -27,9 +27,9 @@ def test_one_gear_agrees_with_an_independent_integrator():
     response = driven_response([Interface(k, c, g, law)], [[1 / mass]], _drive(_half(n))[:, None], fs=FS, start=start)
 
     def rate(t, y):
-        z, v, x, w = y
-        b = -(k * z + c * v + g * x + float(law.force(z, v))) / mass
-        return [v, b - _drive(t), w, b]
+        z, v, x1, w1 = y
+        b = -(k * z + c * v + g * (z + x1) + float(law.force(z, v))) / mass
+        return [v, b - _drive(t), w1, _drive(t)]
 
     t = np.arange(n) / FS
     exact = solve_ivp(rate, (0, t[-1]), start[:, 0], t_eval=t, method="DOP853", rtol=1e-10, atol=1e-12, max_step=1e-3)

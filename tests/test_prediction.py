@@ -13,7 +13,7 @@ from opid.mechanics.prediction import Noise, predict
 
 FS, N = 1024.0, 120
 ACCELERANCE = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1500
-NOISE = Noise([0.02, 0.03], [0.01, 0.02], [1e-3, 2e-3], [2e-3, 1e-3])
+NOISE = Noise([0.02, 0.03], [0.01, 0.02], [1e-3, 2e-3], [2e-3, 1e-3], [0.05, 0.03])
 # of sensors that are not at their interfaces, and what the change of the accelerance does to it
 READING = np.array([[0.9, 0.35], [0.25, 1.1]]) / 1500
 BY_READING = np.array([[0.5, -0.2], [0.1, 0.3]]) / 1500
@@ -38,7 +38,7 @@ def _of(n, *, ground, laws=("linear", "linear")):
         "fs": FS,
         "noise": Noise(*NOISE.table(2)[:, :n]),
         "start": start,
-        "start_std": 1e-3 * (1 + rng.random((rows, n))),
+        "start_covariance": np.diag(1e-6 * (1 + rng.random(rows * n)) ** 2),
         "ground": ground,
     }
 
@@ -52,14 +52,15 @@ def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
     a, rows = world["accelerance"], 6 if ground else 4
     k, c, g = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in world["interfaces"]]).T
     one, zero = np.eye(n), np.zeros((n, n))
-    body = [-a * k, -a * c, *([-a * g, zero] if ground else [])]
+    body = [-a * (k + g), -a * c, *([-a * g, zero] if ground else [])]
     reading = np.hstack([*body, zero, one])
     # the offset of the drive enters like the drive, that of the readings moves nothing
     rates = [[zero, one, *[zero] * (rows - 2)], [*body, -one, zero]]
     if ground:
-        rates += [[zero, zero, zero, one, zero, zero], [*body, zero, zero]]
+        rates += [[zero, zero, zero, one, zero, zero], [*[zero] * 4, one, zero]]
     system = np.block([*rates, [zero] * rows, [zero] * rows])
-    push = np.vstack([zero, -one, *[zero] * (rows - 2)])
+    of_motion = np.vstack([zero, one, *[zero] * (rows - 2)])
+    push = np.vstack([zero, -one, *([zero, one] if ground else []), zero, zero])
 
     h, size = 1 / FS, n * rows
     # drive u0 + a t + b t^2 as a chain of integrators
@@ -67,10 +68,11 @@ def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
     whole = np.block([[system, push, np.zeros((size, 2 * n))], [np.zeros((3 * n, size)), chain]])
     step = expm(whole * h)[:size]
     phi, of_drive = step[:, :size], step[:, size:]
-    q, r, walk, reading_walk = world["noise"].table(n)
-    q_matrix = of_drive[:, :n] * q**2 @ of_drive[:, :n].T
+    moved = expm(np.block([[system, of_motion], [np.zeros((n, size + n))]]) * h)[:size, size:]
+    q, r, walk, reading_walk, motion = world["noise"].table(n)
+    q_matrix = of_drive[:, :n] * q**2 @ of_drive[:, :n].T + moved * motion**2 @ moved.T
     q_matrix += block_diag(np.zeros((size - 2 * n, size - 2 * n)), np.diag(walk**2), np.diag(reading_walk**2))
-    x, p = world["start"].ravel(), np.diag(world["start_std"].ravel() ** 2)
+    x, p = world["start"].ravel(), world["start_covariance"]
     drive, innovation, spread = world["drive"], [], []
     for now, measured in enumerate(world["measured"]):
         raw, s = measured - reading @ x, reading @ p @ reading.T + np.diag(r**2)
@@ -145,7 +147,7 @@ def _check_derivatives(world, innovation, off=2e-6):
 @pytest.mark.parametrize("n", [1, 2])
 def test_derivatives_are_those_of_the_steps_where_nothing_is_corrected(n, ground):
     world = _of(n, ground=ground, laws=LAWS)
-    world |= {"noise": Noise(0.0, NOISE.table(2)[1, :n]), "start_std": 0 * world["start_std"]}
+    world |= {"noise": Noise(0.0, NOISE.table(2)[1, :n]), "start_covariance": 0 * world["start_covariance"]}
     _check_derivatives(world, lambda changed: predict(**changed, sensitivity=False).innovation)
     free = driven_response(
         world["interfaces"],
@@ -164,39 +166,41 @@ def test_derivatives_are_those_of_the_steps_where_nothing_is_corrected(n, ground
 @pytest.mark.parametrize("n", [1, 2])
 def test_every_kind_is_differentiated(n, name):
     world = _of(n, ground=True, laws=(name, name))
-    world |= {"noise": Noise(0.0, NOISE.table(2)[1, :n]), "start_std": 0 * world["start_std"]}
+    world |= {"noise": Noise(0.0, NOISE.table(2)[1, :n]), "start_covariance": 0 * world["start_covariance"]}
     # near a corner of a law a difference takes in both sides of it
     _check_derivatives(world, lambda changed: predict(**changed, sensitivity=False).innovation, off=1e-4)
 
 
-def _rate(world, state, drive):
+def _rate(world, state, drive, motion=0.0):
+    """Rates of columns of states and what the sensors read; `motion` accelerates z alone."""
     n = len(world["interfaces"])
     z, v, *rest = state.reshape(-1, n, state.shape[1])
     force = np.array(
         [i.stiffness * z[k] + i.damping * v[k] + i.law.force(z[k], v[k]) for k, i in enumerate(world["interfaces"])]
     )
     if world["ground"]:
-        force += np.array([[i.ground_stiffness] for i in world["interfaces"]]) * rest[0]
+        force += np.array([[i.ground_stiffness] for i in world["interfaces"]]) * (z + rest[0])
     body = -world["accelerance"] @ force
     still = np.zeros_like(z)
-    moving = [v, body - drive[:, np.newaxis] - rest[-2], *([rest[1], body] if world["ground"] else [])]
+    below = drive[:, np.newaxis] + rest[-2]
+    moving = [v, body - below + motion, *([rest[1], below] if world["ground"] else [])]
     read = -world.get("reading", world["accelerance"]) @ force
     return np.concatenate([*moving, still, still]), read + rest[-1]
 
 
-def _step(world, state, drives):
+def _step(world, state, drives, motion=0.0):
     h = 1 / FS
-    first = _rate(world, state, drives[0])[0]
-    second = _rate(world, state + h / 2 * first, drives[1])[0]
-    third = _rate(world, state + h / 2 * second, drives[1])[0]
-    fourth = _rate(world, state + h * third, drives[2])[0]
+    first = _rate(world, state, drives[0], motion)[0]
+    second = _rate(world, state + h / 2 * first, drives[1], motion)[0]
+    third = _rate(world, state + h / 2 * second, drives[1], motion)[0]
+    fourth = _rate(world, state + h * third, drives[2], motion)[0]
     return state + h / 6 * (first + 2 * second + 2 * third + fourth)
 
 
 def _plain_filter(world, frozen=None):
     """White innovations; and gains with the factors of the variance, made by differences unless given."""
-    n, x, p = len(world["interfaces"]), world["start"].reshape(-1, 1), np.diag(world["start_std"].ravel() ** 2)
-    q, r, *walks = world["noise"].table(n)
+    n, x, p = len(world["interfaces"]), world["start"].reshape(-1, 1), world["start_covariance"]
+    q, r, *walks, motion = world["noise"].table(n)
     offsets, size = slice(x.size - 2 * n, x.size - n), x.size
     scales = np.repeat(np.array([1e-6, 1e-4, 1e-6, 1e-4, 1e-3, 1e-3])[[*range(size // n - 2), 4, 5]], n)
     around = np.hstack([np.diag(scales), -np.diag(scales)])
@@ -222,7 +226,9 @@ def _plain_filter(world, frozen=None):
             after = _step(world, x + around, drives)
             phi = (after[:, :size] - after[:, size:]) / (2 * scales)
             push = phi[:, offsets] * np.where(np.arange(size) < size - 2 * n, 1.0, 0.0)[:, np.newaxis]
-            p = phi @ p @ phi.T + push * q**2 @ push.T
+            ahead, back = (_step(world, np.repeat(x, n, axis=1), drives, sign * np.eye(n)) for sign in (1e-3, -1e-3))
+            moved = (ahead - back) / 2e-3
+            p = phi @ p @ phi.T + push * q**2 @ push.T + moved * motion**2 @ moved.T
             p[np.arange(size - 2 * n, size), np.arange(size - 2 * n, size)] += np.concatenate(walks) ** 2
         x = _step(world, x, drives)
     return np.transpose(innovation), gains
@@ -251,7 +257,7 @@ def test_a_sensor_beside_its_interface_is_filtered_and_differentiated_as_the_pla
 
 def test_a_displaced_sensor_reads_the_body_where_it_is():
     """Of a bar on two springs: the acceleration at another place is that of the line through both ends."""
-    world = _of(2, ground=False) | {"noise": Noise(0.0, 1e9), "start_std": np.zeros((4, 2))}
+    world = _of(2, ground=False) | {"noise": Noise(0.0, 1e9), "start_covariance": np.zeros((8, 8))}
     line = np.array([[0.8, 0.2], [-0.3, 1.3]])
     here = predict(**world)
     there = predict(**world, reading=line @ ACCELERANCE)
@@ -273,7 +279,8 @@ def test_sensors_at_their_interfaces_need_no_reading(ground):
 def test_one_interface_is_the_first_of_two_that_know_nothing_of_each_other(ground):
     alone = _of(1, ground=ground, laws=LAWS)
     n_own = alone["interfaces"][0].n_parameters
-    both = {key: np.repeat(alone[key], 2, axis=1) for key in ("drive", "measured", "start", "start_std")}
+    both = {key: np.repeat(alone[key], 2, axis=1) for key in ("drive", "measured", "start")}
+    both |= {"start_covariance": np.kron(alone["start_covariance"], np.eye(2))}
     both |= {"interfaces": alone["interfaces"] * 2, "accelerance": np.eye(2) * alone["accelerance"]}
     both |= {"fs": FS, "ground": ground, "noise": Noise(*alone["noise"].table(1)[:, 0])}
     ways = _directions(1)
@@ -311,7 +318,7 @@ def test_at_the_truth_the_innovations_are_white_whatever_the_law():
     assert 4e9 * np.std(truth.travel**3) > 0.3 * 2e5 * truth.travel.std()
     drive = half_steps(u + 0.02 * rng.standard_normal((n, 1)))
     measured = truth.acceleration + 0.02 * rng.standard_normal((n, 1))
-    settings = {"fs": fs, "start": np.zeros((4, 1)), "start_std": np.zeros((4, 1)), "sensitivity": False}
+    settings = {"fs": fs, "start": np.zeros((4, 1)), "start_covariance": np.zeros((4, 4)), "sensitivity": False}
     chance = 1 / np.sqrt(n - settle)
     white = predict(gear, [[1 / 1800]], drive, measured, noise=Noise(0.02, 0.02), **settings).innovation[0, settle:]
     free = predict(gear, [[1 / 1800]], drive, measured, noise=Noise(0.0, 0.02), **settings).innovation[0, settle:]
@@ -352,7 +359,7 @@ def test_the_covariance_stays_one_over_many_samples(ground, n):
         fs=FS,
         noise=Noise(0.02, 0.01, 1e-5, 1e-5),
         start=np.zeros((rows, 1)),
-        start_std=np.full((rows, 1), 0.01),
+        start_covariance=1e-4 * np.eye(rows),
         ground=ground,
         sensitivity=False,
     ).spread[0]
@@ -361,9 +368,9 @@ def test_the_covariance_stays_one_over_many_samples(ground, n):
 
 def test_bad_input_is_named():
     world = _of(2, ground=False)
-    with pytest.raises(InputError, match=r"give \(2, 2\), \(239, 2\), \(120, 2\), \(4, 2\), \(4, 2\) for 2 interface"):
+    with pytest.raises(InputError, match=r"give \(2, 2\), \(239, 2\), \(120, 2\), \(4, 2\), \(8, 8\) for 2 interface"):
         predict(**world | {"drive": world["drive"][:-1]})
-    with pytest.raises(InputError, match=r"\(6, 2\) for 2 interface"):
+    with pytest.raises(InputError, match=r"\(6, 2\), \(12, 12\) for 2 interface"):
         predict(**world | {"ground": True})
     with pytest.raises(InputError, match="ground is False"):
         predict(**world | {"interfaces": _of(2, ground=True)["interfaces"]})
@@ -379,6 +386,6 @@ def test_bad_input_is_named():
 
 def test_a_motion_without_bound_is_named():
     world = _of(1, ground=False)
-    falling = {"interfaces": [Interface(-4e12, 0.0)], "noise": Noise(0.0, 0.01), "start_std": np.zeros((4, 1))}
+    falling = {"interfaces": [Interface(-4e12, 0.0)], "noise": Noise(0.0, 0.01), "start_covariance": np.zeros((4, 4))}
     with pytest.raises(UnboundedResponseError, match="grows without bound"):
         predict(**world | falling)

@@ -61,7 +61,7 @@ class DrivenResponse:
         acceleration: (n, n_interfaces) x2'' of the body at the interfaces, m/s^2.
         sensitivity: (n, n_interfaces, n_parameters) derivatives of `acceleration`: by stiffness, damping, ground
             stiffness and law of each interface in turn, by each direction of the accelerance, by each direction of
-            the drive, and by travel, velocity, body displacement and body velocity at the start.
+            the drive, and by travel, velocity, place and velocity below the suspension at the start.
     """
 
     travel: FloatArray
@@ -93,8 +93,8 @@ def driven_response(
         fs: samples a second, Hz.
         accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
         drive_directions: (2 n - 1, n_directions, n_interfaces) changes of u to differentiate by.
-        start: (4, n_interfaces) z, z', x2 and x2' at the first sample; zero where left out.
-        ground: whether x2 is followed; if not, derivatives by ground stiffness, x2 and x2' at the start are zero.
+        start: (4, n_interfaces) z, z', x1 and x1' at the first sample; zero where left out.
+        ground: whether x1 is followed; if not, derivatives by ground stiffness, x1 and x1' at the start are zero.
         sensitivity: whether derivatives are wanted; if not, `sensitivity` of the response has no parameter.
 
     Raises:
@@ -117,7 +117,7 @@ def driven_response(
         )
     n_samples = u.shape[0] // 2 + 1
     # readings of zero: the innovation is what the body does, with the other sign
-    nothing, exact = np.zeros((n_samples, n)), np.array([[0.0], [1.0], [0.0], [0.0]]).repeat(n, axis=1)
+    nothing, exact = np.zeros((n_samples, n)), np.eye(5)[:, [1]].repeat(n, axis=1)
     states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
     by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
     _, _, changes, motion = predictions(
@@ -177,7 +177,7 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
 
     Args:
         interfaces: the suspensions.
-        ground: whether the place of the body is followed.
+        ground: whether the place below the suspension is followed.
 
     Returns:
         Stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law,

@@ -32,20 +32,23 @@ class Noise:
         measured: rms of the white noise on the readings of the body, m/s^2.
         drive_walk: what the offset of the drive walks in a sample, rms m/s^2.
         measured_walk: what the offset of the readings walks in a sample, rms m/s^2.
+        motion: rms of a white noise on z'' alone, m/s^2: what moves the suspensions and neither the sensors below nor
+            the ground.
     """
 
     drive: float | Sequence[float]
     measured: float | Sequence[float]
     drive_walk: float | Sequence[float] = 0.0
     measured_walk: float | Sequence[float] = 0.0
+    motion: float | Sequence[float] = 0.0
 
     def table(self, n: int) -> FloatArray:
-        """(4, n) the four rows.
+        """(5, n) the five rows.
 
         Args:
             n: number of interfaces.
         """
-        rows = (self.drive, self.measured, self.drive_walk, self.measured_walk)
+        rows = (self.drive, self.measured, self.drive_walk, self.measured_walk, self.motion)
         return np.array([np.broadcast_to(np.asarray(row, dtype=np.float64), n) for row in rows])
 
 
@@ -59,7 +62,7 @@ class Prediction:
         spread: (n_interfaces, n) that standard deviation, m/s^2.
         sensitivity: (n_interfaces, n_parameters, n) derivatives of `innovation`: by stiffness, damping, ground
             stiffness and law of each interface in turn, by each direction of the accelerance, of the drive and of
-            the readings, and by travel, velocity (and, with ground, displacement and velocity of the body) at the
+            the readings, and by travel, velocity (and, with ground, place and velocity below the suspension) at the
             start, those by ground stiffness zero without ground; no parameters if not asked for.
         travel: (n, n_interfaces) z, m.
         velocity: (n, n_interfaces) z', m/s.
@@ -83,7 +86,7 @@ def predict(
     fs: float,
     noise: Noise,
     start: ArrayLike,
-    start_std: ArrayLike,
+    start_covariance: ArrayLike,
     accelerance_directions: ArrayLike | None = None,
     reading: ArrayLike | None = None,
     reading_directions: ArrayLike | None = None,
@@ -101,9 +104,9 @@ def predict(
         measured: (n, n_interfaces) acceleration of the body as the sensor of each interface reads it, m/s^2.
         fs: samples a second, Hz.
         noise: of the sensors.
-        start: (6 or 4, n_interfaces) rows z, z', [x2, x2'], offset of the drive and of the readings at the first
-            sample; the two in brackets with `ground` only.
-        start_std: likewise, standard deviations.
+        start: (6 or 4, n_interfaces) rows z, z', [x1, x1'], offset of the drive and of the readings at the first
+            sample; the two in brackets, place and velocity below the suspension, with `ground` only.
+        start_covariance: (6 n_interfaces or 4 n_interfaces, the same) of these, row by row.
         accelerance_directions: (n_directions, n_interfaces, n_interfaces) changes of A to differentiate by.
         reading: (n_interfaces, n_interfaces) R, 1/kg: the sensor of a row reads -R F of the forces of the interfaces,
             for one that is not at its interface; A where left out.
@@ -121,13 +124,14 @@ def predict(
     >>> rng = np.random.default_rng(0)
     >>> readings = 0.01 * rng.standard_normal((500, 1))
     >>> still = predict([Interface(400.0, 4.0)], [[1.0]], np.zeros((999, 1)), readings, fs=100.0,
-    ...                 noise=Noise(0.0, 0.01), start=np.zeros((4, 1)), start_std=np.zeros((4, 1)))
+    ...                 noise=Noise(0.0, 0.01), start=np.zeros((4, 1)), start_covariance=np.zeros((4, 4)))
     >>> bool(np.allclose(still.innovation[0], readings[:, 0] / 0.01)), still.sensitivity.shape
     (True, (1, 5, 500))
     """
     n = len(interfaces)
-    matrix, u, y, first, std = (
-        np.ascontiguousarray(array, dtype=np.float64) for array in (accelerance, drive, measured, start, start_std)
+    matrix, u, y, first, covariance = (
+        np.array(array, dtype=np.float64, order="C")
+        for array in (accelerance, drive, measured, start, start_covariance)
     )
     rows = 6 if ground else 4
     seen = matrix if reading is None else np.ascontiguousarray(reading, dtype=np.float64)
@@ -142,11 +146,11 @@ def predict(
             f"reading and its directions have shapes {seen.shape} and {by_reading.shape}: give {(n, n)} and "
             f"{by_accelerance.shape}, as of the accelerance"
         )
-    shapes = (matrix.shape, u.shape, y.shape, first.shape, std.shape)
-    needed = ((n, n), (2 * y.shape[0] - 1, n), (y.shape[0], n), (rows, n), (rows, n))
+    shapes = (matrix.shape, u.shape, y.shape, first.shape, covariance.shape)
+    needed = ((n, n), (2 * y.shape[0] - 1, n), (y.shape[0], n), (rows, n), (rows * n, rows * n))
     if shapes != needed:
         raise InputError(
-            f"accelerance, drive, measured, start and start_std have shapes {', '.join(map(str, shapes))}: give "
+            f"accelerance, drive, measured, start and start_covariance have shapes {', '.join(map(str, shapes))}: give "
             f"{', '.join(map(str, needed))} for {n} interface(s)"
         )
     innovation, spread, changes, motion = predictions(
@@ -161,7 +165,7 @@ def predict(
         directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
         1.0 / fs,
         first.ravel(),
-        np.diag(std.ravel() ** 2),
+        covariance,
         noise.table(n),
         ground,
         sensitivity,

@@ -243,7 +243,7 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
         score = gain / fit.variance
         if fit.ratio > search.hopeless and score < search.good_fraction * fit.n_data:
             continue
-        if hypothesis.ground and start is not None and start.has_ground:
+        if hypothesis.ground and start is not None:
             score = max(score, float(np.max((start.ground_stiffness / start.ground_std) ** 2)))
         found.append((score, hypothesis))
     found = sorted((entry for entry in found if entry[0] > known.least_score), key=lambda entry: -entry[0])

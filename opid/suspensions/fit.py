@@ -185,7 +185,7 @@ def fit_model(
     """
     known, spent = model.settings.fit, 0
     for factor in (*noisier, 1.0):
-        louder = model if factor == 1.0 else replace(model, noise=(factor * model.noise[0], model.noise[1]))
+        louder = replace(model, louder=factor)
         if factor != 1.0 and hold_places:
             louder = _with_places_held(louder)
         promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise

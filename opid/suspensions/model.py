@@ -97,6 +97,8 @@ class Model:
         motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s), roughly.
         settings: of the estimator.
         held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
+        louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
+            the sensors below: it stands for what the model does not know yet.
     """
 
     runs: tuple[DrivenRun, ...]
@@ -108,6 +110,7 @@ class Model:
     motion_rms: FloatArray
     settings: Settings
     held_inverse_mass: float = 0.0
+    louder: float = 1.0
 
     @cached_property
     def coarse(self) -> Model:
@@ -311,7 +314,7 @@ class Model:
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
         below, above = self.corrected(theta, place)
         n_sensors = above.value.shape[1]
-        start, std = self._at_start(theta, place)
+        start, covariance = self._at_start(theta, place)
         prediction = predict(
             slots,
             moved.accelerance,
@@ -320,7 +323,7 @@ class Model:
             fs=run.fs,
             noise=self._noise(theta, run),
             start=start,
-            start_std=std,
+            start_covariance=covariance,
             accelerance_directions=moved.by_accelerance[kept],
             # a sensor at its interface reads what acts there: the predictor then need not tell the two apart
             reading=None if self._is_plain else moved.reading,
@@ -382,8 +385,9 @@ class Model:
         """What the first seconds of a run speak against a start."""
         run, (below, above) = self.runs[place], self.corrected(theta, place)
         n = min(run.n_samples, round(seconds * run.fs))
-        start, std = self._at_start(theta, place)
-        start[:2, 0], std[:2, 0] = cell, cell_std
+        start, covariance = self._at_start(theta, place)
+        start[:2, 0] = cell
+        np.fill_diagonal(covariance[:2, :2], cell_std**2)
         try:
             begun = predict(
                 self.interfaces(theta)[0],
@@ -393,7 +397,7 @@ class Model:
                 fs=run.fs,
                 noise=self._noise(theta, run),
                 start=start,
-                start_std=std,
+                start_covariance=covariance,
                 ground=self.ground,
                 sensitivity=False,
             )
@@ -402,20 +406,24 @@ class Model:
         return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
 
     def _at_start(self, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
-        """State of all slots at the first sample of a run, and how well it is known: what is fitted, exactly."""
-        body, known, n_sensors = self.body, self.settings.runs, len(self.sensors.sprung)
-        n, n_rows = body.n_interfaces, 6 if self.ground else 4
+        """State of all slots at the first sample of a run, and its covariance: what is fitted is known exactly."""
+        body, known, run = self.body, self.settings.runs, self.runs[place]
+        n, n_rows, n_sensors = body.n_interfaces, 6 if self.ground else 4, len(self.sensors.sprung)
         start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
         start[:2, :n] = theta[self.n_shared + self._n_own * place :][: self._n_own].reshape(-1, 2).T
         std[:2, :n] = 1e-9
         springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
         std[:2, n:] = springs * known.start_rms * self.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
-        if self.ground:
-            std[2, :n], std[3, :n] = known.start_displacement_m, known.start_velocity_m_per_s
         for row, facts in ((-2, self.sensors.unsprung), (-1, self.sensors.sprung)):
             offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
             std[row, : n if row == -2 else n_sensors] = offsets
-        return start, std
+        covariance = np.diag(std.ravel() ** 2)
+        if self.ground:
+            start[2:5, :n], near = run.ground_at_start
+            for k in range(n):
+                rows = np.arange(2, 5) * body.n_slots + k
+                covariance[np.ix_(rows, rows)] = near[k]
+        return start, covariance
 
     def _sort_out(
         self,
@@ -496,7 +504,8 @@ class Model:
             walk = 2 * np.pi * corners / run.fs * level
             n_more = n_all - level.size
             rows.append((np.append(level, [absent] * n_more), np.append(walk, [0.0] * n_more)))
-        return Noise(rows[0][0].tolist(), rows[1][0].tolist(), rows[0][1].tolist(), rows[1][1].tolist())
+        motion = np.sqrt(self.louder**2 - 1) * rows[0][0]
+        return Noise(*(row.tolist() for row in (rows[0][0], rows[1][0], rows[0][1], rows[1][1], motion)))
 
     def _add_spread(
         self,

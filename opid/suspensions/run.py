@@ -103,6 +103,27 @@ class DrivenRun:
         )
         return replace(self, omega=lines.omega, stride=2 * by)
 
+    @cached_property
+    def ground_at_start(self) -> tuple[FloatArray, FloatArray]:
+        """Place, velocity and offset of the ground below each suspension at the first sample, and their covariance.
+
+        Integrated twice from there, the measured acceleration makes a path that stays near its mean height: by as much
+        as the settings say and as what a parabola leaves of it speaks for.
+
+        Returns:
+            (3, n_interfaces) in m, m/s and m/s^2; and (n_interfaces, 3, 3).
+        """
+        time = np.arange(len(self.unsprung)) / self.recorded_fs
+        path = self.unsprung
+        for _ in range(2):
+            path = integrate.cumulative_trapezoid(path, dx=1 / self.recorded_fs, initial=0.0, axis=0)
+        basis = np.stack([np.ones_like(time), time, time**2 / 2], axis=1)
+        start = -np.linalg.lstsq(basis, path, rcond=None)[0]
+        left_m = (path + basis @ start).std(axis=0)
+        drift_m = np.hypot(self.settings.ground_drift_m, self.settings.ground_drift_paths * left_m)
+        unit = np.linalg.inv(basis.T @ basis / time.size)
+        return start, drift_m[:, np.newaxis, np.newaxis] ** 2 * unit
+
     @property
     def lines(self) -> slice:
         """Places of the lines of the band among all lines of the transform."""

@@ -293,7 +293,7 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
     if model.body.n_slots > 1:
         return theta
     factor = noisier[0] if noisier else 1.0
-    return replace(model, noise=(factor * model.noise[0], model.noise[1])).looked_for_start(theta)
+    return replace(model, louder=factor).looked_for_start(theta)
 
 
 def _without_laws(model: Model, theta: FloatArray) -> FloatArray:

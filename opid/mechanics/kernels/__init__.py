@@ -116,20 +116,19 @@ def predictions(
         measured: (n, n_interfaces), m/s^2.
         by_measured: (n, n_directions, n_interfaces) directions of the measured.
         step_s: s.
-        start: (n_states,) z, v, [x, w], offset of the drive, offset of the measured, of all interfaces each.
+        start: (n_states,) z, v, [d, e], offset of the drive, offset of the measured, of all interfaces each.
         covariance_start: (n_states, n_states).
-        noise: (4, n_interfaces) rms of drive and measured, and what their offsets walk in a step, m/s^2.
-        ground: whether x and w are states.
+        noise: (5, n_interfaces) rms of drive and measured, what their offsets walk in a step, rms of motion, m/s^2.
+        ground: whether d and e are states.
         sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
     """
     n = drive.shape[1]
     # nothing is corrected where the state is certain and nothing disturbs it
-    correct = bool(covariance_start.any() or noise[[0, 2, 3]].any())
-    # the kernel follows z, v, both offsets, [x - z, w - v]
+    correct = bool(covariance_start.any() or noise[[0, 2, 3, 4]].any())
+    # the kernel follows z, v, both offsets, [d, e]
     into = np.eye(start.size)
     if ground:
         into = into[np.arange(6 * n).reshape(6, n)[[0, 1, 4, 5, 2, 3]].ravel()]
-        into[4 * n :, : 2 * n] = -np.eye(2 * n)
     # directions last: the innermost loops go over them
     ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     innovation, spread, changes, motion = _predictions(

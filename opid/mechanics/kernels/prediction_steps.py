@@ -107,8 +107,8 @@ def _dot_of_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="fused")
-def _carry_covariance(transition, step_s, ground, noise, covariance, product):  # type: ignore[no-untyped-def]
-    """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step."""
+def _carry_covariance(transition, step_s, ground, noise, tied, covariance, product):  # type: ignore[no-untyped-def]
+    """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step, that of the motion spares d."""
     n_states, n = covariance.shape[0], noise.shape[1]
     for row in range(2 * n):
         for s in range(n_states):
@@ -118,7 +118,13 @@ def _carry_covariance(transition, step_s, ground, noise, covariance, product):  
         for q in range(row + 1):
             total = _dot_of_rows(product, row, transition, q)
             for i in range(n):
-                total += noise[0, i] ** 2 * transition[row, 2 * n + i] * transition[q, 2 * n + i]
+                of_row, of_q = transition[row, 2 * n + i], transition[q, 2 * n + i]
+                total += noise[0, i] ** 2 * of_row * of_q
+                if row == i:
+                    of_row -= 0.5 * step_s * step_s * tied[i]
+                if q == i:
+                    of_q -= 0.5 * step_s * step_s * tied[i]
+                total += noise[4, i] ** 2 * of_row * of_q
             covariance[row, q] = covariance[q, row] = total
     if ground:
         _carry_ground(step_s, n, covariance[2 * n :])
@@ -436,5 +442,5 @@ def _predictions(  # type: ignore[no-untyped-def]
         if correct:
             if ground:
                 _balance(step_s, tied, transition)
-            _carry_covariance(transition, step_s, ground, noise, covariance, product)
+            _carry_covariance(transition, step_s, ground, noise, tied, covariance, product)
     return innovation, spread, sensitivity, motion
