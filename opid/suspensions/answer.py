@@ -65,11 +65,7 @@ class Numbers:
         return replace(self, parameters=dict.fromkeys(self.parameters, Estimate()))
 
     def without_motions(self, motions: Sequence[str]) -> Numbers:
-        """Return them without the inertia of motions that the runs hardly tell.
-
-        Args:
-            motions: "roll", "pitch" or both.
-        """
+        """Return them without the inertia of motions that the runs hardly tell."""
         parameters, ratios = dict(self.parameters), dict(self.ratios)
         for motion in motions:
             parameters[f"{motion}_inertia_kg_m2"] = ratios[f"{motion}_radius_m"] = Estimate()
@@ -85,12 +81,7 @@ class Numbers:
         return Numbers(nothing["parameters"], nothing["ratios"], interfaces, {})
 
     def without_intervals_of(self, terms: Sequence[StraightTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
-        """Return them without the intervals of what trades with straight terms.
-
-        Args:
-            terms: the terms.
-            names: of the interfaces of each group.
-        """
+        """Return them without the intervals of what trades with straight terms."""
         parameters, ratios, interfaces = dict(self.parameters), dict(self.ratios), list(self.interfaces)
         for term in terms:
             for name in _TRADES_WITH[term.unit]:
@@ -119,17 +110,7 @@ def found_numbers(
     per_mass: bool,
     ground: bool,
 ) -> Numbers:
-    """Return the numbers of some fits as they are.
-
-    Args:
-        study: the study.
-        kind: of structure.
-        parts: the fits that make up the answer.
-        covariances: of their shared parameters.
-        evidence: of the parts.
-        per_mass: whether suspensions are told per kg of the body, and no masses.
-        ground: whether springs to the ground were allowed.
-    """
+    """Return the numbers of some fits as they are."""
     interfaces = _interfaces(study, parts, covariances, evidence, per_mass=per_mass, ground=ground)
     if study.is_one_gear:
         return Numbers(

@@ -103,22 +103,12 @@ class Body:
         return self.n_slots - len(self.inside)
 
     def mass(self, theta: FloatArray, mu: float, loading: FloatArray) -> FloatArray:
-        """Return M per unit of the reference mass, (n_dof, n_dof).
-
-        Args:
-            theta: (n_parts,) free factors.
-            mu: one over the reference mass, 1/kg.
-            loading: (n_dof, n_dof) what this run carries more than the reference, kg.
-        """
+        """Return M per unit of the reference mass, (n_dof, n_dof), under a loading in kg; mu in 1/kg."""
         mass = self.unit + np.tensordot(theta, self.parts, axes=1) + mu * (self.known + loading)
         return mass if self.product is None else mass + theta[0] * theta[1] * self.product
 
     def by_factors(self, theta: FloatArray) -> FloatArray:
-        """Return the derivatives of M by its factors, (n_parts, n_dof, n_dof).
-
-        Args:
-            theta: (n_parts,) free factors.
-        """
+        """Return the derivatives of M by its factors, (n_parts, n_dof, n_dof)."""
         if self.product is None:
             return self.parts
         changes = self.parts.copy()
@@ -144,14 +134,9 @@ class Mobility:
 
 
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
-    """Return what forces at the slots do to a body in one run.
+    """Return what forces at the slots do to a body under a loading, (n_dof, n_dof) kg.
 
-    Args:
-        body: the body.
-        theta: (n_parts,) free factors.
-        mu: one over the reference mass, 1/kg.
-        shifts: (n_coordinates,) true place less the stated one, m.
-        loading: (n_dof, n_dof) what this run carries more than the reference, kg.
+    `shifts` are true places less the stated ones, m, of each coordinate.
 
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
@@ -276,15 +261,8 @@ def own_body(
 ) -> Body:
     """Return a user's own structure, hung on interfaces whose other side is measured.
 
-    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground.
-
-    Args:
-        structure: mass, damping and stiffness matrices, and joints; laws inside of it are not followed.
-        interfaces: degrees of freedom at which the suspensions act, one each.
-        sensors: degrees of freedom whose accelerations are measured; any number of them.
-        unknown: names of joints whose stiffness and damping are to be found.
-        unknown_mass: degrees of freedom whose mass is to be found: what the mass matrix says of them on its diagonal is
-            a guess. Where nothing else is known, ratios to the first one are found.
+    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground. What the mass matrix
+    says of an unknown mass is a guess; where nothing else is known, ratios to the first of them are found.
 
     Raises:
         InputError: an unknown degree of freedom or joint, one named twice, or a joint with a law.

@@ -160,12 +160,7 @@ class Task:
 
 
 def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
-    """Fit the mean of some interfaces as one gear under its share of the mass.
-
-    Args:
-        task: what to fit to.
-        interfaces: their places in the study.
-    """
+    """Fit the mean of some interfaces as one gear under its share of the mass."""
     study, picked, runs = task.study, list(interfaces), []
     assert study is not None  # a user's own structure has no gears to leave alone
     for run, (below, above, across) in zip(study.runs, task.arrays, strict=True):
@@ -202,11 +197,7 @@ def gear_body() -> Body:
 
 
 def fit_rigid(task: Task) -> Fitted:
-    """Fit one rigid body on all interfaces.
-
-    Args:
-        task: what to fit to.
-    """
+    """Fit one rigid body on all interfaces."""
     study = task.study
     assert study is not None  # a user's own structure is what it is
     body = rigid_body(
@@ -234,12 +225,7 @@ def fit_rigid(task: Task) -> Fitted:
 
 
 def loading_matrix(study: Study, place: int) -> FloatArray:
-    """Return the mass matrix of a loading about the origin, (3, 3) kg, kg m, kg m^2.
-
-    Args:
-        study: the study.
-        place: of the run.
-    """
+    """Return the mass matrix of a loading about the origin, (3, 3) kg, kg m, kg m^2."""
     total = np.zeros((3, 3))
     for each in study.runs[place].masses:
         row = vertical(each.x_m, each.y_m)
@@ -248,11 +234,7 @@ def loading_matrix(study: Study, place: int) -> FloatArray:
 
 
 def groups_of(study: Study) -> tuple[Group, ...]:
-    """Return which interfaces share what, in the order of the first of each group.
-
-    Args:
-        study: the study.
-    """
+    """Return which interfaces share what, in the order of the first of each group."""
     together = {name: group for group in study.structure.shared for name in group}
     found: dict[str, Group] = {}
     for name in study.names:
@@ -315,12 +297,7 @@ def fitted(
 
 
 def mass_is_told(runs: Sequence[DrivenRun], body: Body) -> bool:
-    """Return whether one over the reference mass is fitted: something is known in kg or N, or the loading changes.
-
-    Args:
-        runs: the runs.
-        body: the body.
-    """
+    """Return whether one over the reference mass is fitted: something is known in kg or N, or the loading changes."""
     springs = any(spring.stiffness_n_per_m or spring.damping_n_s_per_m for spring in body.inside)
     changes = loading_changes([run.loading for run in runs])
     return not body.absolute and (changes or springs or bool(body.known.any()))

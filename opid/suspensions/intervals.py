@@ -21,9 +21,6 @@ def honest_covariance(fit: Fit) -> FloatArray:
 
     The sandwich over cells of neighbouring lines; no parameter becomes better known than for a white residual.
 
-    Args:
-        fit: a fitted body.
-
     Returns:
         (n_shared, n_shared).
     """
@@ -103,13 +100,7 @@ def _scaled(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def gear_ratios(fit: Fit, covariance: FloatArray, ground: Estimate) -> dict[str, Estimate]:
-    """Return ratios to the mass, natural frequency and damping ratio on a still wheel of one gear, by the delta method.
-
-    Args:
-        fit: of one gear.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        ground: stiffness of the spring to the ground over the mass.
-    """
+    """Return ratios to the mass, and frequency and damping ratio on a still wheel, of one gear by the delta method."""
     names, group = list(fit.model.names), fit.model.groups[0]
     k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
     ratios = dict.fromkeys(GEAR_RATIOS, Estimate())
@@ -136,15 +127,8 @@ def ground_estimate(
 ) -> Estimate:
     """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
 
-    A gear that the runs give none has zero, as well as that would be known; none is known better than gains are equal.
-
-    Args:
-        fit: a fitted model.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        number: of the group.
-        std_per_mass: standard deviation that it would have per kg, 1/s^2, where it was not fitted; None where the user
-            ruled such springs out.
-        per_mass: whether it is wanted per kg.
+    A gear that the runs give none has zero, as well as that would be known: `std_per_mass`, 1/s^2, None where the user
+    ruled such springs out. None is known better than gains are equal.
     """
     group, equal = fit.model.groups[number], fit.model.settings.intervals.equal_gains
     stiffness = per_force(fit, covariance, fit.model.first_of_group[number], per_mass=per_mass).value or 0.0
@@ -160,12 +144,7 @@ def ground_estimate(
 
 
 def body_estimates(fit: Fit, covariance: FloatArray) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass.
-
-    Args:
-        fit: of a rigid body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
+    """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass."""
     names, theta = fit.model.names, fit.theta
     place = {name: names.index(name) for name in ("x_cg_m", "y_cg_m", "rxx_m2", "ryy_m2")}
     x, y, rxx, ryy = (float(theta[place[name]]) for name in place)
@@ -200,12 +179,7 @@ def body_estimates(fit: Fit, covariance: FloatArray) -> tuple[dict[str, Estimate
 
 
 def mass_of(fit: Fit, covariance: FloatArray) -> Estimate:
-    """Return the reference mass; its interval is the image of that of its inverse, longer upwards.
-
-    Args:
-        fit: with a free mass.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
+    """Return the reference mass; its interval is the image of that of its inverse, longer upwards."""
     mu, std = inverse_mass_of(fit, covariance)
     if mu <= 1.96 * std:
         return Estimate(1 / mu if mu > 0 else None)
@@ -213,23 +187,13 @@ def mass_of(fit: Fit, covariance: FloatArray) -> Estimate:
 
 
 def inverse_mass_of(fit: Fit, covariance: FloatArray) -> tuple[float, float]:
-    """Return one over the reference mass and its standard deviation, 1/kg.
-
-    Args:
-        fit: with a free mass.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
+    """Return one over the reference mass and its standard deviation, 1/kg."""
     place = fit.model.names.index("inverse_mass")
     return fit.model.inverse_mass(fit.theta), float(np.sqrt(max(covariance[place, place], 0.0)))
 
 
 def negative_mass(fit: Fit, covariance: FloatArray) -> bool:
-    """Return whether the reference mass is below nothing by more than its interval.
-
-    Args:
-        fit: a fitted body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
+    """Return whether the reference mass is below nothing by more than its interval."""
     if not fit.model.mass_free:
         return False
     mu, std = inverse_mass_of(fit, covariance)
@@ -239,14 +203,7 @@ def negative_mass(fit: Fit, covariance: FloatArray) -> bool:
 def suspension_estimates(
     fit: Fit, covariance: FloatArray, number: int, *, per_mass: bool = False
 ) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
-    """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted.
-
-    Args:
-        fit: a fitted body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        number: of the group.
-        per_mass: whether they are wanted per kg though the mass is fitted.
-    """
+    """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted."""
     first, places = fit.model.first_of_group[number], fit.model.law_places(number)
     law = fit.model.groups[number].law
     estimates: dict[str, dict[str, Estimate]] = {}
@@ -268,14 +225,7 @@ def suspension_estimates(
 
 
 def per_force(fit: Fit, covariance: FloatArray, place: int, *, per_mass: bool = False) -> Estimate:
-    """Return an entry of the vector that multiplies a force or a mass, times the reference mass where that is fitted.
-
-    Args:
-        fit: a fitted body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        place: of the entry.
-        per_mass: whether the entry itself is wanted though the mass is fitted.
-    """
+    """Return an entry of the vector that multiplies a force or a mass, times the mass where that is fitted."""
     model, value = fit.model, float(fit.theta[place])
     gradient = np.zeros(len(model.names))
     absolute = model.mass_free and not per_mass

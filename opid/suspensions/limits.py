@@ -97,9 +97,6 @@ def ground_imitations(fit: Fit) -> GroundImitations:
 
     The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
     fitted is taken out of both.
-
-    Args:
-        fit: of the runs.
     """
     model = replace(fit.model, groups=tuple(replace(group, ground=True) for group in fit.model.groups))
     is_one = len(fit.model.sensors.sprung) == 1

@@ -25,12 +25,6 @@ def known_noise(
     """Return the noise of each sensor below and on the body, m/s^2: as stated, else from the quieter of both sides.
 
     A wheel is never still: only the quieter side tells of the noise.
-
-    Args:
-        facts: of the sensors below and on the body.
-        arrays: (n, n_interfaces) below and (n, n_sensors) on the body of each run, m/s^2.
-        fs: sampling rate, Hz.
-        settings: how small a noise is believed.
     """
     stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in facts]
     if any(np.isnan(side).any() for side in stated):
@@ -54,9 +48,6 @@ def with_own_noise(fit: Fit) -> Fit:
 
     Only their ratio weighs the data. It is estimated where the noise of no sensor of a side was stated, and the fit is
     returned as it is where the data do not speak for another ratio.
-
-    Args:
-        fit: with the noise that was assumed so far.
     """
     from scipy import optimize
 

@@ -36,11 +36,7 @@ class Corrected:
     by: tuple[tuple[str, int, FloatArray], ...]
 
     def directions(self, n_slots: int) -> FloatArray | None:
-        """Return the derivatives as the predictor takes them, (m, n_faults, n_slots); None where there are none.
-
-        Args:
-            n_slots: number of slots of the body.
-        """
+        """Return the derivatives as the predictor takes them, (m, n_faults, n_slots); None where there are none."""
         if not self.by:
             return None
         found = np.zeros((len(self.value), len(self.by), n_slots))
@@ -109,29 +105,15 @@ class DrivenRun:
         return places_of(self.omega, self.n_samples, self.fs)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
-        """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts.
-
-        Args:
-            samples: (..., n).
-        """
+        """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts."""
         return at_lines(samples, self.omega, self.fs)
 
     def drive(self, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
-        """Return the accelerations below the suspensions at half steps, (2 n - 1, n_interfaces).
-
-        Args:
-            sensors: what is known of them.
-            faults: values of their faults by name.
-        """
+        """Return the accelerations below the suspensions at half steps, (2 n - 1, n_interfaces)."""
         return self._corrected("unsprung", sensors, faults)
 
     def readings(self, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
-        """Return the accelerations of the body, (n, n_sensors).
-
-        Args:
-            sensors: what is known of them.
-            faults: values of their faults by name.
-        """
+        """Return the accelerations of the body, (n, n_sensors)."""
         return self._corrected("sprung", sensors, faults)
 
     def _corrected(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:

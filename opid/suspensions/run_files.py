@@ -76,10 +76,7 @@ def run_from_files(
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
-    Args:
-        files: what it is made of.
-        fs_hz: the rate to put them at, Hz; where left out the lowest of theirs, reduced if it is above 1100 Hz.
-        progress: called with the name of each log as it is read.
+    Where no rate is given it is the lowest of theirs, reduced if it is above 1100 Hz.
 
     Raises:
         InputError: a log or a channel is at fault, or nothing of it is sound.
@@ -126,11 +123,7 @@ def run_from_files(
 
 
 def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """Return the runs at the lowest of their rates.
-
-    Args:
-        runs: of one study.
-    """
+    """Return the runs at the lowest of their rates."""
     fs = min((run.recording.fs for run in runs), default=0.0)
     changed = []
     for run in runs:

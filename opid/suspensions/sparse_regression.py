@@ -77,16 +77,7 @@ def search_by_regression(
     settings: RegressionSettings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[LawStep[Fit], ...]:
-    """Return the ladder of laws that sparse regression proposes, fitted by the model; the last kept one is the choice.
-
-    Args:
-        problem: what fits other laws.
-        start: a fitted model: its motion is regressed on.
-        kinds: that may enter.
-        method: what led to the start.
-        settings: of the regression.
-        progress: called with the name of each law before it is fitted.
-    """
+    """Return the ladder of laws that sparse regression proposes, fitted by the model; the last kept is the choice."""
     say, known = progress or (lambda step: None), settings or RegressionSettings()
     ladder, best = [LawStep(start, True, method)], start
     for _ in range(known.n_passes):
@@ -109,15 +100,7 @@ def search_by_regression(
 
 
 def regress(fit: Fit, slot: int, kinds: Sequence[str], settings: RegressionSettings, seed: int = 0) -> Regression:
-    """Propose laws of one suspension from the force on the motion that a fit predicts.
-
-    Args:
-        fit: a fitted model.
-        slot: of the interface.
-        kinds: that may enter.
-        settings: of the regression.
-        seed: of the resampling.
-    """
+    """Propose laws of one suspension from the force on the motion that a fit predicts."""
     return _proposed(_thinned(force_points(fit, slot), settings.n_samples), kinds, settings, seed)
 
 

@@ -296,11 +296,7 @@ def study_of_gear(
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
-    """Return places of interfaces that stand left and right of the middle, each in one pair, with its nearest mirror.
-
-    Args:
-        study: the study.
-    """
+    """Return places of interfaces that stand left and right of the middle, each paired with its nearest mirror."""
     mirrored = []
     for (i, one), (k, other) in combinations(enumerate(study.interfaces), 2):
         along, across = abs(one.x_m - other.x_m), abs(one.y_m + other.y_m)
@@ -414,11 +410,7 @@ def _structure_faults(study: Study) -> Iterator[str]:
 
 
 def rigid_faults(study: Study) -> Iterator[str]:
-    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch.
-
-    Args:
-        study: the study.
-    """
+    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch."""
     for what, places in (
         ("interfaces", [interface.place for interface in study.interfaces]),
         (

@@ -70,14 +70,7 @@ def straight_terms(fit: Fit, covariance: FloatArray, verdicts: Verdicts) -> list
 
 
 def why_no_mass(study: Study, parts: Sequence[Fitted], covariances: Sequence[FloatArray], ratio: float) -> str | None:
-    """Return why the runs do not tell the mass of some part of the answer; None if they tell all.
-
-    Args:
-        study: the study.
-        parts: fits that make up the answer.
-        covariances: of their shared parameters.
-        ratio: residual over noise of the worst of them.
-    """
+    """Return why the runs do not tell the mass of some part of the answer; None if they tell all."""
     verdicts = parts[0].settings.verdicts
     untold = [part for part in parts if not part.fit.model.mass_free]
     changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
@@ -160,13 +153,7 @@ def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loos
 
 
 def why_refused(study: Study, parts: Sequence[Fitted], ratio: float) -> str | None:
-    """Return why there are no numbers at all; None if there are.
-
-    Args:
-        study: the study.
-        parts: fits that make up the answer.
-        ratio: residual over noise of the worst of them.
-    """
+    """Return why there are no numbers at all; None if there are."""
     verdicts = parts[0].settings.verdicts
     if study.is_one_gear:
         return _why_gear_refused(study, parts[0], ratio)
@@ -243,12 +230,7 @@ def _instead(study: Study, parts: Sequence[Fitted]) -> str:
 
 
 def worst_sensor(study: Study, parts: Sequence[Fitted]) -> str:
-    """Return which sensor on the body the answer leaves most of, as the end of a sentence; "" where there is one alone.
-
-    Args:
-        study: the study.
-        parts: fits that make up the answer.
-    """
+    """Return which sensor the answer leaves most of, as the end of a sentence; "" where there is one alone."""
     levels: list[tuple[float, str]] = []
     for part in parts:
         names = list(study.channels("sprung"))
@@ -269,12 +251,6 @@ def loose_motions(
     """Return "roll", "pitch" or both: motions of a rigid body whose inertia the runs hardly tell.
 
     A motion that is noise alone gives an inertia that explains noise, with an interval as sharp as it is wrong.
-
-    Args:
-        fit: of the rigid body.
-        parameters: of the body; empty where the mass is not determined.
-        ratios: of the body, intervals included.
-        verdicts: what is loosely known.
     """
     loose, moved = [], motion_over_noise(fit)
     for motion in ("roll", "pitch"):
@@ -333,11 +309,7 @@ class Answer:
 
 
 def collect_warnings(answer: Answer) -> Iterator[str]:
-    """Yield what to doubt of an answer, one sentence each.
-
-    Args:
-        answer: what was found.
-    """
+    """Yield what to doubt of an answer, one sentence each."""
     study = answer.study
     for run in study.runs:
         yield from _of_the_log(run)
