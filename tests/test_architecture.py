@@ -206,9 +206,9 @@ def public_definitions(tree):
 
 @cache
 def names_beyond(folder):
-    """Return every word of the package that stands outside of a folder, `opid/__init__.pyi` included."""
+    """Return the full name of everything that is imported outside of a folder, by `opid/__init__.pyi` too."""
     outside = [path for path in (*MODULES, PACKAGE / "__init__.pyi") if path.parent != folder]
-    return {word for path in outside for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
+    return {name for path in outside for name, _ in imports(path, tree_of(path))}
 
 
 def undocumented_arguments(path, tree):
@@ -216,8 +216,8 @@ def undocumented_arguments(path, tree):
         return  # click's options carry their own help
     for node in public_definitions(tree):
         # what the files of the estimator call among themselves has a sentence and a good name, its records have fields
-        among_themselves = path.parent == PACKAGE / "suspensions" and node.name not in names_beyond(path.parent)
-        if among_themselves and isinstance(node, ast.FunctionDef):
+        among_themselves = f"opid.suspensions.{path.stem}.{node.name}" not in names_beyond(path.parent)
+        if path.parent == PACKAGE / "suspensions" and isinstance(node, ast.FunctionDef) and among_themselves:
             continue
         docstring = ast.get_docstring(node) or ""
         for name in arguments(node):

@@ -24,7 +24,6 @@ from opid.suspensions.fit import (
     refit,
     with_laws,
 )
-from opid.suspensions.intervals import body_estimates, honest_covariance
 from opid.suspensions.law_search import library
 from opid.suspensions.model import Model
 from opid.suspensions.run import driven_run
@@ -270,7 +269,7 @@ def test_the_origin_of_coordinates_changes_nothing(found):
         for run in short_runs()
     )
     moved = fit_rigid(task_of(study(runs=runs, shift=tuple(shift))))
-    here, there = (body_estimates(each.fit, honest_covariance(each.fit))[0] for each in (found, moved))
+    here, there = (each.known.of_rigid_body()[0] for each in (found, moved))
     for name, estimate in here.items():
         expected = estimate.value + dict(zip(("x_cg_m", "y_cg_m"), shift, strict=True)).get(name, 0.0)
         assert abs(there[name].value - expected) < 0.1 * estimate.std, name

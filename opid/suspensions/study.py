@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import combinations
 from pathlib import Path
@@ -232,11 +232,16 @@ class Study:
         ]
 
     def sensor_facts(self) -> Sensors:
-        """Return what is known of all sensors."""
+        """Return what is known of all sensors, their noise as stated for each or for all."""
         names = [*self.names, *(sensor.channel for sensor in self.sensors)]
+        above = (*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors))
+
+        def known(facts: SensorFacts) -> SensorFacts:
+            return replace(facts, noise_m_per_s2=facts.noise_m_per_s2 or self.structure.noise_m_per_s2)
+
         return Sensors(
-            unsprung=tuple(interface.facts.unsprung for interface in self.interfaces),
-            sprung=(*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors)),
+            unsprung=tuple(known(interface.facts.unsprung) for interface in self.interfaces),
+            sprung=tuple(map(known, above)),
             names=("",) if self.is_one_gear else tuple(names),
             leaks=tuple((side, place, tolerance) for _, side, place, tolerance in self.leaks()),
         )
