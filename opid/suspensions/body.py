@@ -174,15 +174,8 @@ def rigid_body(
 ) -> Body:
     """Return a rigid airframe in heave, roll and pitch, of which mass, centre of gravity and inertias are free.
 
-    Args:
-        places: (x, y) of each interface, m; x forward, y to the left.
-        sensor_places: (x, y) of the sensor on the body of each interface, then of further ones; at the interfaces
-            where left out.
-        names: of the interfaces; "1", "2", ... where left out.
-        tolerance_m: how well the places are known, one standard deviation; 0 for exactly.
-
-    Raises:
-        InputError: fewer than three interfaces, all of them on one line, or fewer sensors than interfaces.
+    Places are (x, y) in m, x forward and y to the left: of each interface; of the sensor on the body of each interface,
+    then of further ones. They are known to `tolerance_m`, one standard deviation; 0 is exactly.
 
     >>> body = rigid_body([(3.0, 0.0), (-1.0, 1.5), (-1.0, -1.5)])
     >>> body.mass(np.array([0.0, 0.0, 1.0, 2.0]), 0.0, np.zeros((3, 3)))
@@ -193,8 +186,6 @@ def rigid_body(
     names = tuple(names) or tuple(str(k + 1) for k in range(len(places)))
     sensors = tuple(places) if sensor_places is None else tuple(sensor_places)
     rows, seen = (np.array([vertical(x, y) for x, y in where]) for where in (places, sensors))
-    _check_spread("interfaces", places)
-    _check_spread("sensors on the body", sensors)
     parts = np.zeros((4, 3, 3))
     parts[0, 0, 2] = parts[0, 2, 0] = -1.0
     parts[1, 0, 1] = parts[1, 1, 0] = 1.0
@@ -221,16 +212,6 @@ def rigid_body(
     )
 
 
-def _check_spread(what: str, places: Sequence[tuple[float, float]]) -> None:
-    array = np.array(places)
-    if len(array) < 3 or np.linalg.svd(array - array.mean(axis=0), compute_uv=False)[1] < 0.01:
-        where = ", ".join(f"({x:g}, {y:g})" for x, y in places)
-        raise InputError(
-            f"the {what} are at {where}, which is one line or less: heave, roll and pitch of a rigid body need three "
-            "that are not on one line"
-        )
-
-
 def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
     """Coordinates of the interfaces, then of their sensors."""
     return tuple(
@@ -242,12 +223,7 @@ def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, 
 
 
 def vertical(x_m: float, y_m: float) -> FloatArray:
-    """Return j, (3,): the vertical displacement at a place for a unit of heave, roll and pitch about the origin.
-
-    Args:
-        x_m: forward, m.
-        y_m: to the left, m.
-    """
+    """Return j, (3,): the vertical displacement at a place for a unit of heave, roll and pitch about the origin."""
     return np.array([1.0, y_m, -x_m])
 
 

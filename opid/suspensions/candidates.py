@@ -212,10 +212,6 @@ def shares(study: Study, loading: PointMass) -> FloatArray:
 
     By statics where there are three, as even as statics allows where there are more. On one line the lever rule holds,
     about the foot of the perpendicular from the mass.
-
-    Args:
-        study: the study.
-        loading: the mass.
     """
     places = np.array([interface.place for interface in study.interfaces])
     middle = places.mean(axis=0)
@@ -322,19 +318,7 @@ def fitted(
     *,
     start: Start | None = None,
 ) -> Fitted:
-    """Fit a body: start values from its equation of motion, the model, laws, faults, and the runs that are left out.
-
-    Args:
-        task: what may be tried, and how.
-        kind: of structure.
-        interfaces: places in the study.
-        runs: the runs.
-        body: the body.
-        groups: which interfaces share what.
-        sensors: what is known of them.
-        noise: known beforehand of each sensor below and on the body, m/s^2.
-        start: where to begin; from the equation of motion where left out.
-    """
+    """Fit a body: start values from its equation of motion, the model, laws, faults, and the runs that are left out."""
     mass_free, settings = mass_is_told(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)

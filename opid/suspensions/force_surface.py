@@ -110,12 +110,7 @@ def force_points(fit: Fit, slot: int) -> ForcePoints:
 
 
 def force_surface(fit: Fit, slot: int) -> ForceSurface:
-    """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law.
-
-    Args:
-        fit: a fitted model.
-        slot: of the interface.
-    """
+    """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law."""
     from scipy import stats
 
     settings = fit.model.settings.surface

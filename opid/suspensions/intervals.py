@@ -31,11 +31,7 @@ def honest_covariance(fit: Fit) -> FloatArray:
 
 
 def std_over_white(fit: Fit) -> FloatArray:
-    """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1.
-
-    Args:
-        fit: a fitted model.
-    """
+    """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1."""
     posterior, jacobian, scale = _scaled(fit)
     n, known = fit.n_data, fit.model.settings.intervals
     scores, first, n_cells = [], 0, 0
@@ -64,10 +60,6 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
 
     Each resample draws blocks of half a second of the innovations with replacement (Kuensch 1989), so that what is
     correlated within a block stays so, and moves the parameters by -C J^T e/s^2, to first order.
-
-    Args:
-        fit: a fitted model.
-        rng: source of the draws.
     """
     posterior, jacobian, scale = _scaled(fit)
     n, known, first = fit.n_data, fit.model.settings.intervals, 0

@@ -180,11 +180,7 @@ def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
 
 
 def n_terms(fit: LawFit) -> int:
-    """Return the number of terms of all laws.
-
-    Args:
-        fit: with these laws.
-    """
+    """Return the number of terms of all laws."""
     return sum(len(law.terms) for law in fit.laws.values())
 
 

@@ -40,13 +40,7 @@ class GroundImitations:
 
 
 def limits(fit: Fit, covariance: FloatArray, study: Study) -> Iterator[str]:
-    """Yield what limits the mass and the laws, one sentence each.
-
-    Args:
-        fit: of all runs.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        study: the runs.
-    """
+    """Yield what limits the mass and the laws, one sentence each."""
     mass_changes_kg = [run.mass_change_kg for run in study.runs]
     duration_s = sum(run.recording.duration_s for run in study.runs)
     if fit.model.mass_free and fit.value("inverse_mass") > 0:

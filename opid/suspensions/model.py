@@ -263,7 +263,8 @@ class Model:
     def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
         """Return the drive and the readings of a run with the faults of the sensors taken out."""
         values = self.fault_values(theta)
-        return self.runs[place].drive(self.sensors, values), self.runs[place].readings(self.sensors, values)
+        run = self.runs[place]
+        return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
 
     def _predict(
         self, theta: FloatArray, place: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None

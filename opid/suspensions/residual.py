@@ -98,11 +98,7 @@ def over_noise(ratio: float | None) -> str:
 
 
 def thinned(samples: FloatArray) -> FloatArray:
-    """Return what a figure shows of the samples of all runs.
-
-    Args:
-        samples: (n,) of all runs, one after the other.
-    """
+    """Return what a figure shows of the samples of all runs."""
     return samples[:: max(1, samples.size // _N_SHOWN)].copy()
 
 

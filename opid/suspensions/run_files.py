@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -95,8 +94,10 @@ def run_from_files(
             findings += [finding for finding in serious if not finding.channel]
             continue
         segment = taxi_segment(recorder.health, tuple(recorder.channels))
-        begin = _latest(begin, None if segment.start_s is None else segment.start_s + recorder.shift_s)
-        end = _earliest(end, None if segment.stop_s is None else segment.stop_s + recorder.shift_s)
+        starts = [begin, None if segment.start_s is None else segment.start_s + recorder.shift_s]
+        stops = [end, None if segment.stop_s is None else segment.stop_s + recorder.shift_s]
+        begin = max((each for each in starts if each is not None), default=None)
+        end = min((each for each in stops if each is not None), default=None)
         faulty = any(left.why == "faulty" for left in segment.left_out)
         findings += [finding for finding in serious if faulty or not finding.channel]
         if segment.reason:
@@ -144,13 +145,15 @@ def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recor
     for (path, settings, shift_s), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
         _require_distinct(log, channels)
-        health = inspect(log, settings, channels=channels, progress=partial(_told, say, path.name))
+        health = inspect(
+            log, settings, channels=channels, progress=lambda share, name=path.name: say(f"{name} {share:.0%}")
+        )
         recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))
     return recorders, findings
 
 
-def _told(say: Callable[[str], None], name: str, share: float) -> None:
-    say(f"{name} {share:.0%}")
+def _percent(name: str, say: Callable[[str], None]) -> Callable[[float], None]:
+    return lambda fraction: say(f"{name} {fraction:.0%}")
 
 
 def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:
@@ -226,11 +229,3 @@ def _without_spikes(recording: Recording) -> Recording:
 
 def _reduced(fs: float) -> float:
     return fs if fs <= REDUCED_ABOVE_HZ else fs / int(fs // REDUCED_TO_HZ)
-
-
-def _latest(one: float | None, other: float | None) -> float | None:
-    return one if other is None else other if one is None else max(one, other)
-
-
-def _earliest(one: float | None, other: float | None) -> float | None:
-    return one if other is None else other if one is None else min(one, other)

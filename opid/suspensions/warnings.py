@@ -184,11 +184,7 @@ def _why_gear_refused(study: Study, part: Fitted) -> str | None:
 
 
 def natural_frequencies(fit: Fit) -> list[float]:
-    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz.
-
-    Args:
-        fit: of all runs.
-    """
+    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz."""
     model, found = fit.model, []
     n_own = 2 * model.body.n_interfaces
     shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(-1, n_own)
