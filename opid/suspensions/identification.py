@@ -96,46 +96,29 @@ def identify(
     if method != "model":
         if not study.is_one_gear:
             raise InputError(f"the method {method!r} is for one gear: leave it out for a body on several suspensions")
-        return _by_paper(study, method, law, band_hz, high_pass_hz, ground, progress)
+        from opid.suspensions.paper.identification import identify_by_paper
+
+        given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
+        known = {name: value for name, value in given.items() if value is not None}
+        return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
     settings = settings or Settings()
     if band_hz is not None:
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
-    given = None if law is None else default_law(law)
+    kind_of_law = None if law is None else default_law(law)
     say = progress or (lambda step: None)
     study = _checked(study, settings)
     arrays, mended = _arrays(study)
     sensors = study.sensor_facts()
-    noise = known_noise(
-        (sensors.unsprung, sensors.sprung),
-        [(below, above) for below, above, _ in arrays],
-        fs=study.fs,
-        settings=settings.runs,
-    )
+    noise = known_noise(sensors, arrays, fs=study.fs, settings=settings.runs)
     options = Options(law, ground, method_of_law, library(), seed)
-    question = Question(given is not None, ground, True, method_of_law, options.kinds)
-    task = Task(study, arrays, sensors, noise, given, question, settings, say)
+    question = Question(kind_of_law is not None, ground, True, method_of_law, options.kinds)
+    task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say)
     tried = _tried(task)
     if not any(each.has_fit for each in tried):
         raise NotDeterminedError("no structure can be fitted to these runs: " + "; ".join(e.reason for e in tried))
     choice = _chosen(study, tried)
     say("intervals")
     return _answer(task, choice, options, mended)
-
-
-def _by_paper(
-    study: Study,
-    method: str,
-    law: str | None,
-    band_hz: tuple[float, float] | None,
-    high_pass_hz: float | None,
-    ground: bool,
-    progress: Say | None,
-) -> PaperIdentification:
-    from opid.suspensions.paper.identification import identify_by_paper
-
-    given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
-    known = {name: value for name, value in given.items() if value is not None}
-    return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
 
 
 def _checked(study: Study, settings: Settings) -> Study:

@@ -127,11 +127,10 @@ def identify_structure(
     facts = IDEAL if noise_m_per_s2 is None else SensorFacts(noise_m_per_s2=noise_m_per_s2)
     names = (*interfaces, *sensors)[: max(len(interfaces), len(sensors))]
     known = Sensors((facts,) * len(interfaces), (facts,) * len(sensors), names)
-    pairs = [(below, above) for below, above, _ in arrays]
-    noise = known_noise((known.unsprung, known.sprung), pairs, fs=fs, settings=settings.runs)
+    noise = known_noise(known, arrays, fs=fs, settings=settings.runs)
     prepared = [
         driven_run(below, above, fs=fs, loading=loading, settings=settings.runs)
-        for (below, above), loading in zip(pairs, masses, strict=True)
+        for (below, above, _), loading in zip(arrays, masses, strict=True)
     ]
     kinds = None if law is None else default_law(law)
     groups = tuple(Group(name, (slot,), kinds or LINEAR) for slot, name in enumerate(interfaces))

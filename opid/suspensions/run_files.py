@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -145,15 +146,13 @@ def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recor
     for (path, settings, shift_s), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
         _require_distinct(log, channels)
-        health = inspect(
-            log, settings, channels=channels, progress=lambda share, name=path.name: say(f"{name} {share:.0%}")
-        )
+        health = inspect(log, settings, channels=channels, progress=partial(_say_percent, say, path.name))
         recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))
     return recorders, findings
 
 
-def _percent(name: str, say: Callable[[str], None]) -> Callable[[float], None]:
-    return lambda fraction: say(f"{name} {fraction:.0%}")
+def _say_percent(say: Callable[[str], None], name: str, fraction: float) -> None:
+    say(f"{name} {fraction:.0%}")
 
 
 def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -173,11 +173,6 @@ class Sensors:
 
     def _where(self, channel: int) -> str:
         return f"[{self.names[channel]}]" if self.names[channel] else ""
-
-    def values(self, names: Sequence[str], fitted: Iterable[float]) -> dict[str, float]:
-        """Return the value of every fault by its name: fitted where it was, else nominal."""
-        known = dict(zip(names, fitted, strict=True))
-        return {fault.name: float(known.get(fault.name, fault.nominal)) for fault in self.faults}
 
 
 def ideal_sensors(n_interfaces: int, n_sensors: int) -> Sensors:

@@ -319,9 +319,7 @@ def _faults(study: Study) -> Iterator[str]:
     yield from _structure_faults(study)
     if not study.runs:
         yield "there are no runs, give at least one"
-    names = [run.name for run in study.runs]
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        yield f"{names.count(name)} runs are called {name!r}, rename all but one"
+    yield from _namesakes("runs", [run.name for run in study.runs])
     for run in study.runs:
         yield from (f"run {run.name!r}: {fault}" for fault in _run_faults(study, run))
         first = study.runs[0].recording
@@ -335,12 +333,16 @@ def _faults(study: Study) -> Iterator[str]:
             yield f"runs {one.name!r} and {other.name!r} hold the same samples, name two logs"
 
 
+def _namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield f"{names.count(name)} {what} are called {name!r}, rename all but one"
+
+
 def _interface_faults(study: Study) -> Iterator[str]:
     names = study.names
     if not names:
         yield "there are no interfaces, give one table [[interfaces]] for each suspension"
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        yield f"{names.count(name)} interfaces are called {name!r}, rename all but one"
+    yield from _namesakes("interfaces", names)
     users: dict[str, str] = {}
     for interface in study.interfaces:
         for side, channel in (("sprung", interface.sprung), ("unsprung", interface.unsprung)):
