@@ -35,12 +35,11 @@ class Whiteness:
 
 def measure_whiteness(fit: Fit) -> Whiteness:
     """Test the residual of a fit against white noise (Bartlett 1955), and find where it stands out."""
-    known, statistic = fit.model.settings.intervals, 0.0
-    for _, line in residual_lines(fit):
+    known, statistic, rows = fit.model.settings.intervals, 0.0, list(residual_lines(fit))
+    for _, line in rows:
         power = np.cumsum(np.abs(line) ** 2)
         straight = np.arange(1, line.size + 1) / line.size
         statistic = max(statistic, float(np.abs(power / power[-1] - straight).max() * np.sqrt(line.size)))
-    rows = list(residual_lines(fit))
     frequency_hz = np.concatenate([frequency for frequency, _ in rows])
     power = np.abs(np.concatenate([line for _, line in rows])) ** 2
     edges = np.geomspace(frequency_hz.min(), frequency_hz.max() * (1 + 1e-9), known.n_bands + 1)
