@@ -13,6 +13,9 @@ from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
 from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions.candidates import Task
+from opid.suspensions.search import Question
+from opid.suspensions.settings import Settings
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
 
 NOISE = 5e-3
@@ -103,3 +106,24 @@ def gears_apart():
         PointMass(change, gear.x_m, gear.y_m) for gear, change in zip(aircraft().gears, changes, strict=True)
     )
     return Run("light", recordings[0]), Run("heavy", recordings[1], loading)
+
+
+def arrays_of(given):
+    """Accelerations below, on and across the body of each run."""
+    sides = [given.channels(side) for side in ("unsprung", "sprung")]
+    return [
+        (
+            *(np.stack([run.recording.channel(name) for name in side], axis=1) for side in sides),
+            np.empty((run.recording.n_samples, 0)),
+        )
+        for run in given.runs
+    ]
+
+
+def task_of(given, kind_of_law):
+    """Fit a study of three gears without springs to the ground and faults; laws are searched where none is given."""
+    question = Question(kind_of_law is not None, ground=False, faults=False)
+    noise = (np.full(3, NOISE), np.full(3, NOISE))
+    return Task(
+        given, arrays_of(given), given.sensor_facts(), noise, kind_of_law, question, Settings(), lambda step: None
+    )

@@ -23,10 +23,16 @@ def logs_of(gear=None, seed=0, **settings):
     return (test.heavy.recording, 0.0), (test.light.recording, test.mass_change_kg)
 
 
-def study_of(gear=None, seed=0, *, sensors=None, **settings):
-    """The study of these runs."""
-    runs = [Run(name, *log) for name, log in zip(("heavy", "light"), logs_of(gear, seed, **settings), strict=True)]
+def gear_study(*runs, sensors=None):
+    """The study of some runs of one gear."""
     return study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=sensors or SensorPair())
+
+
+def study_of(gear=None, seed=0, *, sensors=None, change_kg=None, **settings):
+    """The study of these runs, the mass change as stated if it is."""
+    (heavy, _), (light, change) = logs_of(gear, seed, **settings)
+    change = change if change_kg is None else change_kg
+    return gear_study(Run("heavy", heavy), Run("light", light, change), sensors=sensors)
 
 
 def runs_of(law=None, seed=0, *, gear=None, leaks=(), **settings):

@@ -119,20 +119,6 @@ def test_an_impossible_body_is_told():
         mobility(body, np.array([3.0, 0.0, 1.0, 2.0]), MU, np.zeros(0), NO_LOADING)
 
 
-@pytest.mark.parametrize(
-    ("places", "sensors", "match"),
-    [
-        (PLACES[:2], None, "the interfaces are at .* one line or less"),
-        ([(5.0, 0.0), (0.0, 0.0), (-3.0, 0.0)], None, "need three that are not on one line"),
-        (PLACES, [(1.0, 1.0), (2.0, 2.0), (3.0, 3.0)], "the sensors on the body are at"),
-        (PLACES, SENSORS[:2], "the sensors on the body are at"),
-    ],
-)
-def test_what_makes_no_plane_is_refused(places, sensors, match):
-    with pytest.raises(InputError, match=match):
-        rigid_body(places, sensors)
-
-
 NAMES = ("base", "floor", "roof")
 STOREYS = (Joint("low", (-1, 1, 0), 4e6, 2e3), Joint("high", (0, -1, 1), 3e6, 1e3))
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from body_runs import NOISE, aircraft, short_runs, study
+from body_runs import NOISE, aircraft, arrays_of, short_runs, study, task_of
 from law_runs import fitted, gear_model, runs_of, shared, true_values, vector_of
 
 from opid.errors import InputError
@@ -14,7 +14,7 @@ from opid.mechanics.laws import LINEAR, Law, default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.structure import Structure
 from opid.suspensions.body import own_body, rigid_body
-from opid.suspensions.candidates import Task, fit_alone, fit_rigid, groups_of, loading_matrix, mass_is_told, shares
+from opid.suspensions.candidates import fit_alone, fit_rigid, groups_of, loading_matrix, mass_is_told, shares
 from opid.suspensions.fit import (
     carried_over,
     first_vector,
@@ -24,11 +24,9 @@ from opid.suspensions.fit import (
     refit,
     with_laws,
 )
-from opid.suspensions.intervals import body_estimates, honest_covariance
 from opid.suspensions.law_search import library
 from opid.suspensions.model import Model
 from opid.suspensions.run import driven_run
-from opid.suspensions.search import Question
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.start import start_values
@@ -241,25 +239,10 @@ def test_what_is_carried_over_stays_and_what_is_new_is_nominal():
 FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 
 
-def arrays_of(given):
-    names = [given.channels(side) for side in ("unsprung", "sprung")]
-    return [
-        (*(np.stack([run.recording.channel(name) for name in side], axis=1) for side in names), np.empty((0, 0)))
-        for run in given.runs
-    ]
-
-
-def task_of(given, kind_of_law=FRICTION):
-    arrays = [(below, above, np.empty((len(below), 0))) for below, above, _ in arrays_of(given)]
-    noise = (np.full(3, NOISE), np.full(3, NOISE))
-    question = Question(law_is_given=True, ground=False, faults=False)
-    return Task(given, arrays, given.sensor_facts(), noise, kind_of_law, question, Settings(), lambda step: None)
-
-
 @pytest.fixture(scope="module")
 def found():
     """The rigid body with the kind of law that the aircraft has."""
-    return fit_rigid(task_of(study()))
+    return fit_rigid(task_of(study(), FRICTION))
 
 
 def test_the_origin_of_coordinates_changes_nothing(found):
@@ -269,8 +252,8 @@ def test_the_origin_of_coordinates_changes_nothing(found):
         replace(run, loading=tuple(PointMass(e.mass_kg, *np.add((e.x_m, e.y_m), shift)) for e in run.masses))
         for run in short_runs()
     )
-    moved = fit_rigid(task_of(study(runs=runs, shift=tuple(shift))))
-    here, there = (body_estimates(each.fit, honest_covariance(each.fit))[0] for each in (found, moved))
+    moved = fit_rigid(task_of(study(runs=runs, shift=tuple(shift)), FRICTION))
+    here, there = (each.known.of_rigid_body()[0] for each in (found, moved))
     for name, estimate in here.items():
         expected = estimate.value + dict(zip(("x_cg_m", "y_cg_m"), shift, strict=True)).get(name, 0.0)
         assert abs(there[name].value - expected) < 0.1 * estimate.std, name

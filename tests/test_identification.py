@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from law_runs import gear_study, study_of
 
 from opid.errors import InputError
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
@@ -18,17 +19,9 @@ from opid.suspensions.study import Run, study_of_gear
 TRUTH = dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
 
 
-def _study(test, change=None, names=("lower_z", "upper_z")):
-    runs = (
-        Run("heavy", test.heavy.recording, 0.0),
-        Run("light", test.light.recording, test.mass_change_kg if change is None else change),
-    )
-    return study_of_gear("taxi", sprung=names[1], unsprung=names[0], runs=runs)
-
-
 @pytest.fixture(scope="module")
 def study():
-    return _study(taxi_test(LandingGear(), rng=np.random.default_rng(0), duration_s=30, fs=256))
+    return study_of(duration_s=30)
 
 
 @pytest.fixture(scope="module")
@@ -84,12 +77,12 @@ def test_channel_order_and_time_shift_change_nothing(study, result):
         arrays = [log.channel("upper_z"), log.channel("lower_z")]
         shifted = recording_from_arrays(arrays, ["upper_z", "lower_z"], fs=log.fs, start_s=100.0)
         flipped.append(Run(run.name, shifted, run.mass_change_kg))
-    again = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(flipped)))
+    again = identify(gear_study(*flipped))
     assert again.parameters == result.parameters
 
 
 def test_the_order_of_the_runs_changes_little(study, result):
-    again = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=study.runs[::-1]))
+    again = identify(gear_study(*study.runs[::-1]))
     for name in GEAR_PARAMETERS:
         change = abs(again.parameters[name].value - result.parameters[name].value)
         assert change <= 0.2 * (result.parameters[name].std or 0.0)
@@ -100,25 +93,18 @@ def test_three_runs_are_better_than_two():
     runs = [
         Run(
             f"minus_{-change:g}",
-            taxi_run(LandingGear(sprung_mass_kg=1850 + change), rng=rng, **SHORT).recording,
+            taxi_run(LandingGear(sprung_mass_kg=1850 + change), rng=rng, duration_s=20, fs=256).recording,
             change,
         )
         for change in (0.0, -110.0, -220.0, -330.0)
     ]
-    pair, all_four = (
-        identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=tuple(chosen)))
-        for chosen in (runs[:2], runs)
-    )
+    pair, all_four = (identify(gear_study(*chosen)) for chosen in (runs[:2], runs))
     assert all_four.parameters["sprung_mass_kg"].std < 0.6 * pair.parameters["sprung_mass_kg"].std
     assert abs(all_four.parameters["sprung_mass_kg"].value - 1850) < 4 * all_four.parameters["sprung_mass_kg"].std
 
 
-SHORT = {"duration_s": 20, "fs": 256}
-
-
 def test_equal_masses_give_ratios_only():
-    test = taxi_test(LandingGear(), rng=np.random.default_rng(1), mass_removed_kg=0.0, **SHORT)
-    result = identify(_study(test, change=0.0))
+    result = identify(study_of(seed=1, mass_removed_kg=0.0, change_kg=0.0))
     assert "only ratios to the mass" in result.not_determined
     assert all(result.parameters[name].value is None for name in GEAR_PARAMETERS)
     np.testing.assert_allclose(result.ratios["stiffness_per_mass"].value, 3.9e5 / 1850, rtol=0.01)
@@ -128,7 +114,8 @@ def test_equal_masses_give_ratios_only():
 
 def test_equal_masses_that_were_not_equal_say_so():
     """A real mass change entered as zero: the runs contradict it, and no ratio belongs to both."""
-    study = _study(taxi_test(LandingGear(), rng=np.random.default_rng(0)), change=0.0)
+    test = taxi_test(LandingGear(), rng=np.random.default_rng(0))
+    study = gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording))
     result = identify(study, law="arctan_velocity")
     assert "same sprung mass" in result.not_determined
     assert "they do not even behave alike (natural frequencies 2.3" in result.not_determined
@@ -139,8 +126,8 @@ def test_equal_masses_that_were_not_equal_say_so():
 def test_a_second_run_of_ten_seconds_is_enough_for_every_step(study):
     """Of so few blocks the nonlinear force was once not told from the motion, and a step divided by nothing."""
     short = study.runs[1].recording.section(start_s=study.runs[1].recording.time_s[-1] - 10.0)
-    runs = (study.runs[0], Run("light", short, study.runs[1].mass_change_kg))
-    result = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs), law="arctan_velocity")
+    shortened = gear_study(study.runs[0], Run("light", short, study.runs[1].mass_change_kg))
+    result = identify(shortened, law="arctan_velocity")
     low, high = result.parameters["sprung_mass_kg"].interval95
     assert low < 1850.0 < high
 
@@ -149,15 +136,12 @@ def test_a_clipped_channel_is_named_in_the_warnings(study):
     log = study.runs[0].recording
     clipped = np.clip(log.channel("lower_z"), -2.0, 2.0)
     recording = recording_from_arrays([clipped, log.channel("upper_z")], ["lower_z", "upper_z"], fs=log.fs)
-    runs = (Run("heavy", recording, 0.0), study.runs[1])
-    clipped_study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
-    result = identify(clipped_study, law="arctan_velocity")
+    result = identify(gear_study(Run("heavy", recording), study.runs[1]), law="arctan_velocity")
     assert any("clip" in warning for warning in result.warnings)
 
 
 def test_a_mass_change_that_did_not_happen_gives_no_mass():
-    test = taxi_test(LandingGear(), rng=np.random.default_rng(1), mass_removed_kg=0.0, **SHORT)
-    result = identify(_study(test, change=-220.0))
+    result = identify(study_of(seed=1, mass_removed_kg=0.0, change_kg=-220.0))
     assert result.not_determined is not None
     assert result.parameters["sprung_mass_kg"].value is None
     assert result.ratios["stiffness_per_mass"].value is not None
@@ -179,21 +163,19 @@ def test_swapped_and_mute_channels_are_refused(study):
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
     with pytest.raises(InputError, match=r"run 'heavy'.*mute"):
-        identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run("heavy", mute, 0.0),)))
+        identify(gear_study(Run("heavy", mute)))
 
 
 def test_an_implausible_mass_change_is_seen(study):
     # grams for kilograms
-    runs = (study.runs[0], Run("light", study.runs[1].recording, -220_000.0))
     with pytest.raises(InputError, match="more than any gear carries"):
-        study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+        gear_study(study.runs[0], Run("light", study.runs[1].recording, -220_000.0))
 
 
 @pytest.mark.parametrize("name", ["arctan_displacement", "quadratic_damping", "cubic_stiffness"])
 def test_a_given_law_is_fitted(name):
     gear = LandingGear(law=default_law(name))
-    test = taxi_test(gear, rng=np.random.default_rng(2), **SHORT)
-    result = identify(_study(test), law=name)
+    result = identify(study_of(gear, seed=2), law=name)
     assert result.law.name == name
     np.testing.assert_allclose(result.law.vector, gear.law.vector, rtol=0.1)
 
@@ -220,18 +202,15 @@ CONTRADICTED = SensorFacts(corner_hz=0.33, corner_tolerance=0.1)
 
 def test_a_stated_corner_that_the_runs_contradict_is_named():
     """The [sensors] block of README on sensors without AC coupling."""
-    test = taxi_test(LandingGear(), rng=np.random.default_rng(0), duration_s=40, fs=256)
-    study = _study(test)
-    stated = replace(study, interfaces=(replace(study.interfaces[0], facts=SensorPair(CONTRADICTED, CONTRADICTED)),))
-    result = identify(stated, law="arctan_velocity")
+    stated = SensorPair(CONTRADICTED, CONTRADICTED)
+    result = identify(study_of(sensors=stated, duration_s=40), law="arctan_velocity")
     named = [each for each in result.warnings if "corner of the AC coupling" in each and "contradicts the runs" in each]
     assert named
     assert "0.33 +- 0.033 Hz" in named[0]
     assert "standard deviations off): check the data sheet, or state a wider tolerance" in named[0]
     # and a corner that is there is no contradiction
     coupled = {"lower_sensor": Sensor(corner_hz=0.33), "upper_sensor": Sensor(corner_hz=0.33)}
-    true = _study(taxi_test(LandingGear(), rng=np.random.default_rng(0), duration_s=40, fs=256, **coupled))
-    sound = replace(true, interfaces=stated.interfaces)
+    sound = study_of(sensors=stated, duration_s=40, **coupled)
     assert not any("contradicts the runs" in each for each in identify(sound, law="arctan_velocity").warnings)
 
 
@@ -244,10 +223,8 @@ def test_bad_arguments_are_named(study):
 
 
 def test_the_driven_model_finds_the_gain_error_itself():
-    test = taxi_test(
-        LandingGear(), rng=np.random.default_rng(0), upper_sensor=Sensor(gain=1.01), lower_sensor=Sensor(), **SHORT
-    )
-    result = identify(_study(test), law="arctan_velocity")
+    study = study_of(upper_sensor=Sensor(gain=1.01), lower_sensor=Sensor())
+    result = identify(study, law="arctan_velocity")
     assert any("the runs demand a gain error between the sensors" in warning for warning in result.warnings)
     (demand,) = result.evidence[0].demands
     assert demand.name == "gain_sprung"
@@ -258,9 +235,7 @@ def test_the_driven_model_finds_the_gain_error_itself():
 
 
 def test_a_real_ground_spring_is_found_and_doubted():
-    gear = LandingGear(ground_stiffness_n_per_m=1.67e5)
-    test = taxi_test(gear, rng=np.random.default_rng(0), **SHORT)
-    result = identify(_study(test), law="arctan_velocity")
+    result = identify(study_of(LandingGear(ground_stiffness_n_per_m=1.67e5)), law="arctan_velocity")
     ground = result.parameters["ground_stiffness_n_per_m"]
     np.testing.assert_allclose(ground.value, 1.67e5, rtol=0.02)
     assert abs(ground.value - 1.67e5) < 4 * ground.std
@@ -269,8 +244,7 @@ def test_a_real_ground_spring_is_found_and_doubted():
 
 def test_a_straight_arctangent_gets_no_interval_and_neither_does_what_it_trades_with():
     straight = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.5)
-    test = taxi_test(LandingGear(law=straight), rng=np.random.default_rng(0), **SHORT)
-    result = identify(_study(test), law="arctan_velocity")
+    result = identify(study_of(LandingGear(law=straight)), law="arctan_velocity")
     assert any("cannot be told from damping" in warning for warning in result.warnings)
     assert result.parameters["suspension_damping_n_s_per_m"].interval95 is None
     assert all(each.interval95 is None for each in result.law_estimates["arctan_velocity"].values())

@@ -133,9 +133,9 @@ def test_one_loading_gives_ratios_and_a_sentence(compared):
 
 
 def test_runs_of_one_loading_are_told_from_a_single_run():
-    part = SimpleNamespace(settings=Settings(), fit=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
+    part = SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
     twice = study(runs=tuple(replace(run, loading=()) for run in short_runs()))
-    assert doubts.why_no_mass(twice, [part], [None], 1.0).startswith(
+    assert doubts.why_no_mass(SimpleNamespace(study=twice, parts=[part])).startswith(
         "all runs have the same loading: only ratios to the mass"
     )
 
@@ -344,7 +344,7 @@ def test_pairs_are_found_by_their_places():
 
 def test_where_nothing_can_be_fitted_it_is_said(monkeypatch):
     def fails(task, interfaces):
-        return Fitted("single", interfaces, None, task.noise, task.settings, "it grows")
+        return Fitted("single", interfaces, None, task.noise, task, "it grows")
 
     monkeypatch.setattr(identification, "fit_alone", fails)
     with pytest.raises(NotDeterminedError, match="no structure can be fitted to these runs: it grows; it grows"):
@@ -356,7 +356,7 @@ def test_a_gear_that_cannot_be_fitted_leaves_no_mass_of_the_whole(monkeypatch):
 
     def fails_at_the_nose(task, interfaces):
         if interfaces == (0,):
-            return Fitted("single", interfaces, None, task.noise, task.settings, "it grows")
+            return Fitted("single", interfaces, None, task.noise, task, "it grows")
         return real(task, interfaces)
 
     monkeypatch.setattr(identification, "fit_alone", fails_at_the_nose)

@@ -9,14 +9,10 @@ from opid.mechanics.landing_gear import DEFAULT_LAW
 from opid.mechanics.laws import LINEAR
 from opid.mechanics.sensors import Sensor
 from opid.suspensions.intervals import (
+    Parameters,
     bootstrap_over_white,
-    gear_ratios,
-    ground_estimate,
     honest_covariance,
-    mass_of,
-    negative_mass,
     std_over_white,
-    suspension_estimates,
 )
 from opid.suspensions.residual import measure_whiteness
 from opid.suspensions.run import driven_run
@@ -25,6 +21,15 @@ from opid.suspensions.run import driven_run
 @pytest.fixture(scope="module")
 def fit():
     return fitted(runs_of(DEFAULT_LAW), DEFAULT_LAW)
+
+
+def known_of(fit):
+    return Parameters(fit, honest_covariance(fit))
+
+
+@pytest.fixture(scope="module")
+def known(fit):
+    return known_of(fit)
 
 
 def test_all_deviations_agree_where_the_residual_is_white():
@@ -67,11 +72,10 @@ def test_deviations_of_a_coloured_residual_cover_where_plain_ones_do_not(sensor,
         assert np.all(after < 2.0)
 
 
-def test_numbers_in_newtons_are_ratios_times_the_mass(fit):
-    covariance = honest_covariance(fit)
-    mass = mass_of(fit, covariance)
-    stiffness, damping, laws = suspension_estimates(fit, covariance, 0)
-    per_mass, damping_per_mass, laws_per_mass = suspension_estimates(fit, covariance, 0, per_mass=True)
+def test_numbers_in_newtons_are_ratios_times_the_mass(known):
+    mass = known.mass
+    stiffness, damping, laws = known.suspension(0)
+    per_mass, damping_per_mass, laws_per_mass = known.suspension(0, per_mass=True)
     assert abs(mass.value - MASS_KG) < 4 * mass.std < 0.02 * MASS_KG
     assert stiffness.value == pytest.approx(per_mass.value * mass.value)
     assert damping.value == pytest.approx(damping_per_mass.value * mass.value)
@@ -84,20 +88,19 @@ def test_numbers_in_newtons_are_ratios_times_the_mass(fit):
     assert 1 / low - 1 / mass.value == pytest.approx(1 / mass.value - 1 / high)
 
 
-def test_deviations_are_those_of_draws_from_the_covariance(fit):
+def test_deviations_are_those_of_draws_from_the_covariance(fit, known):
     """First-order propagation against the spread of the same formulas over many vectors."""
-    covariance, n = honest_covariance(fit), fit.model.n_shared
-    draws = np.random.default_rng(0).multivariate_normal(fit.theta[:n], covariance, 20_000)
+    draws = np.random.default_rng(0).multivariate_normal(fit.theta[: fit.model.n_shared], known.covariance, 20_000)
     k, c, mu = (
         draws[:, fit.model.names.index(f"{name}")]
         for name in ("stiffness_per_mass", "damping_per_mass", "inverse_mass")
     )
-    ratios = gear_ratios(fit, covariance, Estimate(0.0))
-    stiffness, damping, _ = suspension_estimates(fit, covariance, 0)
+    ratios = known.gear_ratios(Estimate(0.0))
+    stiffness, damping, _ = known.suspension(0)
     for estimate, values in (
         (stiffness, k / mu),
         (damping, c / mu),
-        (mass_of(fit, covariance), 1 / mu),
+        (known.mass, 1 / mu),
         (ratios["natural_frequency_hz"], np.sqrt(k) / (2 * np.pi)),
         (ratios["damping_ratio"], c / (2 * np.sqrt(k))),
     ):
@@ -109,23 +112,20 @@ def test_deviations_are_those_of_draws_from_the_covariance(fit):
     )
 
 
-def test_no_ground_spring_is_zero_as_well_as_it_would_be_known(fit):
-    covariance = honest_covariance(fit)
-    stiffness = suspension_estimates(fit, covariance, 0)[0].value
-    assert ground_estimate(fit, covariance, 0, None, per_mass=False) == Estimate(0.0)
-    told = ground_estimate(fit, covariance, 0, 1.0, per_mass=False)
-    mass = mass_of(fit, covariance).value
+def test_no_ground_spring_is_zero_as_well_as_it_would_be_known(known):
+    assert known.ground(0, None, per_mass=False) == Estimate(0.0)
+    told = known.ground(0, 1.0, per_mass=False)
     # none is known better than gains are equal, 0.1 %
-    assert (told.value, told.std) == (0.0, pytest.approx(np.hypot(mass, 1e-3 * stiffness)))
+    least = 1e-3 * known.suspension(0)[0].value
+    assert (told.value, told.std) == (0.0, pytest.approx(np.hypot(known.mass.value, least)))
 
 
-def test_a_mass_change_of_the_wrong_sign_is_a_negative_mass(fit):
+def test_a_mass_change_of_the_wrong_sign_is_a_negative_mass(known):
     runs = [
         driven_run(log.channel("lower_z"), log.channel("upper_z"), fs=log.fs, loading=-change)
         for log, change in logs_of()
     ]
-    wrong = fitted(runs, DEFAULT_LAW)
-    covariance = honest_covariance(wrong)
-    assert negative_mass(wrong, covariance)
-    assert mass_of(wrong, covariance) == Estimate(None)
-    assert not negative_mass(fit, honest_covariance(fit))
+    wrong = known_of(fitted(runs, DEFAULT_LAW))
+    assert wrong.has_negative_mass
+    assert wrong.mass == Estimate(None)
+    assert not known.has_negative_mass

@@ -217,7 +217,7 @@ def _recorded(run, sensors, values, wanted):
     shape = run.sprung.shape
 
     def undone(flat):
-        return replace(run, sprung=flat.reshape(shape)).readings(sensors, values).value.ravel()
+        return replace(run, sprung=flat.reshape(shape)).corrected("sprung", sensors, values).value.ravel()
 
     nothing = undone(np.zeros(run.sprung.size))
     operator = LinearOperator((run.sprung.size,) * 2, lambda flat: undone(flat) - nothing)

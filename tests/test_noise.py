@@ -1,5 +1,7 @@
 """How noisy sensors are: as stated, from the quieter side, and as the errors of the fitted model tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from law_runs import fitted, runs_of, shared, true_values
@@ -7,8 +9,10 @@ from law_runs import fitted, runs_of, shared, true_values
 from opid.mechanics.landing_gear import DEFAULT_LAW
 from opid.mechanics.sensors import Sensor
 from opid.suspensions.noise import known_noise, with_own_noise
-from opid.suspensions.sensor_facts import IDEAL, SensorFacts, SensorPair
+from opid.suspensions.sensor_facts import IDEAL, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import RunSettings
+
+TWO = ideal_sensors(2, 2)
 
 
 def fit_of(lower, upper, seed=0, sensors=None):
@@ -65,13 +69,12 @@ def test_stated_levels_are_left_alone():
 def test_noise_is_as_stated_and_else_that_of_the_quieter_side():
     rng = np.random.default_rng(0)
     quiet, loud = 0.01 * rng.standard_normal((5000, 2)), rng.standard_normal((5000, 2))
-    below, above = known_noise(
-        ([IDEAL, SensorFacts(noise_m_per_s2=0.3)], [IDEAL, IDEAL]), [(loud, quiet)], fs=256.0, settings=RunSettings()
-    )
+    one_stated = replace(TWO, unsprung=(IDEAL, SensorFacts(noise_m_per_s2=0.3)))
+    below, above = known_noise(one_stated, [(loud, quiet)], fs=256.0, settings=RunSettings())
     assert below[1] == 0.3
     np.testing.assert_allclose([below[0], *above], 0.01, rtol=0.3)
     # no model is better than a fraction of the motion, however quiet the sensor
     slow = np.sin(np.arange(5000) / 50)[:, np.newaxis] * np.ones(2)
     settings = RunSettings(least_noise_fraction=0.02)
-    floor, _ = known_noise(([IDEAL, IDEAL],) * 2, [(loud, slow)], fs=256.0, settings=settings)
+    floor, _ = known_noise(TWO, [(loud, slow)], fs=256.0, settings=settings)
     np.testing.assert_allclose(floor, 0.02 * slow[:, 0].std(), rtol=1e-3)

@@ -1,6 +1,7 @@
 """One run as the model takes it: faults of any sensor are undone as they were made, and differentiated; coarse runs."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -46,18 +47,18 @@ def run_of(unsprung=SIGNALS[:, :3], sprung=SIGNALS[:, 3:7], leaks=SIGNALS[:, 7:1
     return driven_run(unsprung, sprung, fs=FS, leaks=leaks)
 
 
-@pytest.mark.parametrize("side", ["drive", "readings"])
+@pytest.mark.parametrize("side", ["unsprung", "sprung"])
 @pytest.mark.parametrize("fault", ALL.faults, ids=lambda fault: fault.name)
 @pytest.mark.parametrize("coarse", [False, True])
 def test_derivatives_are_the_limits_of_differences(side, fault, coarse):
     run = replace(run_of(), stride=2) if coarse else run_of()
-    corrected = getattr(run, side)
+    corrected = partial(run.corrected, side)
     by = {name: (channel, column) for name, channel, column in corrected(ALL, AWAY).by}
     step = 1e-6 * max(abs(AWAY[fault.name]), 0.01)
     ahead, behind = (corrected(ALL, AWAY | {fault.name: AWAY[fault.name] + sign * step}).value for sign in (1, -1))
     differences = (ahead - behind) / (2 * step)
     # every fault acts on one channel of one side
-    acts = fault.side == ("unsprung" if side == "drive" else "sprung")
+    acts = fault.side == side
     assert (fault.name in by) == acts
     others = np.delete(differences, fault.channel, axis=1) if acts else differences
     assert not others.any()
@@ -70,19 +71,19 @@ def test_derivatives_are_the_limits_of_differences(side, fault, coarse):
 
 
 def test_derivatives_stand_where_the_predictor_takes_them():
-    corrected = run_of().readings(ALL, AWAY)
+    corrected = run_of().corrected("sprung", ALL, AWAY)
     directions = corrected.directions(4)
     assert directions.shape == (N, len(corrected.by), 4)
     for place, (_, channel, column) in enumerate(corrected.by):
         np.testing.assert_array_equal(directions[:, place, channel], column)
         assert not np.delete(directions[:, place], channel, axis=1).any()
-    assert run_of().readings(ideal_sensors(3, 4), {}).directions(4) is None
+    assert run_of().corrected("sprung", ideal_sensors(3, 4), {}).directions(4) is None
 
 
 def test_ideal_sensors_change_nothing_but_the_mean():
     run = run_of(SIGNALS[:, :3] + 9.8, SIGNALS[:, 3:7] - 3.0, None)
     sensors = ideal_sensors(3, 4)
-    drive, readings = run.drive(sensors, {}), run.readings(sensors, {})
+    drive, readings = run.corrected("unsprung", sensors, {}), run.corrected("sprung", sensors, {})
     assert drive.by == readings.by == ()
     below, above = (samples - samples.mean(axis=0) for samples in (SIGNALS[:, :3], SIGNALS[:, 3:7]))
     np.testing.assert_allclose(drive.value, half_steps(below), atol=1e-12)
@@ -112,7 +113,10 @@ def test_an_ac_coupling_is_undone(corner_hz):
     reading = read(SIGNALS[:, 0], corner_hz=corner_hz)
     run = run_of(reading, reading, None)
     time = np.arange(N) / FS
-    for found in (run.drive(one(facts, facts), {}).value[::2, 0], run.readings(one(facts, facts), {}).value[:, 0]):
+    for found in (
+        run.corrected("unsprung", one(facts, facts), {}).value[::2, 0],
+        run.corrected("sprung", one(facts, facts), {}).value[:, 0],
+    ):
         # an unknown constant is left, and the mean that was taken off the reading grows to a straight line
         slope, constant = np.polyfit(time, found - SIGNALS[:, 0], 1)
         np.testing.assert_allclose(found - SIGNALS[:, 0], slope * time + constant, atol=1e-5)
@@ -125,7 +129,7 @@ def test_a_lag_is_undone(samples):
     lag_s = samples / FS
     sensors = one(above=SensorFacts(lag_tolerance_s=0.01))
     reading = read(SIGNALS[:, 1], lag_s=lag_s)
-    found = run_of(SIGNALS[:, 0], reading, None).readings(sensors, {"lag_s": lag_s}).value[:, 0]
+    found = run_of(SIGNALS[:, 0], reading, None).corrected("sprung", sensors, {"lag_s": lag_s}).value[:, 0]
     assert np.std((found - SIGNALS[:, 1])[INTERIOR]) < 3e-3
     assert np.std((reading - SIGNALS[:, 1])[INTERIOR]) > 0.1 * samples
 
@@ -138,8 +142,8 @@ def test_gains_are_divided_out_and_leaks_taken_out_of_the_side_that_they_went_in
     run = run_of(lower, upper, SIGNALS[:, 2:4])
     # a leak is a fraction of the reading: this one came in before the gain
     faults = {"gain_unsprung": 1.03, "gain_sprung": 0.97, "leak[0]": 0.03 * 1.03, "leak[1]": -0.02 * 0.97}
-    np.testing.assert_allclose(run.drive(sensors, faults).value[::2, 0], SIGNALS[:, 0], atol=1e-12)
-    np.testing.assert_allclose(run.readings(sensors, faults).value[:, 0], SIGNALS[:, 1], atol=1e-12)
+    np.testing.assert_allclose(run.corrected("unsprung", sensors, faults).value[::2, 0], SIGNALS[:, 0], atol=1e-12)
+    np.testing.assert_allclose(run.corrected("sprung", sensors, faults).value[:, 0], SIGNALS[:, 1], atol=1e-12)
 
 
 # ---- lines, rates ----------------------------------------------------------------------------------
@@ -177,11 +181,11 @@ def test_a_run_is_thinned_as_far_as_its_steps_and_its_band_allow(fs, band_hz, st
     coarse = run.coarse
     assert (coarse is run) == (stride == 1)
     assert (coarse.stride, coarse.fs) == (stride, fs / stride)
-    drive = coarse.drive(ideal_sensors(1, 1), {}).value
+    drive = coarse.corrected("unsprung", ideal_sensors(1, 1), {}).value
     assert drive.shape == (2 * coarse.n_samples - 1, 1)
     assert coarse.n_samples * stride <= len(noise)
     # readings are compared as they are, at the instants of the steps
-    readings = coarse.readings(ideal_sensors(1, 1), {}).value
+    readings = coarse.corrected("sprung", ideal_sensors(1, 1), {}).value
     np.testing.assert_array_equal(readings, run.sprung[::stride][: coarse.n_samples])
     # the same band, but for the few samples that make no even number of steps
     assert coarse.omega[-1] == pytest.approx(run.omega[-1], rel=0.01)
@@ -192,7 +196,7 @@ def test_a_slow_drive_is_the_same_at_a_coarse_rate_and_what_would_fold_is_gone()
         wave = np.sin(2 * np.pi * hz * np.arange(n) / fs)[:, np.newaxis]
         coarse = driven_run(wave, wave, fs=fs).coarse
         # a filter needs some samples at either end
-        return coarse, coarse.drive(ideal_sensors(1, 1), {}).value[200:-200, 0]
+        return coarse, coarse.corrected("unsprung", ideal_sensors(1, 1), {}).value[200:-200, 0]
 
     coarse, drive = at_a_coarse_rate(10.0, 2000.0, 20_000)
     time = np.arange(200, 200 + drive.size) / (2 * coarse.fs)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_runs import LOADS, NOISE, PLACES, aircraft, study
+from body_runs import LOADS, NOISE, PLACES, aircraft, arrays_of, study, task_of
 from law_runs import MASS_KG, gear_model, runs_of
 
 from opid.mechanics.driven import UnboundedResponseError
@@ -14,11 +14,10 @@ from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.signals.recording import Recording
 from opid.suspensions import search
-from opid.suspensions.candidates import Task, fit_rigid, gear_body, loading_matrix
+from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
 from opid.suspensions.model import Group
 from opid.suspensions.run import driven_run
 from opid.suspensions.search import Question, find_model, folded_power, is_hopeless, judged
-from opid.suspensions.settings import Settings
 from opid.suspensions.start import start_values
 from opid.suspensions.study import PointMass, Run
 
@@ -92,22 +91,6 @@ def fast():
     return study(runs=tuple(Run(name, run.recording, given) for name, run, given in runs))
 
 
-def arrays_of(given):
-    names = [given.channels(side) for side in ("unsprung", "sprung")]
-    return [
-        tuple(np.stack([run.recording.channel(name) for name in side], axis=1) for side in names) for run in given.runs
-    ]
-
-
-def rigid(given, kind_of_law):
-    arrays = [(below, above, np.empty((len(below), 0))) for below, above in arrays_of(given)]
-    question = Question(kind_of_law is not None, ground=False, faults=False)
-    noise = (np.full(3, NOISE), np.full(3, NOISE))
-    return fit_rigid(
-        Task(given, arrays, given.sensor_facts(), noise, kind_of_law, question, Settings(), lambda step: None)
-    )
-
-
 def with_added(given, channels, added):
     """The study with something added to some channels of each run."""
 
@@ -122,7 +105,7 @@ def with_added(given, channels, added):
 
 @pytest.fixture(scope="module")
 def true(fast):
-    found = rigid(fast, FRICTION)
+    found = fit_rigid(task_of(fast, FRICTION))
     assert found.residual_over_noise < 1.05
     return found.fit
 
@@ -140,8 +123,8 @@ def test_noise_below_the_suspensions_is_averaged_at_a_coarse_rate(fast, true):
     rng, loud = np.random.default_rng(5), 1.0
     given = with_added(fast, fast.channels("unsprung"), lambda n: loud * rng.standard_normal(n))
     runs = tuple(
-        driven_run(*arrays, fs=fast.fs, loading=loading_matrix(given, place))
-        for place, arrays in enumerate(arrays_of(given))
+        driven_run(below, above, fs=fast.fs, loading=loading_matrix(given, place))
+        for place, (below, above, _) in enumerate(arrays_of(given))
     )
     model = replace(true.model, runs=runs, noise=(np.full(3, loud), np.full(3, NOISE)))
     for each in (model, model.coarse):
@@ -162,7 +145,7 @@ def rates_tried(monkeypatch, given):
 
     monkeypatch.setattr(search, "fit_model", stops)
     with pytest.raises(EnoughError):
-        rigid(given, FRICTION)
+        fit_rigid(task_of(given, FRICTION))
     return seen
 
 
@@ -198,7 +181,7 @@ def test_a_way_that_is_lost_at_a_coarse_rate_is_gone_at_the_full_one(fast, monke
         return real(model, theta, **settings)
 
     monkeypatch.setattr(search, "fit_model", grows)
-    assert rigid(fast, FRICTION).residual_over_noise < 1.05
+    assert fit_rigid(task_of(fast, FRICTION)).residual_over_noise < 1.05
     assert seen[0] == 2
     assert 1 in seen
 
@@ -223,7 +206,7 @@ def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(f
         return real(problem, fit, **settings)
 
     monkeypatch.setattr(search, "search_laws", asked)
-    found = rigid(fast, None)
+    found = fit_rigid(task_of(fast, None))
     assert strides[0] == 2
     assert strides[-1] == 1
     fit = found.fit

@@ -78,11 +78,3 @@ def test_a_changed_fact_is_of_one_sensor():
     sensors = ideal_sensors(2, 3).changed("sprung", 1, gain_tolerance=0.02)
     assert [facts.gain_tolerance for facts in sensors.sprung] == [0.0, 0.02, 0.0]
     assert sensors.unsprung == (IDEAL, IDEAL)
-
-
-def test_values_are_the_fitted_ones_and_else_nominal():
-    sensors = Sensors((LOOSE,), (IDEAL,), ("",), (("sprung", 0, 0.05),))
-    values = sensors.values(["stiffness_per_mass", "gain_unsprung", "leak[0]"], np.array([210.0, 1.02, 0.03]))
-    assert values == {"gain_unsprung": 1.02, "corner_unsprung_hz": 0.4, "lag_s": 0.0, "leak[0]": 0.03}
-    with pytest.raises(ValueError, match=r"shorter|longer"):
-        sensors.values(["gain_unsprung"], [1.0, 2.0])

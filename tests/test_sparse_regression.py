@@ -9,20 +9,13 @@ from opid.suspensions.law_search import chosen, library
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.sparse_regression import RegressionSettings, regress, search_by_regression
 
-FEW = RegressionSettings(n_models=5)
-
 
 @pytest.mark.parametrize("name", ["cubic_stiffness", "arctan_velocity+cubic_stiffness"])
 def test_the_true_law_is_proposed_and_chosen(name):
     near = fitted(runs_of(default_law(name)), default_law("coulomb_friction+cubic_stiffness"))
-    found = regress(near, 0, library(), FEW)
-    assert found.inclusion["cubic_stiffness"] == 1.0
-    assert name in found.proposed_by
-    assert set(found.proposed_by[name]) <= {"STLSQ", "SR3", "SSR", "FROLS"}
+    assert regress(near, 0, library(), RegressionSettings())[0].name == name
     said = []
-    ladder = search_by_regression(
-        DrivenLaws(SearchSettings(), 1.0), near, kinds=library(), settings=FEW, progress=said.append
-    )
+    ladder = search_by_regression(DrivenLaws(SearchSettings(), 1.0), near, kinds=library(), progress=said.append)
     assert chosen(ladder).law_name == name
     assert chosen(ladder).method == "sparse regression"
     assert ladder[0].fit is near

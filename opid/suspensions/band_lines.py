@@ -28,11 +28,7 @@ class BandLines:
     finer: int
 
     def prepared(self, samples: FloatArray) -> FloatArray:
-        """Return a record cut, without its mean, and sampled finer where needed.
-
-        Args:
-            samples: (n, ...) one signal a column.
-        """
+        """Return a record cut, without its mean, and sampled finer where needed."""
         centred = samples[: self.n_samples] - samples[: self.n_samples].mean(axis=0)
         return centred if self.finer == 1 else signal.resample_poly(centred, self.finer, 1, axis=0, padtype="line")
 
@@ -71,24 +67,12 @@ def band_lines(
 
 
 def places_of(omega: FloatArray, n_samples: int, fs: float) -> slice:
-    """Return the places of the lines of a band among all lines of the transform.
-
-    Args:
-        omega: (n_lines,) rad/s.
-        n_samples: of the record.
-        fs: sampling rate, Hz.
-    """
+    """Return the places of the lines of a band among all lines of the transform."""
     first = round(float(omega[0]) / (2 * np.pi) * n_samples / fs)
     return slice(first, first + omega.size)
 
 
 def at_lines(samples: FloatArray, omega: FloatArray, fs: float) -> ComplexArray:
-    """Return Fourier lines along the last axis, scaled so that unit white noise has unit parts.
-
-    Args:
-        samples: (..., n).
-        omega: (n_lines,) rad/s.
-        fs: sampling rate, Hz.
-    """
+    """Return Fourier lines along the last axis, scaled so that unit white noise has unit parts."""
     n = samples.shape[-1]
     return fft.rfft(samples)[..., places_of(omega, n, fs)] / np.sqrt(n / 2)

@@ -103,22 +103,12 @@ class Body:
         return self.n_slots - len(self.inside)
 
     def mass(self, theta: FloatArray, mu: float, loading: FloatArray) -> FloatArray:
-        """Return M per unit of the reference mass, (n_dof, n_dof).
-
-        Args:
-            theta: (n_parts,) free factors.
-            mu: one over the reference mass, 1/kg.
-            loading: (n_dof, n_dof) what this run carries more than the reference, kg.
-        """
+        """Return M per unit of the reference mass, (n_dof, n_dof), under a loading in kg; mu in 1/kg."""
         mass = self.unit + np.tensordot(theta, self.parts, axes=1) + mu * (self.known + loading)
         return mass if self.product is None else mass + theta[0] * theta[1] * self.product
 
     def by_factors(self, theta: FloatArray) -> FloatArray:
-        """Return the derivatives of M by its factors, (n_parts, n_dof, n_dof).
-
-        Args:
-            theta: (n_parts,) free factors.
-        """
+        """Return the derivatives of M by its factors, (n_parts, n_dof, n_dof)."""
         if self.product is None:
             return self.parts
         changes = self.parts.copy()
@@ -144,14 +134,9 @@ class Mobility:
 
 
 def mobility(body: Body, theta: FloatArray, mu: float, shifts: FloatArray, loading: FloatArray) -> Mobility:
-    """Return what forces at the slots do to a body in one run.
+    """Return what forces at the slots do to a body under a loading, (n_dof, n_dof) kg.
 
-    Args:
-        body: the body.
-        theta: (n_parts,) free factors.
-        mu: one over the reference mass, 1/kg.
-        shifts: (n_coordinates,) true place less the stated one, m.
-        loading: (n_dof, n_dof) what this run carries more than the reference, kg.
+    `shifts` are true places less the stated ones, m, of each coordinate.
 
     Raises:
         ImpossibleBodyError: a mass matrix that is not positive definite.
@@ -189,15 +174,8 @@ def rigid_body(
 ) -> Body:
     """Return a rigid airframe in heave, roll and pitch, of which mass, centre of gravity and inertias are free.
 
-    Args:
-        places: (x, y) of each interface, m; x forward, y to the left.
-        sensor_places: (x, y) of the sensor on the body of each interface, then of further ones; at the interfaces
-            where left out.
-        names: of the interfaces; "1", "2", ... where left out.
-        tolerance_m: how well the places are known, one standard deviation; 0 for exactly.
-
-    Raises:
-        InputError: fewer than three interfaces, all of them on one line, or fewer sensors than interfaces.
+    Places are (x, y) in m, x forward and y to the left: of each interface; of the sensor on the body of each interface,
+    then of further ones. They are known to `tolerance_m`, one standard deviation; 0 is exactly.
 
     >>> body = rigid_body([(3.0, 0.0), (-1.0, 1.5), (-1.0, -1.5)])
     >>> body.mass(np.array([0.0, 0.0, 1.0, 2.0]), 0.0, np.zeros((3, 3)))
@@ -208,8 +186,6 @@ def rigid_body(
     names = tuple(names) or tuple(str(k + 1) for k in range(len(places)))
     sensors = tuple(places) if sensor_places is None else tuple(sensor_places)
     rows, seen = (np.array([vertical(x, y) for x, y in where]) for where in (places, sensors))
-    _check_spread("interfaces", places)
-    _check_spread("sensors on the body", sensors)
     parts = np.zeros((4, 3, 3))
     parts[0, 0, 2] = parts[0, 2, 0] = -1.0
     parts[1, 0, 1] = parts[1, 1, 0] = 1.0
@@ -236,16 +212,6 @@ def rigid_body(
     )
 
 
-def _check_spread(what: str, places: Sequence[tuple[float, float]]) -> None:
-    array = np.array(places)
-    if len(array) < 3 or np.linalg.svd(array - array.mean(axis=0), compute_uv=False)[1] < 0.01:
-        where = ", ".join(f"({x:g}, {y:g})" for x, y in places)
-        raise InputError(
-            f"the {what} are at {where}, which is one line or less: heave, roll and pitch of a rigid body need three "
-            "that are not on one line"
-        )
-
-
 def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, ...]:
     """Coordinates of the interfaces, then of their sensors."""
     return tuple(
@@ -257,12 +223,7 @@ def _coordinates(names: Sequence[str], tolerance_m: float) -> tuple[Coordinate, 
 
 
 def vertical(x_m: float, y_m: float) -> FloatArray:
-    """Return j, (3,): the vertical displacement at a place for a unit of heave, roll and pitch about the origin.
-
-    Args:
-        x_m: forward, m.
-        y_m: to the left, m.
-    """
+    """Return j, (3,): the vertical displacement at a place for a unit of heave, roll and pitch about the origin."""
     return np.array([1.0, y_m, -x_m])
 
 
@@ -276,15 +237,8 @@ def own_body(
 ) -> Body:
     """Return a user's own structure, hung on interfaces whose other side is measured.
 
-    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground.
-
-    Args:
-        structure: mass, damping and stiffness matrices, and joints; laws inside of it are not followed.
-        interfaces: degrees of freedom at which the suspensions act, one each.
-        sensors: degrees of freedom whose accelerations are measured; any number of them.
-        unknown: names of joints whose stiffness and damping are to be found.
-        unknown_mass: degrees of freedom whose mass is to be found: what the mass matrix says of them on its diagonal is
-            a guess. Where nothing else is known, ratios to the first one are found.
+    Its stiffness and damping matrices, and its joints, are springs inside of it or to the ground. What the mass matrix
+    says of an unknown mass is a guess; where nothing else is known, ratios to the first of them are found.
 
     Raises:
         InputError: an unknown degree of freedom or joint, one named twice, or a joint with a law.

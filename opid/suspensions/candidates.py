@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
 from opid.suspensions.faults import Demand
 from opid.suspensions.fit import NO_FIT, Fit, loading_changes
+from opid.suspensions.intervals import Parameters, honest_covariance
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Group, Model
 from opid.suspensions.noise import with_own_noise
@@ -24,7 +26,7 @@ from opid.suspensions.residual import mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import Found, Ladder, Question, find_model, is_hopeless, judged
 from opid.suspensions.sensor_facts import Sensors, ideal_sensors
-from opid.suspensions.settings import Settings
+from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start, start_values
 from opid.suspensions.study import PointMass, Study
 
@@ -39,6 +41,31 @@ _ONE_LINE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
+class Task:
+    """What every structure is fitted to.
+
+    Args:
+        study: the study; None for a user's own structure.
+        arrays: of the runs, single spikes mended.
+        sensors: what is known of them.
+        noise: known beforehand of each sensor below and on the body, m/s^2.
+        law: to fit, per unit amplitudes as start; None where laws are searched.
+        question: what a search may try.
+        settings: of the estimator.
+        say: called with the name of each step as it begins.
+    """
+
+    study: Study | None
+    arrays: Arrays
+    sensors: Sensors
+    noise: Noise
+    law: Law | None
+    question: Question
+    settings: Settings
+    say: Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
 class Fitted:
     """One structure fitted to the runs.
 
@@ -47,7 +74,7 @@ class Fitted:
         interfaces: places in the study of those that it is about.
         found: where the search ended; None where there is no fit.
         noise: known beforehand of each sensor below and on the body, m/s^2.
-        settings: of the estimator.
+        task: what it was fitted to.
         reason: why there is no fit; "" if there is one.
     """
 
@@ -55,8 +82,13 @@ class Fitted:
     interfaces: tuple[int, ...]
     found: Found | None
     noise: Noise
-    settings: Settings
+    task: Task
     reason: str = ""
+
+    @property
+    def settings(self) -> Settings:
+        """Of the estimator."""
+        return self.task.settings
 
     @property
     def has_fit(self) -> bool:
@@ -116,16 +148,70 @@ class Fitted:
         """Whether it leaves what is beyond the mending of laws."""
         return self.found is not None and is_hopeless(self.fit)
 
+    @cached_property
+    def known(self) -> Parameters:
+        """The parameters of the fit, and how well they are known."""
+        # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
+        alone = self.task.study is not None and self.task.study.is_one_gear
+        wider = max(1.0, self.residual_over_noise / self.settings.verdicts.doubtful) if alone else 1.0
+        return Parameters(self.fit, wider**2 * honest_covariance(self.fit))
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The structure that the answer is about.
+
+    Args:
+        study: the study.
+        tried: all structures that were fitted.
+        kind: of the structure that was chosen.
+        why: one sentence.
+    """
+
+    study: Study
+    tried: Sequence[Fitted]
+    kind: str
+    why: str
+
+    @cached_property
+    def parts(self) -> list[Fitted]:
+        """The fits that make up the answer."""
+        return [part for part in parts_of(self.tried, self.kind) if part.has_fit]
+
+    def names(self, parts: Sequence[Fitted]) -> str:
+        """Return the names of the interfaces of some structures."""
+        return ", ".join(self.study.names[k] for part in parts for k in part.interfaces)
+
+    @property
+    def ratio(self) -> float:
+        """Residual over noise of the worst part."""
+        return max(part.residual_over_noise for part in self.parts)
+
+    @property
+    def lack(self) -> float:
+        """The same, or of runs that the others predict, whichever is more."""
+        return max(part.lack for part in self.parts)
+
+    @property
+    def verdicts(self) -> Verdicts:
+        """House-wide thresholds."""
+        return self.parts[0].settings.verdicts
+
+
+def parts_of(tried: Sequence[Fitted], kind: str) -> list[Fitted]:
+    """Return the structures that make up an answer of a kind, those without a fit among them."""
+    if kind == "rigid_body":
+        return [each for each in tried if each.kind == "rigid_body"]
+    pairs = [each for each in tried if each.kind == "pair"] if kind == "pair" else []
+    paired = {k for each in pairs for k in each.interfaces}
+    return [*pairs, *(each for each in tried if each.kind == "single" and each.interfaces[0] not in paired)]
+
 
 def shares(study: Study, loading: PointMass) -> FloatArray:
     """Return how much of a mass rests on each interface, (n,) kg: together all of it, wherever the origin is.
 
     By statics where there are three, as even as statics allows where there are more. On one line the lever rule holds,
     about the foot of the perpendicular from the mass.
-
-    Args:
-        study: the study.
-        loading: the mass.
     """
     places = np.array([interface.place for interface in study.interfaces])
     middle = places.mean(axis=0)
@@ -134,38 +220,8 @@ def shares(study: Study, loading: PointMass) -> FloatArray:
     return np.asarray(loading.mass_kg * (1 / len(places) + uneven))
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What every structure is fitted to.
-
-    Args:
-        study: the study; None for a user's own structure.
-        arrays: of the runs, single spikes mended.
-        sensors: what is known of them.
-        noise: known beforehand of each sensor below and on the body, m/s^2.
-        law: to fit, per unit amplitudes as start; None where laws are searched.
-        question: what a search may try.
-        settings: of the estimator.
-        say: called with the name of each step as it begins.
-    """
-
-    study: Study | None
-    arrays: Arrays
-    sensors: Sensors
-    noise: Noise
-    law: Law | None
-    question: Question
-    settings: Settings
-    say: Callable[[str], None]
-
-
 def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
-    """Fit the mean of some interfaces as one gear under its share of the mass.
-
-    Args:
-        task: what to fit to.
-        interfaces: their places in the study.
-    """
+    """Fit the mean of some interfaces as one gear under its share of the mass."""
     study, picked, runs = task.study, list(interfaces), []
     assert study is not None  # a user's own structure has no gears to leave alone
     for run, (below, above, across) in zip(study.runs, task.arrays, strict=True):
@@ -202,11 +258,7 @@ def gear_body() -> Body:
 
 
 def fit_rigid(task: Task) -> Fitted:
-    """Fit one rigid body on all interfaces.
-
-    Args:
-        task: what to fit to.
-    """
+    """Fit one rigid body on all interfaces."""
     study = task.study
     assert study is not None  # a user's own structure is what it is
     body = rigid_body(
@@ -234,12 +286,7 @@ def fit_rigid(task: Task) -> Fitted:
 
 
 def loading_matrix(study: Study, place: int) -> FloatArray:
-    """Return the mass matrix of a loading about the origin, (3, 3) kg, kg m, kg m^2.
-
-    Args:
-        study: the study.
-        place: of the run.
-    """
+    """Return the mass matrix of a loading about the origin, (3, 3) kg, kg m, kg m^2."""
     total = np.zeros((3, 3))
     for each in study.runs[place].masses:
         row = vertical(each.x_m, each.y_m)
@@ -248,11 +295,7 @@ def loading_matrix(study: Study, place: int) -> FloatArray:
 
 
 def groups_of(study: Study) -> tuple[Group, ...]:
-    """Return which interfaces share what, in the order of the first of each group.
-
-    Args:
-        study: the study.
-    """
+    """Return which interfaces share what, in the order of the first of each group."""
     together = {name: group for group in study.structure.shared for name in group}
     found: dict[str, Group] = {}
     for name in study.names:
@@ -275,19 +318,7 @@ def fitted(
     *,
     start: Start | None = None,
 ) -> Fitted:
-    """Fit a body: start values from its equation of motion, the model, laws, faults, and the runs that are left out.
-
-    Args:
-        task: what may be tried, and how.
-        kind: of structure.
-        interfaces: places in the study.
-        runs: the runs.
-        body: the body.
-        groups: which interfaces share what.
-        sensors: what is known of them.
-        noise: known beforehand of each sensor below and on the body, m/s^2.
-        start: where to begin; from the equation of motion where left out.
-    """
+    """Fit a body: start values from its equation of motion, the model, laws, faults, and the runs that are left out."""
     mass_free, settings = mass_is_told(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)
@@ -309,18 +340,13 @@ def fitted(
         if found.fit.ratio < settings.faults.explained:
             found = replace(found, fit=with_own_noise(found.fit))
     except (*NO_FIT, NotDeterminedError) as error:
-        return Fitted(kind, interfaces, None, noise, settings, str(error))
+        return Fitted(kind, interfaces, None, noise, task, str(error))
     updated = tuple(demand.updated(found.fit) for demand in found.demands)
-    return Fitted(kind, interfaces, replace(found, demands=updated), noise, settings)
+    return Fitted(kind, interfaces, replace(found, demands=updated), noise, task)
 
 
 def mass_is_told(runs: Sequence[DrivenRun], body: Body) -> bool:
-    """Return whether one over the reference mass is fitted: something is known in kg or N, or the loading changes.
-
-    Args:
-        runs: the runs.
-        body: the body.
-    """
+    """Return whether one over the reference mass is fitted: something is known in kg or N, or the loading changes."""
     springs = any(spring.stiffness_n_per_m or spring.damping_n_s_per_m for spring in body.inside)
     changes = loading_changes([run.loading for run in runs])
     return not body.absolute and (changes or springs or bool(body.known.any()))

@@ -29,12 +29,7 @@ class DrivenLaws:
     least_promise: float | None = None
 
     def dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
-        """Return the candidates beside a fit, all of them simulated at once.
-
-        Args:
-            fit: the model to depart from.
-            kinds: that may enter; those of the fitted laws are there in any case.
-        """
+        """Return the candidates beside a fit, all of them simulated at once."""
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
@@ -62,30 +57,16 @@ class DrivenLaws:
         return found
 
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
-        """Fit other laws from where a fit stands.
-
-        Args:
-            fit: where to start.
-            laws: by the name of the group.
-        """
+        """Fit other laws from where a fit stands."""
         return refit(fit, dict(laws), least_promise=self.least_promise)
 
     def left_out(self, fit: Fit) -> float | None:
-        """Return what is left of each run as a fit of the others predicts it, m/s^2.
-
-        Args:
-            fit: of all runs.
-        """
+        """Return what is left of each run as a fit of the others predicts it, m/s^2."""
         ratio = left_out_ratio(fit)
         return None if ratio is None else fit.model.level * ratio
 
     def confirms(self, fit: Fit, than: Fit) -> bool:
-        """Return True: runs left out cost as much as a search, so they are asked once, when it has ended.
-
-        Args:
-            fit: the better one.
-            than: the other.
-        """
+        """Return True: runs left out cost as much as a search, so they are asked once, when it has ended."""
         return True
 
     def _faint(self, kind: str, fit: Fit, slots: Sequence[int]) -> list[Term]:

@@ -95,10 +95,6 @@ def force_points(fit: Fit, slot: int) -> ForcePoints:
 
     What the sensors read beyond the prediction, less its mean, is shared out over the suspensions as forces that would
     make it; a sensor that sees one suspension alone gives the force of that one.
-
-    Args:
-        fit: a fitted model.
-        slot: of the interface.
     """
     model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if slot in group.slots)
     law, (z, v) = list(fit.laws.values())[number], fit.motion(slot)
@@ -114,12 +110,7 @@ def force_points(fit: Fit, slot: int) -> ForcePoints:
 
 
 def force_surface(fit: Fit, slot: int) -> ForceSurface:
-    """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law.
-
-    Args:
-        fit: a fitted model.
-        slot: of the interface.
-    """
+    """Return the force of one suspension over the reconstructed motion, cell by cell, beside the law."""
     from scipy import stats
 
     settings = fit.model.settings.surface

@@ -14,10 +14,10 @@ from opid.mechanics.laws import default_law
 from opid.signals.health import check_pair, inspect, without_spikes
 from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray
-from opid.suspensions.answer import Numbers, found_numbers
-from opid.suspensions.candidates import Arrays, Fitted, Noise, Task, fit_alone, fit_rigid
+from opid.suspensions.answer import found_numbers
+from opid.suspensions.candidates import Arrays, Choice, Fitted, Noise, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.force_surface import force_surface
-from opid.suspensions.intervals import bootstrap_over_white, honest_covariance, mass_of, negative_mass, std_over_white
+from opid.suspensions.intervals import bootstrap_over_white, std_over_white
 from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.limits import ground_imitations, limits
 from opid.suspensions.noise import known_noise
@@ -96,51 +96,29 @@ def identify(
     if method != "model":
         if not study.is_one_gear:
             raise InputError(f"the method {method!r} is for one gear: leave it out for a body on several suspensions")
-        return _by_paper(study, method, law, band_hz, high_pass_hz, ground, progress)
+        from opid.suspensions.paper.identification import identify_by_paper
+
+        given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
+        known = {name: value for name, value in given.items() if value is not None}
+        return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
     settings = settings or Settings()
     if band_hz is not None:
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
-    given = None if law is None else default_law(law)
+    kind_of_law = None if law is None else default_law(law)
     say = progress or (lambda step: None)
     study = _checked(study, settings)
     arrays, mended = _arrays(study)
     sensors = study.sensor_facts()
-    if study.structure.noise_m_per_s2 is not None:
-        noise_free = [(side, k) for side in ("unsprung", "sprung") for k in range(len(sensors.facts(side)))]
-        for side, k in noise_free:
-            if sensors.facts(side)[k].noise_m_per_s2 is None:  # type: ignore[arg-type]
-                sensors = sensors.changed(side, k, noise_m_per_s2=study.structure.noise_m_per_s2)  # type: ignore[arg-type]
-    noise = known_noise(
-        (sensors.unsprung, sensors.sprung),
-        [(below, above) for below, above, _ in arrays],
-        fs=study.fs,
-        settings=settings.runs,
-    )
+    noise = known_noise(sensors, arrays, fs=study.fs, settings=settings.runs)
     options = Options(law, ground, method_of_law, library(), seed)
-    question = Question(given is not None, ground, True, method_of_law, options.kinds)
-    task = Task(study, arrays, sensors, noise, given, question, settings, say)
+    question = Question(kind_of_law is not None, ground, True, method_of_law, options.kinds)
+    task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say)
     tried = _tried(task)
     if not any(each.has_fit for each in tried):
         raise NotDeterminedError("no structure can be fitted to these runs: " + "; ".join(e.reason for e in tried))
-    kind, why = _chosen(study, tried)
+    choice = _chosen(study, tried)
     say("intervals")
-    return _answer(task, tried, kind, why, options, mended)
-
-
-def _by_paper(
-    study: Study,
-    method: str,
-    law: str | None,
-    band_hz: tuple[float, float] | None,
-    high_pass_hz: float | None,
-    ground: bool,
-    progress: Say | None,
-) -> PaperIdentification:
-    from opid.suspensions.paper.identification import identify_by_paper
-
-    given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
-    known = {name: value for name, value in given.items() if value is not None}
-    return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
+    return _answer(task, choice, options, mended)
 
 
 def _checked(study: Study, settings: Settings) -> Study:
@@ -194,48 +172,35 @@ def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:
 
 
 def _tried(task: Task) -> list[Fitted]:
-    study, found = task.study, []
+    study, found, quiet = task.study, [], replace(task, say=lambda step: None)
     assert study is not None
     wanted = study.structure.kind
     if wanted in ("auto", "single"):
         for k, name in enumerate(study.names):
             task.say(f"{name} alone" if len(study.names) > 1 else "model")
-            found.append(fit_alone(task if len(study.names) == 1 else replace(task, say=_mute), (k,)))
+            found.append(fit_alone(task if study.names == (name,) else quiet, (k,)))
     if wanted in ("auto", "pair"):
         pairs = symmetric_pairs(study)
         for pair in pairs:
             task.say(f"mean of {' and '.join(study.names[k] for k in pair)}")
-            found.append(fit_alone(replace(task, say=_mute), pair))
+            found.append(fit_alone(quiet, pair))
         if wanted == "pair":
             paired = {k for pair in pairs for k in pair}
-            found += [fit_alone(replace(task, say=_mute), (k,)) for k in range(len(study.names)) if k not in paired]
+            found += [fit_alone(quiet, (k,)) for k in range(len(study.names)) if k not in paired]
     if wanted == "rigid_body" or (wanted == "auto" and not list(rigid_faults(study))):
         task.say("rigid body")
         found.append(fit_rigid(replace(task, say=lambda step: task.say(f"rigid body, {step}"))))
     return found
 
 
-def _mute(step: str) -> None:
-    pass
-
-
-def _parts(tried: Sequence[Fitted], kind: str) -> list[Fitted]:
-    """The fits that make up the answer of a structure."""
-    if kind == "rigid_body":
-        return [each for each in tried if each.kind == "rigid_body"]
-    pairs = [each for each in tried if each.kind == "pair"] if kind == "pair" else []
-    paired = {k for each in pairs for k in each.interfaces}
-    return [*pairs, *(each for each in tried if each.kind == "single" and each.interfaces[0] not in paired)]
-
-
-def _chosen(study: Study, tried: Sequence[Fitted]) -> tuple[str, str]:
-    """The simplest structure that explains the runs, and why."""
+def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
+    """The simplest structure that explains the runs."""
     explained = tried[0].settings.verdicts.explained
     lacks: dict[str, float] = {}
     ratios: dict[str, float] = {}
     leaves: dict[str, str] = {}
     for kind in ("single", "pair", "rigid_body"):
-        parts = _parts(tried, kind)
+        parts = parts_of(tried, kind)
         complete = sum(len(part.interfaces) for part in parts) == len(study.interfaces)
         if parts and complete and any(part.kind == kind for part in parts):
             lacks[kind] = max(part.lack for part in parts)
@@ -245,12 +210,12 @@ def _chosen(study: Study, tried: Sequence[Fitted]) -> tuple[str, str]:
         if lack <= explained:
             because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
             simpler = [leaves[other] for other in lacks if lacks[other] > explained]
-            return kind, f"{because}; {', '.join(simpler)}" if simpler else because
-    best = min(ratios, key=lambda kind: ratios[kind])
-    return best, (
+            return Choice(study, tried, kind, f"{because}; {', '.join(simpler)}" if simpler else because)
+    why = (
         f"no structure explains these runs: {', '.join(leaves.values())}; something else moves (a bending airframe, a "
         "load that shifts, wrong coordinates or loadings)"
     )
+    return Choice(study, tried, min(ratios, key=lambda kind: ratios[kind]), why)
 
 
 def _leaves(parts: Sequence[Fitted]) -> str:
@@ -267,110 +232,72 @@ def _leaves(parts: Sequence[Fitted]) -> str:
     return said
 
 
-def _answer(
-    task: Task, tried: Sequence[Fitted], kind: str, why: str, options: Options, mended: tuple[int, int]
-) -> Identification:
-    study, settings = task.study, task.settings
-    assert study is not None
-    parts = [part for part in _parts(tried, kind) if part.has_fit]
-    ratio, lack = max(part.residual_over_noise for part in parts), max(part.lack for part in parts)
-    # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
-    wider = max(1.0, ratio / settings.verdicts.doubtful) if study.is_one_gear else 1.0
-    covariances = [wider**2 * honest_covariance(part.fit) for part in parts]
-    refused = why_refused(study, parts, ratio)
-    evidence = tuple(
-        _evidence(task, part, covariance, options, refused is not None)
-        for part, covariance in zip(parts, covariances, strict=True)
-    )
-    unscaled = why_no_mass(study, parts, covariances, ratio)
-    reason = refused or _failure(study, _parts(tried, kind)) or unscaled
+def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int]) -> Identification:
+    study, parts, tried = choice.study, choice.parts, choice.tried
+    refused, unscaled = why_refused(choice), why_no_mass(choice)
+    evidence = tuple(_evidence(part, study, options, refused is not None) for part in parts)
+    reason = refused or _failure(choice) or unscaled
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
-    numbers = found_numbers(study, kind, parts, covariances, evidence, per_mass=per_mass, ground=options.ground)
-    mass = numbers.parameters["sprung_mass_kg"]
-    loose: list[str] = []
-    if kind == "rigid_body" and ratio <= settings.verdicts.doubtful:
-        loose = loose_motions(parts[0].fit, numbers.parameters, numbers.ratios, settings.verdicts)
-    told = _told(study, numbers, parts, covariances, lack, reason, refused is not None, loose)
-    asked = Answer(
-        study=study,
-        tried=tried,
-        parts=parts,
-        covariances=covariances,
+    numbers = found_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
+    loose = loose_motions(choice, numbers.parameters, numbers.ratios)
+    straight = [straight_terms(part) for part in parts]
+    told = numbers.without_motions(loose)
+    if choice.lack > choice.verdicts.explained and not study.is_one_gear:
+        # what a structure lacks is no noise, and does not average out
+        told = told.without_intervals()
+    for part, terms in zip(parts, straight, strict=True):
+        told = told.without_intervals_of(terms, _members(study, part))
+    if reason:
+        told = told.without_scale()
+    if refused:
+        told = told.without_values()
+    answer = Answer(
+        choice=choice,
         evidence=evidence,
-        why=why,
-        ratio=ratio,
-        mass=Estimate() if reason else mass,
-        stiffness=told.interfaces[0].stiffness,
-        ground=told.interfaces[0].ground_stiffness,
+        mass=Estimate() if reason else numbers.parameters["sprung_mass_kg"],
+        first=told.interfaces[0],
         loose=loose,
+        straight=straight,
         per_mass=per_mass,
         is_refused=refused is not None,
         mended_spikes=mended,
     )
-    believed = all(part.explains for part in parts) and not _any_negative(parts, covariances)
+    believed = all(part.explains and not part.known.has_negative_mass for part in parts)
     return Identification(
         study=study,
-        structure=kind,
+        structure=choice.kind,
         parameters=told.parameters,
         ratios=told.ratios,
         per_mass=per_mass,
         interfaces=told.interfaces,
         place_corrections=told.corrections,
-        candidates=tuple(_candidate(study, each, recommended=believed and each.kind == kind) for each in tried),
-        why=why,
+        candidates=tuple(_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried),
+        why=choice.why,
         runs=_runs(study, parts, task.arrays),
         noise_m_per_s2=_level(task.noise),
-        residual_over_noise=ratio,
+        residual_over_noise=choice.ratio,
         evidence=evidence,
         mended_spikes=mended,
-        warnings=tuple(collect_warnings(asked)),
+        warnings=tuple(collect_warnings(answer)),
         not_determined=reason,
         options=options,
-        settings=settings,
+        settings=task.settings,
     )
-
-
-def _told(
-    study: Study,
-    numbers: Numbers,
-    parts: Sequence[Fitted],
-    covariances: Sequence[FloatArray],
-    lack: float,
-    reason: str | None,
-    is_refused: bool,
-    loose: Sequence[str],
-) -> Numbers:
-    """The numbers without what is not to be told of them."""
-    numbers = numbers.without_motions(loose)
-    if lack > parts[0].settings.verdicts.explained and not study.is_one_gear:
-        # what a structure lacks is no noise, and does not average out
-        numbers = numbers.without_intervals()
-    for part, covariance in zip(parts, covariances, strict=True):
-        straight = straight_terms(part.fit, covariance, part.settings.verdicts)
-        if straight:
-            numbers = numbers.without_intervals_of(straight, _members(study, part))
-    if reason:
-        numbers = numbers.without_scale()
-    return numbers.without_values() if is_refused else numbers
 
 
 def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
     """Names of the interfaces of each group of a fit."""
+    groups = part.fit.model.groups
     if part.kind == "rigid_body":
-        return {group.name: [study.names[slot] for slot in group.slots] for group in part.fit.model.groups}
-    return {group.name: [study.names[k] for k in part.interfaces] for group in part.fit.model.groups}
+        return {group.name: [study.names[slot] for slot in group.slots] for group in groups}
+    return {group.name: [study.names[k] for k in part.interfaces] for group in groups}
 
 
-def _evidence(task: Task, part: Fitted, covariance: FloatArray, options: Options, is_refused: bool) -> Evidence:
+def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) -> Evidence:
     fit, found = part.fit, part.found
     assert found is not None  # parts have fits
-    assert task.study is not None
-    names = fit.model.names
-    wider = dict(zip(names, std_over_white(fit).tolist(), strict=False))
     rng = np.random.default_rng(options.seed)
-    boot = {} if is_refused else dict(zip(names, bootstrap_over_white(fit, rng).tolist(), strict=False))
-    changes = [run.mass_change_kg for run in task.study.runs]
-    duration_s = sum(run.recording.duration_s for run in task.study.runs)
+    resampled = [] if is_refused else bootstrap_over_white(fit, rng).tolist()
     return Evidence(
         fit=fit,
         noise=part.level,
@@ -378,11 +305,11 @@ def _evidence(task: Task, part: Fitted, covariance: FloatArray, options: Options
         alternatives=alternatives(part.ladder, part.settings.search),
         demands=part.demands,
         whiteness=measure_whiteness(fit),
-        std_over_white=wider,
-        bootstrap_over_white=boot,
+        std_over_white=dict(zip(fit.model.names, std_over_white(fit).tolist(), strict=False)),
+        bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
         surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
-        limits=tuple(limits(fit, covariance, changes, duration_s)),
+        limits=tuple(limits(fit, part.known.covariance, study)),
         n_starts=found.n_starts,
     )
 
@@ -391,25 +318,19 @@ def _level(noise: Noise) -> float:
     return float(np.sqrt(np.mean([np.mean(np.square(side)) for side in noise])))
 
 
-def _failure(study: Study, parts: Sequence[Fitted]) -> str | None:
+def _failure(choice: Choice) -> str | None:
     """Why there is no mass of the whole though some gears are fitted."""
-    failed = [part for part in parts if not part.has_fit]
+    failed = [part for part in parts_of(choice.tried, choice.kind) if not part.has_fit]
     if not failed:
         return None
-    names = ", ".join(study.names[k] for part in failed for k in part.interfaces)
-    return f"{names} cannot be fitted ({failed[0].reason}), so there is no mass of the whole"
-
-
-def _any_negative(parts: Sequence[Fitted], covariances: Sequence[FloatArray]) -> bool:
-    return any(negative_mass(part.fit, each) for part, each in zip(parts, covariances, strict=True))
+    return f"{choice.names(failed)} cannot be fitted ({failed[0].reason}), so there is no mass of the whole"
 
 
 def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
     names = tuple(study.names[k] for k in part.interfaces)
     mass, negative = Estimate(), False
     if part.has_fit and part.fit.model.mass_free:
-        covariance = honest_covariance(part.fit)
-        mass, negative = mass_of(part.fit, covariance), negative_mass(part.fit, covariance)
+        mass, negative = part.known.mass, part.known.has_negative_mass
         # what a wrong structure says is shown as what it is; without an interval there is no mass at all
         if mass.std is None or not part.explains:
             mass = Estimate() if part.explains else Estimate(mass.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
@@ -21,9 +22,6 @@ def honest_covariance(fit: Fit) -> FloatArray:
 
     The sandwich over cells of neighbouring lines; no parameter becomes better known than for a white residual.
 
-    Args:
-        fit: a fitted body.
-
     Returns:
         (n_shared, n_shared).
     """
@@ -33,11 +31,7 @@ def honest_covariance(fit: Fit) -> FloatArray:
 
 
 def std_over_white(fit: Fit) -> FloatArray:
-    """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1.
-
-    Args:
-        fit: a fitted model.
-    """
+    """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1."""
     posterior, jacobian, scale = _scaled(fit)
     n, known = fit.n_data, fit.model.settings.intervals
     scores, first, n_cells = [], 0, 0
@@ -66,10 +60,6 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
 
     Each resample draws blocks of half a second of the innovations with replacement (Kuensch 1989), so that what is
     correlated within a block stays so, and moves the parameters by -C J^T e/s^2, to first order.
-
-    Args:
-        fit: a fitted model.
-        rng: source of the draws.
     """
     posterior, jacobian, scale = _scaled(fit)
     n, known, first = fit.n_data, fit.model.settings.intervals, 0
@@ -102,185 +92,147 @@ def _scaled(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
     return fit.covariance / np.outer(scale, scale), fit.errors.jacobian * scale, scale
 
 
-def gear_ratios(fit: Fit, covariance: FloatArray, ground: Estimate) -> dict[str, Estimate]:
-    """Return ratios to the mass, natural frequency and damping ratio on a still wheel of one gear, by the delta method.
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """The shared parameters of a fit, and how well they are known: all numbers of an answer are read from here.
 
     Args:
-        fit: of one gear.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        ground: stiffness of the spring to the ground over the mass.
+        fit: of a model.
+        covariance: (n_shared, n_shared) of its shared parameters, as of `honest_covariance`.
     """
-    names, group = list(fit.model.names), fit.model.groups[0]
-    k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
-    ratios = dict.fromkeys(GEAR_RATIOS, Estimate())
-    for place, name in ((0, "stiffness_per_mass"), (1, "damping_per_mass")):
-        ratios[name] = per_force(fit, covariance, place, per_mass=True)
-    ratios["ground_stiffness_per_mass"] = ground
-    total = k + fit.value(group.called(GROUND))
-    if total <= 0:
+
+    fit: Fit
+    covariance: FloatArray
+
+    def std(self, place: int) -> float:
+        """Return the standard deviation of an entry of the vector."""
+        return float(np.sqrt(max(self.covariance[place, place], 0.0)))
+
+    def estimate(self, value: float, gradient: Mapping[str | int, float]) -> Estimate:
+        """Return a function of the parameters with its interval, by the delta method.
+
+        The gradient has its derivatives by parameters, each by its name or its place in the vector.
+        """
+        names, slopes = self.fit.model.names, np.zeros(self.fit.model.n_shared)
+        for key, slope in gradient.items():
+            slopes[names.index(key) if isinstance(key, str) else key] = slope
+        return Estimate.normal(value, float(np.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))))
+
+    def per_force(self, place: int, *, per_mass: bool = False) -> Estimate:
+        """Return an entry of the vector that multiplies a force or a mass, times the mass where that is fitted."""
+        model, value = self.fit.model, float(self.fit.theta[place])
+        if per_mass or not model.mass_free:
+            return self.estimate(value, {place: 1.0})
+        mu = model.inverse_mass(self.fit.theta)
+        return self.estimate(value / mu, {place: 1 / mu, "inverse_mass": -value / mu**2})
+
+    @property
+    def inverse_mass(self) -> tuple[float, float]:
+        """One over the reference mass, which is free, and its standard deviation, 1/kg."""
+        return self.fit.model.inverse_mass(self.fit.theta), self.std(self.fit.model.names.index("inverse_mass"))
+
+    @property
+    def mass(self) -> Estimate:
+        """The reference mass, which is free; its interval is the image of that of its inverse, longer upwards."""
+        mu, std = self.inverse_mass
+        if mu <= 1.96 * std:
+            return Estimate(1 / mu if mu > 0 else None)
+        return Estimate(1 / mu, std / mu**2, (1 / (mu + 1.96 * std), 1 / (mu - 1.96 * std)))
+
+    @property
+    def has_negative_mass(self) -> bool:
+        """Whether the reference mass is below nothing by more than its interval."""
+        if not self.fit.model.mass_free:
+            return False
+        mu, std = self.inverse_mass
+        return mu < -1.96 * std
+
+    def suspension(
+        self, number: int, *, per_mass: bool = False
+    ) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
+        """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted."""
+        model, theta = self.fit.model, self.fit.theta
+        first, places, law = model.first_of_group[number], model.law_places(number), model.groups[number].law
+        estimates: dict[str, dict[str, Estimate]] = {}
+        if law.terms:
+            law, slopes = from_free(law, theta[places])
+            place = places.start
+            for term in law.terms:
+                table: dict[str, Estimate] = {}
+                estimates[term.name] = table
+                for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
+                    if not table:
+                        table[parameter.name] = self.per_force(place, per_mass=per_mass)
+                    else:
+                        slope = float(slopes[place - places.start])
+                        table[parameter.name] = Estimate.normal(value, slope * self.std(place))
+                    place += 1
+        stiffness, damping = (self.per_force(entry, per_mass=per_mass) for entry in (first, first + 1))
+        return stiffness, damping, estimates
+
+    def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
+        """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
+
+        A gear that the runs give none has zero, as well as that would be known: `std_per_mass`, 1/s^2, None where the
+        user ruled such springs out. None is known better than gains are equal.
+        """
+        model = self.fit.model
+        equal, first = model.settings.intervals.equal_gains, model.first_of_group[number]
+        stiffness = self.per_force(first, per_mass=per_mass).value or 0.0
+        if not model.groups[number].ground:
+            if std_per_mass is None:
+                return Estimate(0.0)
+            mu = 1.0 if per_mass or not model.mass_free else model.inverse_mass(self.fit.theta)
+            return Estimate.normal(0.0, float(np.hypot(std_per_mass / mu, equal * stiffness)))
+        found = self.per_force(first + 2, per_mass=per_mass)
+        if found.std is None or any(fault.kind == "gain" for fault in model.faults):
+            return found
+        return Estimate.normal(found.value or 0.0, float(np.hypot(found.std, equal * stiffness)))
+
+    def gear_ratios(self, ground: Estimate) -> dict[str, Estimate]:
+        """Return ratios to the mass, and frequency and damping ratio on a still wheel, of one gear.
+
+        The stiffness of the spring to the ground over the mass is given.
+        """
+        fit, group = self.fit, self.fit.model.groups[0]
+        k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
+        ratios = dict.fromkeys(GEAR_RATIOS, Estimate())
+        for place, name in ((0, "stiffness_per_mass"), (1, "damping_per_mass")):
+            ratios[name] = self.per_force(place, per_mass=True)
+        ratios["ground_stiffness_per_mass"] = ground
+        total = k + fit.value(group.called(GROUND))
+        if total <= 0:
+            return ratios
+        omega = float(np.sqrt(total))
+        springs = (0, 2) if group.ground else (0,)
+        ratios["natural_frequency_hz"] = self.estimate(
+            omega / (2 * np.pi), dict.fromkeys(springs, 1 / (4 * np.pi * omega))
+        )
+        ratios["damping_ratio"] = self.estimate(
+            c / (2 * omega), {1: 1 / (2 * omega), **dict.fromkeys(springs, -c / (4 * omega**3))}
+        )
         return ratios
-    omega = float(np.sqrt(total))
-    gradients = np.zeros((2, len(names)))
-    gradients[:, 0] = 1 / (4 * np.pi * omega), -c / (4 * omega**3)
-    gradients[1, 1] = 1 / (2 * omega)
-    if group.ground:
-        gradients[:, 2] = gradients[:, 0]
-    std = np.sqrt(np.maximum(np.diag(gradients @ covariance @ gradients.T), 0))
-    ratios["natural_frequency_hz"] = Estimate.normal(omega / (2 * np.pi), std[0])
-    ratios["damping_ratio"] = Estimate.normal(c / (2 * omega), std[1])
-    return ratios
 
-
-def ground_estimate(
-    fit: Fit, covariance: FloatArray, number: int, std_per_mass: float | None, *, per_mass: bool
-) -> Estimate:
-    """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
-
-    A gear that the runs give none has zero, as well as that would be known; none is known better than gains are equal.
-
-    Args:
-        fit: a fitted model.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        number: of the group.
-        std_per_mass: standard deviation that it would have per kg, 1/s^2, where it was not fitted; None where the user
-            ruled such springs out.
-        per_mass: whether it is wanted per kg.
-    """
-    group, equal = fit.model.groups[number], fit.model.settings.intervals.equal_gains
-    stiffness = per_force(fit, covariance, fit.model.first_of_group[number], per_mass=per_mass).value or 0.0
-    if not group.ground:
-        if std_per_mass is None:
-            return Estimate(0.0)
-        mu = 1.0 if per_mass or not fit.model.mass_free else fit.model.inverse_mass(fit.theta)
-        return Estimate.normal(0.0, float(np.hypot(std_per_mass / mu, equal * stiffness)))
-    found = per_force(fit, covariance, fit.model.first_of_group[number] + 2, per_mass=per_mass)
-    if found.std is None or any(fault.kind == "gain" for fault in fit.model.faults):
-        return found
-    return Estimate.normal(found.value or 0.0, float(np.hypot(found.std, equal * stiffness)))
-
-
-def body_estimates(fit: Fit, covariance: FloatArray) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass.
-
-    Args:
-        fit: of a rigid body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
-    names, theta = fit.model.names, fit.theta
-    place = {name: names.index(name) for name in ("x_cg_m", "y_cg_m", "rxx_m2", "ryy_m2")}
-    x, y, rxx, ryy = (float(theta[place[name]]) for name in place)
-
-    def along(value: float, gradient: Mapping[str, float]) -> Estimate:
-        g = np.zeros(len(names))
-        for name, slope in gradient.items():
-            g[names.index(name)] = slope
-        return Estimate.normal(value, float(np.sqrt(max(float(g @ covariance @ g), 0.0))))
-
-    roll, pitch = rxx - y**2, ryy - x**2
-    ratios = dict.fromkeys(BODY_RATIOS, Estimate())
-    if roll > 0:
-        radius = float(np.sqrt(roll))
-        ratios["roll_radius_m"] = along(radius, {"rxx_m2": 0.5 / radius, "y_cg_m": -y / radius})
-    if pitch > 0:
-        radius = float(np.sqrt(pitch))
-        ratios["pitch_radius_m"] = along(radius, {"ryy_m2": 0.5 / radius, "x_cg_m": -x / radius})
-    ratios |= {"x_cg_m": along(x, {"x_cg_m": 1.0}), "y_cg_m": along(y, {"y_cg_m": 1.0})}
-    parameters = dict.fromkeys(BODY_PARAMETERS, Estimate())
-    if fit.model.mass_free:
-        mu = fit.model.inverse_mass(theta)
-        parameters["sprung_mass_kg"] = mass_of(fit, covariance)
-        parameters["roll_inertia_kg_m2"] = along(
-            roll / mu, {"rxx_m2": 1 / mu, "y_cg_m": -2 * y / mu, "inverse_mass": -roll / mu**2}
-        )
-        parameters["pitch_inertia_kg_m2"] = along(
-            pitch / mu, {"ryy_m2": 1 / mu, "x_cg_m": -2 * x / mu, "inverse_mass": -pitch / mu**2}
-        )
-        parameters |= {name: ratios[name] for name in ("x_cg_m", "y_cg_m")}
-    return parameters, ratios
-
-
-def mass_of(fit: Fit, covariance: FloatArray) -> Estimate:
-    """Return the reference mass; its interval is the image of that of its inverse, longer upwards.
-
-    Args:
-        fit: with a free mass.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
-    mu, std = inverse_mass_of(fit, covariance)
-    if mu <= 1.96 * std:
-        return Estimate(1 / mu if mu > 0 else None)
-    return Estimate(1 / mu, std / mu**2, (1 / (mu + 1.96 * std), 1 / (mu - 1.96 * std)))
-
-
-def inverse_mass_of(fit: Fit, covariance: FloatArray) -> tuple[float, float]:
-    """Return one over the reference mass and its standard deviation, 1/kg.
-
-    Args:
-        fit: with a free mass.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
-    place = fit.model.names.index("inverse_mass")
-    return fit.model.inverse_mass(fit.theta), float(np.sqrt(max(covariance[place, place], 0.0)))
-
-
-def negative_mass(fit: Fit, covariance: FloatArray) -> bool:
-    """Return whether the reference mass is below nothing by more than its interval.
-
-    Args:
-        fit: a fitted body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-    """
-    if not fit.model.mass_free:
-        return False
-    mu, std = inverse_mass_of(fit, covariance)
-    return mu < -1.96 * std
-
-
-def suspension_estimates(
-    fit: Fit, covariance: FloatArray, number: int, *, per_mass: bool = False
-) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
-    """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted.
-
-    Args:
-        fit: a fitted body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        number: of the group.
-        per_mass: whether they are wanted per kg though the mass is fitted.
-    """
-    first, places = fit.model.first_of_group[number], fit.model.law_places(number)
-    law = fit.model.groups[number].law
-    estimates: dict[str, dict[str, Estimate]] = {}
-    if law.terms:
-        law, slopes = from_free(law, fit.theta[places])
-        place = places.start
-        for term in law.terms:
-            estimates[term.name] = {}
-            for k, (parameter, value) in enumerate(zip(LAWS[term.name].parameters, term.values, strict=True)):
-                slope = float(slopes[place - places.start])
-                if k == 0:
-                    estimates[term.name][parameter.name] = per_force(fit, covariance, place, per_mass=per_mass)
-                else:
-                    std = slope * float(np.sqrt(max(covariance[place, place], 0.0)))
-                    estimates[term.name][parameter.name] = Estimate.normal(value, std)
-                place += 1
-    stiffness, damping = (per_force(fit, covariance, entry, per_mass=per_mass) for entry in (first, first + 1))
-    return stiffness, damping, estimates
-
-
-def per_force(fit: Fit, covariance: FloatArray, place: int, *, per_mass: bool = False) -> Estimate:
-    """Return an entry of the vector that multiplies a force or a mass, times the reference mass where that is fitted.
-
-    Args:
-        fit: a fitted body.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        place: of the entry.
-        per_mass: whether the entry itself is wanted though the mass is fitted.
-    """
-    model, value = fit.model, float(fit.theta[place])
-    gradient = np.zeros(len(model.names))
-    absolute = model.mass_free and not per_mass
-    mu = model.inverse_mass(fit.theta) if absolute else 1.0
-    gradient[place] = 1 / mu
-    if absolute:
-        gradient[model.names.index("inverse_mass")] = -value / mu**2
-    return Estimate.normal(value / mu, float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))))
+    def of_rigid_body(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+        """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass."""
+        x, y, rxx, ryy = (self.fit.value(name) for name in ("x_cg_m", "y_cg_m", "rxx_m2", "ryy_m2"))
+        parameters, ratios = dict.fromkeys(BODY_PARAMETERS, Estimate()), dict.fromkeys(BODY_RATIOS, Estimate())
+        ratios |= {name: self.estimate(self.fit.value(name), {name: 1.0}) for name in ("x_cg_m", "y_cg_m")}
+        mass_free = self.fit.model.mass_free
+        mu = self.fit.model.inverse_mass(self.fit.theta)
+        if mass_free:
+            parameters |= {"sprung_mass_kg": self.mass, "x_cg_m": ratios["x_cg_m"], "y_cg_m": ratios["y_cg_m"]}
+        # about the centre of gravity: the moment about the origin less the square of the offset
+        for motion, about, offset, moment, away in (
+            ("roll", "rxx_m2", "y_cg_m", rxx, y),
+            ("pitch", "ryy_m2", "x_cg_m", ryy, x),
+        ):
+            square = moment - away**2
+            if square > 0:
+                radius = float(np.sqrt(square))
+                ratios[f"{motion}_radius_m"] = self.estimate(radius, {about: 0.5 / radius, offset: -away / radius})
+            if mass_free:
+                parameters[f"{motion}_inertia_kg_m2"] = self.estimate(
+                    square / mu, {about: 1 / mu, offset: -2 * away / mu, "inverse_mass": -square / mu**2}
+                )
+        return parameters, ratios

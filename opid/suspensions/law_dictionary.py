@@ -100,11 +100,7 @@ class LawDictionary:
                 yield *have, name
 
     def left(self, columns: Sequence[int]) -> tuple[float, FloatArray]:
-        """Return the squared error that some columns leave, and their weights.
-
-        Args:
-            columns: their places.
-        """
+        """Return the squared error that some columns leave, and their weights."""
         chosen = list(columns)
         weights = -self._inverse(chosen) @ self.along[chosen]
         return self.total + float(self.along[chosen] @ weights), weights / self.size[chosen]
@@ -115,11 +111,7 @@ class LawDictionary:
         return self.left(chosen)[0]
 
     def proposal(self, names: Sequence[str]) -> Proposal:
-        """Return what the law of some kinds would reach, and its start values.
-
-        Args:
-            names: kinds of the dictionary.
-        """
+        """Return what the law of some kinds would reach, and its start values."""
         kept = [column for name in names for column in self.fitted.get(name, [])]
         new = [name for name in names if name in self.offered]
         picked: dict[str, int] = {}

@@ -157,13 +157,7 @@ def chosen(ladder: Sequence[LawStep[F]]) -> LawStep[F]:
 
 
 def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
-    """Return whether fitted laws take the place of others: of as many terms the likelier, more of them by a margin.
-
-    Args:
-        fit: the one.
-        than: the other.
-        settings: the margins.
-    """
+    """Return whether fitted laws take the place of others: of as many terms the likelier, more of them by a margin."""
     more = n_terms(fit) - n_terms(than)
     if more < 0:
         return not is_better(than, fit, settings)
@@ -186,11 +180,7 @@ def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
 
 
 def n_terms(fit: LawFit) -> int:
-    """Return the number of terms of all laws.
-
-    Args:
-        fit: with these laws.
-    """
+    """Return the number of terms of all laws."""
     return sum(len(law.terms) for law in fit.laws.values())
 
 
@@ -198,10 +188,6 @@ def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> t
     """Return the ladder with left-out errors: of the choice, its closest rivals and the best one with fewer terms.
 
     The smaller laws are chosen instead where they predict what was left out as well.
-
-    Args:
-        problem: what was searched on.
-        ladder: fitted laws.
     """
     steps = list(ladder)
     choice = max(place for place, step in enumerate(steps) if step.kept)

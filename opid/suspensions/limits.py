@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, carried_over
 from opid.suspensions.model import Model
+from opid.suspensions.study import Study
 
 _WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
 
@@ -38,18 +39,12 @@ class GroundImitations:
     sentences: tuple[str, ...]
 
 
-def limits(fit: Fit, covariance: FloatArray, mass_changes_kg: Sequence[float], duration_s: float) -> Iterator[str]:
-    """Yield what limits the mass and the laws, one sentence each.
-
-    Args:
-        fit: of all runs.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        mass_changes_kg: of the runs, kg.
-        duration_s: of all runs together, s.
-    """
-    names = fit.model.names
+def limits(fit: Fit, covariance: FloatArray, study: Study) -> Iterator[str]:
+    """Yield what limits the mass and the laws, one sentence each."""
+    mass_changes_kg = [run.mass_change_kg for run in study.runs]
+    duration_s = sum(run.recording.duration_s for run in study.runs)
     if fit.model.mass_free and fit.value("inverse_mass") > 0:
-        place, mu = names.index("inverse_mass"), fit.value("inverse_mass")
+        place, mu = fit.model.names.index("inverse_mass"), fit.value("inverse_mass")
         mass, std = 1 / mu, float(np.sqrt(max(covariance[place, place], 0.0))) / mu**2
         fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass
         if fraction > 0:
@@ -97,9 +92,6 @@ def ground_imitations(fit: Fit) -> GroundImitations:
 
     The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
     fitted is taken out of both.
-
-    Args:
-        fit: of the runs.
     """
     model = replace(fit.model, groups=tuple(replace(group, ground=True) for group in fit.model.groups))
     is_one = len(fit.model.sensors.sprung) == 1

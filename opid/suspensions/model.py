@@ -52,11 +52,7 @@ class Group:
         return 2 + self.ground
 
     def called(self, what: str) -> str:
-        """Return the name of one of its parameters.
-
-        Args:
-            what: "stiffness_per_mass", ...
-        """
+        """Return the name of one of its parameters."""
         return f"{what}[{self.name}]" if self.name else what
 
 
@@ -187,41 +183,24 @@ class Model:
         return self._first_factor - 2 * len(self._searched)
 
     def law_places(self, number: int) -> slice:
-        """Return where the law of a group stands in the vector.
-
-        Args:
-            number: of the group.
-        """
+        """Return where the law of a group stands in the vector."""
         first = self.first_of_group[number] + self.groups[number].n_head
         return slice(first, first + self.groups[number].law.vector.size)
 
     def inverse_mass(self, theta: FloatArray) -> float:
-        """Return one over the reference mass at a vector, 1/kg; 1 where the body is given in kg.
-
-        Args:
-            theta: the vector.
-        """
+        """Return one over the reference mass at a vector, 1/kg; 1 where the body is given in kg."""
         if self.mass_free:
             return float(theta[self._first_fault - 1])
         return 1.0 if self.body.absolute else self.held_inverse_mass
 
     def mobility(self, theta: FloatArray, place: int) -> Mobility:
-        """Return what forces do to the body in one run.
-
-        Args:
-            theta: the vector.
-            place: of the run.
-        """
+        """Return what forces do to the body in one run."""
         first = self._first_factor
         factors, shifts = theta[first : first + len(self.body.names)], theta[self._first_coordinate : self.n_shared]
         return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[place].loading)
 
     def fault_values(self, theta: FloatArray) -> dict[str, float]:
-        """Return the faults of the sensors at a vector by name.
-
-        Args:
-            theta: the vector.
-        """
+        """Return the faults of the sensors at a vector by name."""
         first = self._first_fault
         return {fault.name: float(theta[first + k]) for k, fault in enumerate(self.faults)}
 
@@ -250,11 +229,7 @@ class Model:
         return caps
 
     def laws(self, theta: FloatArray) -> tuple[Law, ...]:
-        """Return the law of each group at a vector, per unit of the reference mass.
-
-        Args:
-            theta: the vector.
-        """
+        """Return the law of each group at a vector, per unit of the reference mass."""
         return tuple(law for law, _ in self._laws(theta))
 
     def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
@@ -268,12 +243,7 @@ class Model:
     def interfaces(
         self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
     ) -> tuple[list[Interface], list[FloatArray]]:
-        """Return the suspensions of all slots at a vector, and what their laws' entries move by (see `from_free`).
-
-        Args:
-            theta: the vector.
-            candidates: further terms of groups, by number of the group, behind those of their laws.
-        """
+        """Return the suspensions of all slots at a vector, and what their laws' entries move by (see `from_free`)."""
         slots: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_slots
         slopes: list[FloatArray] = []
         for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
@@ -294,14 +264,10 @@ class Model:
         return slots, slopes
 
     def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
-        """Return the drive and the readings of a run with the faults of the sensors taken out.
-
-        Args:
-            theta: the vector.
-            place: of the run.
-        """
+        """Return the drive and the readings of a run with the faults of the sensors taken out."""
         values = self.fault_values(theta)
-        return self.runs[place].drive(self.sensors, values), self.runs[place].readings(self.sensors, values)
+        run = self.runs[place]
+        return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
 
     def _predict(
         self, theta: FloatArray, place: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
@@ -363,9 +329,6 @@ class Model:
         """Return the vector with the travel and velocity that predict the first seconds of each run of one gear best.
 
         All cells of a grid are predicted for a short while, then the best of them for longer.
-
-        Args:
-            theta: the vector.
         """
         known, found = self.settings.fit, theta.copy()
         grid = np.linspace(-known.start_reach_rms, known.start_reach_rms, known.n_start_grid)
@@ -538,10 +501,7 @@ class Model:
     ) -> Errors:
         """Return errors, Jacobian and predictions at a vector; of each run the lines of one sensor after the other.
 
-        Args:
-            theta: the vector.
-            sensitivity: whether the Jacobian is wanted; it is empty otherwise.
-            candidates: further terms by number of the group, too weak to move anything: their derivatives are given.
+        Candidates are further terms by number of the group, too weak to move anything: their derivatives are given.
 
         Raises:
             UnboundedResponseError: a suspension that grows without bound.
@@ -581,10 +541,6 @@ class Model:
 
         The spectral density of the readings is that of both noises, the one below passed through the transmissibility
         T with the mean slopes of the laws: N_s + T N_u T^H.
-
-        Args:
-            errors: at a vector.
-            theta: the vector.
         """
         n_data = 2 * sum(line.size for line in errors.lines)
         cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
@@ -600,11 +556,6 @@ class Model:
 
     def transmissibility(self, theta: FloatArray, place: int, prediction: Prediction) -> ComplexArray:
         """Return the acceleration of each sensor over that below each suspension, with the mean slopes of the laws.
-
-        Args:
-            theta: the vector.
-            place: of the run.
-            prediction: of it, for the motion.
 
         Returns:
             (n_lines, n_sensors, n_interfaces).

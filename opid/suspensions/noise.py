@@ -11,28 +11,19 @@ from opid.signals.recording import FloatArray
 from opid.signals.spectra import noise_floor
 from opid.suspensions.fit import NO_FIT, Fit, fit_model
 from opid.suspensions.model import Model
-from opid.suspensions.sensor_facts import SIDES, SensorFacts
+from opid.suspensions.sensor_facts import SIDES, Sensors
 from opid.suspensions.settings import RunSettings
 
 
 def known_noise(
-    facts: tuple[Sequence[SensorFacts], Sequence[SensorFacts]],
-    arrays: Sequence[tuple[FloatArray, FloatArray]],
-    *,
-    fs: float,
-    settings: RunSettings,
+    sensors: Sensors, arrays: Sequence[tuple[FloatArray, ...]], *, fs: float, settings: RunSettings
 ) -> tuple[FloatArray, FloatArray]:
     """Return the noise of each sensor below and on the body, m/s^2: as stated, else from the quieter of both sides.
 
-    A wheel is never still: only the quieter side tells of the noise.
-
-    Args:
-        facts: of the sensors below and on the body.
-        arrays: (n, n_interfaces) below and (n, n_sensors) on the body of each run, m/s^2.
-        fs: sampling rate, Hz.
-        settings: how small a noise is believed.
+    A wheel is never still: only the quieter side tells of the noise. The arrays are (n, n_interfaces) below and
+    (n, n_sensors) on the body of each run, m/s^2.
     """
-    stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in facts]
+    stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in (sensors.unsprung, sensors.sprung)]
     if any(np.isnan(side).any() for side in stated):
         floors = [_floor([run[side] for run in arrays], fs, settings) for side in (0, 1)]
         stated = [np.where(np.isnan(side), min(floors), side) for side in stated]
@@ -54,9 +45,6 @@ def with_own_noise(fit: Fit) -> Fit:
 
     Only their ratio weighs the data. It is estimated where the noise of no sensor of a side was stated, and the fit is
     returned as it is where the data do not speak for another ratio.
-
-    Args:
-        fit: with the noise that was assumed so far.
     """
     from scipy import optimize
 

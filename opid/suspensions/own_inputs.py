@@ -26,11 +26,6 @@ from opid.suspensions.study import SAME_RATE
 def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]) -> Arrays:
     """Return the accelerations below and on the structure of each run, single spikes mended.
 
-    Args:
-        runs: the recordings.
-        interfaces: channel below each suspension, by degree of freedom.
-        sensors: channel on the structure, by degree of freedom.
-
     Returns:
         (n, n_interfaces), (n, n_sensors) and (n, 0) of each run, m/s^2.
 
@@ -70,11 +65,6 @@ def loading_matrices(
 ) -> list[FloatArray]:
     """Return the mass matrix of what each run carries more than the structure, (n_dof, n_dof) kg.
 
-    Args:
-        structure: what the suspensions carry.
-        loadings: masses, kg, by degree of freedom, of each run; none where left out.
-        n_runs: number of runs.
-
     Raises:
         InputError: not one loading a run, an unknown degree of freedom, a mass that is no number.
     """
@@ -103,16 +93,6 @@ def stated_start(
     settings: Settings,
 ) -> Start:
     """Return start values from what the user says, where the sensors do not see all degrees of freedom.
-
-    Args:
-        structure: what the suspensions carry.
-        runs: the runs.
-        body: the body made of it.
-        groups: the suspensions, with their laws.
-        start: stiffness (N/m) and damping (N s/m) of each suspension, by degree of freedom.
-        unknown: names of joints that are to be found.
-        unknown_mass: degrees of freedom whose mass is to be found.
-        settings: of the estimator.
 
     Raises:
         InputError: an unknown suspension in `start` or one that is missing, a joint without a stiffness.

@@ -7,23 +7,25 @@ the entries that are not known the runs tell.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.mechanics.laws import LINEAR, Law, default_law
+from opid.mechanics.laws import LINEAR, default_law
 from opid.mechanics.structure import Structure
-from opid.signals.recording import FloatArray, Recording
+from opid.signals.recording import Recording
+from opid.suspensions.answer import bare
 from opid.suspensions.body import own_body
 from opid.suspensions.candidates import Fitted, Task, fitted
 from opid.suspensions.fit import Fit, fastest_rate
-from opid.suspensions.intervals import honest_covariance, mass_of, negative_mass, per_force, suspension_estimates
+from opid.suspensions.intervals import Parameters
 from opid.suspensions.law_search import library
 from opid.suspensions.model import Group
 from opid.suspensions.noise import known_noise
 from opid.suspensions.own_inputs import channel_arrays, loading_matrices, stated_start
 from opid.suspensions.residual import measure_whiteness, sensor_ratio, thinned
+from opid.suspensions.result import SpringEstimate
 from opid.suspensions.run import driven_run
 from opid.suspensions.search import Question
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors
@@ -37,29 +39,6 @@ NEGATIVE = (
 
 # a joint is told if with so little of its spring and damper the squared error over its variance grows by this much
 _SOFT, _LEAST_HOLD = 0.01, 40.0
-
-
-@dataclass(frozen=True, eq=False)
-class SpringEstimate:
-    """A suspension, or a joint inside of the structure.
-
-    Args:
-        name: of the degree of freedom that the suspension carries, or of the joint.
-        stiffness: K, N/m; per kg of the first unknown mass where no mass is determined.
-        damping: C, N s/m, likewise.
-        law: f(z, z') beside them, N, likewise; linear for a joint.
-        law_estimates: {kind: {parameter: Estimate}} of it.
-        travel: (n,) z of all runs, thinned for figures, m.
-        velocity: (n,) z', m/s.
-    """
-
-    name: str
-    stiffness: Estimate
-    damping: Estimate
-    law: Law
-    law_estimates: Mapping[str, Mapping[str, Estimate]]
-    travel: FloatArray
-    velocity: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,11 +127,10 @@ def identify_structure(
     facts = IDEAL if noise_m_per_s2 is None else SensorFacts(noise_m_per_s2=noise_m_per_s2)
     names = (*interfaces, *sensors)[: max(len(interfaces), len(sensors))]
     known = Sensors((facts,) * len(interfaces), (facts,) * len(sensors), names)
-    pairs = [(below, above) for below, above, _ in arrays]
-    noise = known_noise((known.unsprung, known.sprung), pairs, fs=fs, settings=settings.runs)
+    noise = known_noise(known, arrays, fs=fs, settings=settings.runs)
     prepared = [
         driven_run(below, above, fs=fs, loading=loading, settings=settings.runs)
-        for (below, above), loading in zip(pairs, masses, strict=True)
+        for (below, above, _), loading in zip(arrays, masses, strict=True)
     ]
     kinds = None if law is None else default_law(law)
     groups = tuple(Group(name, (slot,), kinds or LINEAR) for slot, name in enumerate(interfaces))
@@ -169,24 +147,26 @@ def identify_structure(
 def _answer(
     part: Fitted, sensors: tuple[str, ...], unknown: tuple[str, ...], unknown_mass: tuple[str, ...]
 ) -> StructureIdentification:
-    fit, covariance, ratio = part.fit, honest_covariance(part.fit), part.residual_over_noise
+    fit, known, ratio, verdicts = part.fit, part.known, part.residual_over_noise, part.settings.verdicts
     scaled = fit.model.mass_free or fit.model.body.absolute
-    masses = _masses(fit, covariance, unknown_mass, per_mass=not scaled)
+    masses = _masses(known, unknown_mass, per_mass=not scaled)
     # on a reference mass that is none, nothing in N can rest
     per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
-    groups = enumerate(fit.groups)
-    interfaces = {group.name: _suspension(fit, covariance, number, per_mass) for number, group in groups}
-    joints = {name: _joint(fit, covariance, name, per_mass) for name in unknown}
-    reason = _refused_or_unscaled(ratio, scaled, part.settings.verdicts) or (
+    interfaces = {group.name: _suspension(known, number, per_mass) for number, group in enumerate(fit.groups)}
+    joints = {name: _joint(known, name, per_mass) for name in unknown}
+    reason = _refused_or_unscaled(ratio, scaled, verdicts) or (
         NEGATIVE.format(unknown_mass[0])
-        if negative_mass(fit, covariance)
-        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit), part.settings.verdicts)
+        if known.has_negative_mass
+        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit), verdicts)
     )
-    told = _masses(fit, covariance, unknown_mass, per_mass=per_mass)
+    told = _masses(known, unknown_mass, per_mass=per_mass)
     if not part.explains:
-        keep = ratio <= part.settings.verdicts.refused
-        told = {name: _bare(each, keep) for name, each in told.items()}
-        interfaces, joints = ({n: _bare_spring(s, keep) for n, s in t.items()} for t in (interfaces, joints))
+        # the values alone, or nothing
+        change = bare if ratio <= verdicts.refused else lambda each: Estimate()
+        told = {name: change(each) for name, each in told.items()}
+        interfaces, joints = (
+            {name: spring.with_estimates(change) for name, spring in table.items()} for table in (interfaces, joints)
+        )
     return StructureIdentification(
         masses=told,
         interfaces=interfaces,
@@ -202,47 +182,29 @@ def _answer(
     )
 
 
-def _masses(fit: Fit, covariance: FloatArray, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:
+def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:
     """The masses that were to be found, kg, or over the first of them, which is the reference."""
-    found = {name: Estimate(1.0) if per_mass else mass_of(fit, covariance) for name in unknown_mass[:1]}
-    for name, factor in zip(unknown_mass[1:], fit.model.body.names, strict=True):
-        found[name] = per_force(fit, covariance, fit.model.names.index(factor), per_mass=per_mass)
+    model = known.fit.model
+    found = {name: Estimate(1.0) if per_mass else known.mass for name in unknown_mass[:1]}
+    for name, factor in zip(unknown_mass[1:], model.body.names, strict=True):
+        found[name] = known.per_force(model.names.index(factor), per_mass=per_mass)
     return found
 
 
-def _suspension(fit: Fit, covariance: FloatArray, number: int, per_mass: bool) -> SpringEstimate:
-    group = fit.groups[number]
-    stiffness, damping, law = suspension_estimates(fit, covariance, number, per_mass=per_mass)
+def _suspension(known: Parameters, number: int, per_mass: bool) -> SpringEstimate:
+    fit, group = known.fit, known.fit.groups[number]
     mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
-    found = group.law.scaled(1 / mu) if group.law.terms else LINEAR
-    none = np.empty(0)
-    return _moved(fit, group.slots[0], SpringEstimate(group.name, stiffness, damping, found, law, none, none))
+    law = group.law.scaled(1 / mu) if group.law.terms else LINEAR
+    stiffness, damping, estimates = known.suspension(number, per_mass=per_mass)
+    return SpringEstimate(group.name, stiffness, damping, law, estimates, *map(thinned, fit.motion(group.slots[0])))
 
 
-def _joint(fit: Fit, covariance: FloatArray, name: str, per_mass: bool) -> SpringEstimate:
-    first = fit.model.names.index(f"stiffness_per_mass[{name}]", fit.model.first_inside)
-    stiffness, damping = (per_force(fit, covariance, place, per_mass=per_mass) for place in (first, first + 1))
-    slot = fit.model.body.n_interfaces + [spring.name for spring in fit.model.body.inside].index(name)
-    none = np.empty(0)
-    return _moved(fit, slot, SpringEstimate(name, stiffness, damping, LINEAR, {}, none, none))
-
-
-def _moved(fit: Fit, slot: int, bare: SpringEstimate) -> SpringEstimate:
-    """Return a suspension or joint with its motion."""
-    travel, velocity = fit.motion(slot)
-    return replace(bare, travel=thinned(travel), velocity=thinned(velocity))
-
-
-def _bare(estimate: Estimate, keep: bool) -> Estimate:
-    """Without the interval, or without anything."""
-    return Estimate(estimate.value if keep else None)
-
-
-def _bare_spring(spring: SpringEstimate, keep: bool) -> SpringEstimate:
-    law = {kind: {name: _bare(e, keep) for name, e in table.items()} for kind, table in spring.law_estimates.items()}
-    return replace(
-        spring, stiffness=_bare(spring.stiffness, keep), damping=_bare(spring.damping, keep), law_estimates=law
-    )
+def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
+    fit, model = known.fit, known.fit.model
+    first = model.names.index(f"stiffness_per_mass[{name}]", model.first_inside)
+    stiffness, damping = (known.per_force(place, per_mass=per_mass) for place in (first, first + 1))
+    slot = model.body.n_interfaces + [spring.name for spring in model.body.inside].index(name)
+    return SpringEstimate(name, stiffness, damping, LINEAR, {}, *map(thinned, fit.motion(slot)))
 
 
 def _refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:

@@ -34,17 +34,12 @@ class Whiteness:
 
 
 def measure_whiteness(fit: Fit) -> Whiteness:
-    """Test the residual of a fit against white noise (Bartlett 1955), and find where it stands out.
-
-    Args:
-        fit: a fitted model.
-    """
-    known, statistic = fit.model.settings.intervals, 0.0
-    for _, line in residual_lines(fit):
+    """Test the residual of a fit against white noise (Bartlett 1955), and find where it stands out."""
+    known, statistic, rows = fit.model.settings.intervals, 0.0, list(residual_lines(fit))
+    for _, line in rows:
         power = np.cumsum(np.abs(line) ** 2)
         straight = np.arange(1, line.size + 1) / line.size
         statistic = max(statistic, float(np.abs(power / power[-1] - straight).max() * np.sqrt(line.size)))
-    rows = list(residual_lines(fit))
     frequency_hz = np.concatenate([frequency for frequency, _ in rows])
     power = np.abs(np.concatenate([line for _, line in rows])) ** 2
     edges = np.geomspace(frequency_hz.min(), frequency_hz.max() * (1 + 1e-9), known.n_bands + 1)
@@ -59,11 +54,7 @@ def measure_whiteness(fit: Fit) -> Whiteness:
 
 
 def residual_lines(fit: Fit) -> Iterator[tuple[FloatArray, ComplexArray]]:
-    """Yield frequencies (Hz) and whitened lines of each sensor in each run.
-
-    Args:
-        fit: a fitted model.
-    """
+    """Yield frequencies (Hz) and whitened lines of each sensor in each run."""
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
         for own in line.reshape(-1, run.omega.size):
             # lines stand at multiples of 1/T: rounded, so that 0.3 Hz is told as 0.3
@@ -71,12 +62,7 @@ def residual_lines(fit: Fit) -> Iterator[tuple[FloatArray, ComplexArray]]:
 
 
 def sensor_ratio(fit: Fit, channel: int) -> float:
-    """Return the residual of one sensor on the body over the noise that was assumed.
-
-    Args:
-        fit: the fit.
-        channel: number of the sensor.
-    """
+    """Return the residual of one sensor on the body over the noise that was assumed."""
     squares, count = 0.0, 0
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
         own = line.reshape(-1, run.omega.size)[channel]
@@ -85,11 +71,7 @@ def sensor_ratio(fit: Fit, channel: int) -> float:
 
 
 def motion_over_noise(fit: Fit) -> dict[str, float]:
-    """Return the measured rms of each motion of the body over what the noise of the sensors alone would make of it.
-
-    Args:
-        fit: of a body whose motion the sensors on it see.
-    """
+    """Return the measured rms of each motion of the body over what the noise of the sensors alone would make of it."""
     model = fit.model
     solved = np.linalg.pinv(model.body.readings)
     noise = np.linalg.norm(solved * model.noise[1], axis=1)
@@ -115,18 +97,10 @@ def over_noise(ratio: float | None) -> str:
 
 
 def thinned(samples: FloatArray) -> FloatArray:
-    """Return what a figure shows of the samples of all runs.
-
-    Args:
-        samples: (n,) of all runs, one after the other.
-    """
+    """Return what a figure shows of the samples of all runs."""
     return samples[:: max(1, samples.size // _N_SHOWN)].copy()
 
 
 def mean_level(parts: Sequence[float]) -> float:
-    """Return the rms of some levels.
-
-    Args:
-        parts: the levels.
-    """
+    """Return the rms of some levels."""
     return float(np.sqrt(np.mean(np.square(parts))))

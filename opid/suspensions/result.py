@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from datetime import date
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -53,31 +53,49 @@ BODY_RATIOS = ("roll_radius_m", "pitch_radius_m", "x_cg_m", "y_cg_m")
 
 
 @dataclass(frozen=True, eq=False)
-class InterfaceEstimate:
-    """One suspension.
+class SpringEstimate:
+    """A suspension, or a joint inside of a structure.
 
     Args:
-        name: of the interface.
-        shared_with: interfaces with the same stiffness, damping and law.
-        stiffness: K, N/m; per kg of the body where the mass is not determined (`per_mass` of the identification).
+        name: of the interface, of the degree of freedom that the suspension carries, or of the joint.
+        stiffness: K, N/m; where the mass is not determined (`per_mass` of the identification) per kg of the body, or of
+            the first unknown mass of a user's own structure.
         damping: C, N s/m, likewise.
-        ground_stiffness: of a spring from the body to the ground, N/m, likewise; 0 where the runs do not demand one.
-        law: f(z, z') beside them, N, likewise.
+        law: f(z, z') beside them, N, likewise; linear for a joint.
         law_estimates: {kind: {parameter: Estimate}} of it.
         travel: (n,) z of all runs, thinned for figures, m.
         velocity: (n,) z', m/s.
-        residual_over_noise: of its sensor on the body: rms of the prediction errors over the noise known beforehand.
     """
 
     name: str
-    shared_with: tuple[str, ...]
     stiffness: Estimate
     damping: Estimate
-    ground_stiffness: Estimate
     law: Law
     law_estimates: Mapping[str, Mapping[str, Estimate]]
     travel: FloatArray
     velocity: FloatArray
+
+    def with_estimates(self, change: Callable[[Estimate], Estimate]) -> Self:
+        """Return it with every estimate changed."""
+        values = ((each.name, getattr(self, each.name)) for each in fields(self))
+        own = {name: change(value) for name, value in values if isinstance(value, Estimate)}
+        law = {kind: {name: change(each) for name, each in row.items()} for kind, row in self.law_estimates.items()}
+        return replace(self, law_estimates=law, **own)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class InterfaceEstimate(SpringEstimate):
+    """One suspension of a body.
+
+    Args:
+        shared_with: interfaces with the same stiffness, damping and law.
+        ground_stiffness: of a spring from the body to the ground, N/m, as the stiffness; 0 where the runs do not demand
+            one.
+        residual_over_noise: of its sensor on the body: rms of the prediction errors over the noise known beforehand.
+    """
+
+    shared_with: tuple[str, ...]
+    ground_stiffness: Estimate
     residual_over_noise: float
 
 

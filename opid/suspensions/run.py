@@ -7,7 +7,7 @@ read is ((s + w_c S) - sum_k a_k (l_k + w_c L_k)) / g at t + delay, with w_c = 2
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,11 +36,7 @@ class Corrected:
     by: tuple[tuple[str, int, FloatArray], ...]
 
     def directions(self, n_slots: int) -> FloatArray | None:
-        """Return the derivatives as the predictor takes them, (m, n_faults, n_slots); None where there are none.
-
-        Args:
-            n_slots: number of slots of the body.
-        """
+        """Return the derivatives as the predictor takes them, (m, n_faults, n_slots); None where there are none."""
         if not self.by:
             return None
         found = np.zeros((len(self.value), len(self.by), n_slots))
@@ -74,6 +70,10 @@ class DrivenRun:
     finer: int
     stride: int
     settings: RunSettings
+    # what was made of the records so far
+    _sides: dict[Side, FloatArray] = field(init=False, default_factory=dict)
+    _parts: dict[tuple[Side, tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
+    _splines: dict[tuple[tuple[str, int], int], interpolate.BSpline] = field(init=False, default_factory=dict)
 
     @property
     def fs(self) -> float:
@@ -130,32 +130,14 @@ class DrivenRun:
         return places_of(self.omega, self.n_samples, self.fs)
 
     def transform(self, samples: FloatArray) -> ComplexArray:
-        """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts.
-
-        Args:
-            samples: (..., n).
-        """
+        """Fourier lines of the band along the last axis, scaled so that unit white noise has unit parts."""
         return at_lines(samples, self.omega, self.fs)
 
-    def drive(self, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
-        """Return the accelerations below the suspensions at half steps, (2 n - 1, n_interfaces).
+    def corrected(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
+        """Return the accelerations of a side with the faults of the sensors, values by name, taken out.
 
-        Args:
-            sensors: what is known of them.
-            faults: values of their faults by name.
+        At half steps, (2 n - 1, n_interfaces), below the suspensions; at steps, (n, n_sensors), on the body.
         """
-        return self._corrected("unsprung", sensors, faults)
-
-    def readings(self, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
-        """Return the accelerations of the body, (n, n_sensors).
-
-        Args:
-            sensors: what is known of them.
-            faults: values of their faults by name.
-        """
-        return self._corrected("sprung", sensors, faults)
-
-    def _corrected(self, side: Side, sensors: Sensors, faults: Mapping[str, float]) -> Corrected:
         mine: dict[int, dict[str, tuple[str, int]]] = {}
         for fault in sensors.faults:
             if fault.side == side:
@@ -214,14 +196,6 @@ class DrivenRun:
             by["lag"] = total(order=1)
         return value, by
 
-    @cached_property
-    def _parts(self) -> dict[tuple[Side, tuple[str, int], int], FloatArray]:
-        return {}
-
-    @cached_property
-    def _splines(self) -> dict[tuple[tuple[str, int], int], interpolate.BSpline]:
-        return {}
-
     def _part(self, side: Side, source: tuple[str, int], integrals: int, lag_s: float, order: int) -> FloatArray:
         """A recorded column or its integral as a side takes it, delayed or differentiated in time."""
         if lag_s == 0.0 and order == 0:
@@ -250,14 +224,11 @@ class DrivenRun:
         integral = integrate.cumulative_trapezoid(column, dx=1 / self.recorded_fs, initial=0.0)
         return np.asarray(integral - integral.mean())
 
-    @cached_property
-    def _whole_sides(self) -> dict[Side, FloatArray]:
-        return {}
-
     def _whole(self, side: Side) -> FloatArray:
-        if side not in self._whole_sides:
-            self._whole_sides[side] = self._taken(side, self.unsprung if side == "unsprung" else self.sprung)
-        return self._whole_sides[side]
+        """All columns of a side as they were recorded."""
+        if side not in self._sides:
+            self._sides[side] = self._taken(side, self.unsprung if side == "unsprung" else self.sprung)
+        return self._sides[side]
 
     def _taken(self, side: Side, samples: FloatArray) -> FloatArray:
         """Samples as the model takes them on a side: at half steps below the suspensions, at steps on the body."""

@@ -76,10 +76,7 @@ def run_from_files(
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
-    Args:
-        files: what it is made of.
-        fs_hz: the rate to put them at, Hz; where left out the lowest of theirs, reduced if it is above 1100 Hz.
-        progress: called with the name of each log as it is read.
+    Where no rate is given it is the lowest of theirs, reduced if it is above 1100 Hz.
 
     Raises:
         InputError: a log or a channel is at fault, or nothing of it is sound.
@@ -98,8 +95,10 @@ def run_from_files(
             findings += [finding for finding in serious if not finding.channel]
             continue
         segment = taxi_segment(recorder.health, tuple(recorder.channels))
-        begin = _latest(begin, None if segment.start_s is None else segment.start_s + recorder.shift_s)
-        end = _earliest(end, None if segment.stop_s is None else segment.stop_s + recorder.shift_s)
+        starts = [begin, None if segment.start_s is None else segment.start_s + recorder.shift_s]
+        stops = [end, None if segment.stop_s is None else segment.stop_s + recorder.shift_s]
+        begin = max((each for each in starts if each is not None), default=None)
+        end = min((each for each in stops if each is not None), default=None)
         faulty = any(left.why == "faulty" for left in segment.left_out)
         findings += [finding for finding in serious if faulty or not finding.channel]
         if segment.reason:
@@ -126,11 +125,7 @@ def run_from_files(
 
 
 def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """Return the runs at the lowest of their rates.
-
-    Args:
-        runs: of one study.
-    """
+    """Return the runs at the lowest of their rates."""
     fs = min((run.recording.fs for run in runs), default=0.0)
     changed = []
     for run in runs:
@@ -151,13 +146,13 @@ def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recor
     for (path, settings, shift_s), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
         _require_distinct(log, channels)
-        health = inspect(log, settings, channels=channels, progress=partial(_told, say, path.name))
+        health = inspect(log, settings, channels=channels, progress=partial(_say_percent, say, path.name))
         recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))
     return recorders, findings
 
 
-def _told(say: Callable[[str], None], name: str, share: float) -> None:
-    say(f"{name} {share:.0%}")
+def _say_percent(say: Callable[[str], None], name: str, fraction: float) -> None:
+    say(f"{name} {fraction:.0%}")
 
 
 def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:
@@ -233,11 +228,3 @@ def _without_spikes(recording: Recording) -> Recording:
 
 def _reduced(fs: float) -> float:
     return fs if fs <= REDUCED_ABOVE_HZ else fs / int(fs // REDUCED_TO_HZ)
-
-
-def _latest(one: float | None, other: float | None) -> float | None:
-    return one if other is None else other if one is None else max(one, other)
-
-
-def _earliest(one: float | None, other: float | None) -> float | None:
-    return one if other is None else other if one is None else min(one, other)

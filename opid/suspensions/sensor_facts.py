@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -139,21 +139,11 @@ class Sensors:
     leaks: tuple[tuple[Side, int, float], ...] = ()
 
     def facts(self, side: Side) -> tuple[SensorFacts, ...]:
-        """Return what is known of the sensors of a side.
-
-        Args:
-            side: "unsprung" or "sprung".
-        """
+        """Return what is known of the sensors of a side."""
         return self.unsprung if side == "unsprung" else self.sprung
 
     def changed(self, side: Side, channel: int, **facts: float) -> Sensors:
-        """Return the sensors with other facts of one of them.
-
-        Args:
-            side: of the sensor.
-            channel: its number on that side.
-            facts: fields of `SensorFacts`.
-        """
+        """Return the sensors with other facts, fields of `SensorFacts`, of one of them."""
         row = list(self.facts(side))
         row[channel] = replace(row[channel], **facts)
         return replace(self, unsprung=tuple(row)) if side == "unsprung" else replace(self, sprung=tuple(row))
@@ -184,22 +174,7 @@ class Sensors:
     def _where(self, channel: int) -> str:
         return f"[{self.names[channel]}]" if self.names[channel] else ""
 
-    def values(self, names: Sequence[str], fitted: Iterable[float]) -> dict[str, float]:
-        """Return the value of every fault by its name: fitted where it was, else nominal.
-
-        Args:
-            names: of the fitted parameters.
-            fitted: their values.
-        """
-        known = dict(zip(names, fitted, strict=True))
-        return {fault.name: float(known.get(fault.name, fault.nominal)) for fault in self.faults}
-
 
 def ideal_sensors(n_interfaces: int, n_sensors: int) -> Sensors:
-    """Return sensors without any fault.
-
-    Args:
-        n_interfaces: below suspensions.
-        n_sensors: on the body.
-    """
+    """Return sensors without any fault."""
     return Sensors((IDEAL,) * n_interfaces, (IDEAL,) * n_sensors, ("",) * max(n_interfaces, n_sensors))

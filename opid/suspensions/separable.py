@@ -135,25 +135,13 @@ def unit_law(law: Law) -> Law:
 
 
 def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
-    """Return the indices in `law.vector` of what is searched: scales and lags, and exponents if they are free.
-
-    Args:
-        law: any law.
-        free_exponents: whether exponents count.
-    """
+    """Return the indices in `law.vector` of what is searched: scales and lags, and exponents if they are free."""
     fixed = ("amplitude",) if free_exponents else ("amplitude", "exponent")
     return [k for k, parameter in enumerate(law.parameter_list) if parameter.role not in fixed]
 
 
 def start_laws(law: Law, z: FloatArray, v: FloatArray, settings: SeparableSettings = DEFAULTS) -> list[Law]:
-    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio.
-
-    Args:
-        law: any law.
-        z: (n,) travel, m.
-        v: (n,) velocity, m/s.
-        settings: the fractions.
-    """
+    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio."""
     starts = []
     for fraction in settings.start_fractions:
         vector = law.vector.copy()

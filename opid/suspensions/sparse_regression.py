@@ -37,7 +37,6 @@ class RegressionSettings:
         n_rounds: of alternating inner scales with the choice of terms.
         n_refitted: laws that are fitted by the model in a pass.
         n_passes: each regresses on the motion as the better model predicts it.
-        n_models: resampled regressions that the inclusion rests on.
         most_terms: of a law.
     """
 
@@ -49,23 +48,7 @@ class RegressionSettings:
     n_rounds: int = 3
     n_refitted: int = 3
     n_passes: int = 4
-    n_models: int = 20
     most_terms: int = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """What sparse regression proposed for one group of suspensions.
-
-    Args:
-        laws: in the order of their error on blocks left out, the chosen one first.
-        proposed_by: of each of them, the optimisers.
-        inclusion: of each kind, fraction of the resampled regressions that has it.
-    """
-
-    laws: tuple[Law, ...]
-    proposed_by: dict[str, tuple[str, ...]]
-    inclusion: dict[str, float]
 
 
 def search_by_regression(
@@ -77,23 +60,14 @@ def search_by_regression(
     settings: RegressionSettings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[LawStep[Fit], ...]:
-    """Return the ladder of laws that sparse regression proposes, fitted by the model; the last kept one is the choice.
-
-    Args:
-        problem: what fits other laws.
-        start: a fitted model: its motion is regressed on.
-        kinds: that may enter.
-        method: what led to the start.
-        settings: of the regression.
-        progress: called with the name of each law before it is fitted.
-    """
+    """Return the ladder of laws that sparse regression proposes, fitted by the model; the last kept is the choice."""
     say, known = progress or (lambda step: None), settings or RegressionSettings()
     ladder, best = [LawStep(start, True, method)], start
     for _ in range(known.n_passes):
         say("sparse regression")
         before = best
         for name, group in zip(start.laws, start.model.groups, strict=True):
-            proposed = regress(before, group.slots[0], kinds, known).laws
+            proposed = regress(before, group.slots[0], kinds, known)
             tried = {step.fit.laws[name].name for step in ladder}
             for law in [law for law in proposed[: known.n_refitted] if law.name not in tried]:
                 say(law.name)
@@ -108,17 +82,12 @@ def search_by_regression(
     return tuple(ladder)
 
 
-def regress(fit: Fit, slot: int, kinds: Sequence[str], settings: RegressionSettings, seed: int = 0) -> Regression:
+def regress(fit: Fit, slot: int, kinds: Sequence[str], settings: RegressionSettings) -> tuple[Law, ...]:
     """Propose laws of one suspension from the force on the motion that a fit predicts.
 
-    Args:
-        fit: a fitted model.
-        slot: of the interface.
-        kinds: that may enter.
-        settings: of the regression.
-        seed: of the resampling.
+    They stand in the order of their error on blocks left out, the chosen one first.
     """
-    return _proposed(_thinned(force_points(fit, slot), settings.n_samples), kinds, settings, seed)
+    return _proposed(_thinned(force_points(fit, slot), settings.n_samples), kinds, settings)
 
 
 def _thinned(points: ForcePoints, n_samples: int) -> ForcePoints:
@@ -127,38 +96,29 @@ def _thinned(points: ForcePoints, n_samples: int) -> ForcePoints:
     return ForcePoints(*(np.ascontiguousarray(part[::step]) for part in parts))
 
 
-def _proposed(points: ForcePoints, names: Sequence[str], known: RegressionSettings, seed: int) -> Regression:
+def _proposed(points: ForcePoints, names: Sequence[str], known: RegressionSettings) -> tuple[Law, ...]:
     z, v, y = points.travel, points.velocity, points.force_per_mass
     straight = np.stack([z, v, np.ones_like(z)], axis=1)
     residual, held = y, LINEAR
     found: dict[str, tuple[float, Law]] = {}
-    proposed_by: dict[str, set[str]] = {}
-    threshold, columns, target = known.thresholds[0], np.empty((z.size, 0)), y
     best = LINEAR
     for _ in range(known.n_rounds):
         shapes = [_at_best_scale(name, held, z, v, straight, residual) for name in names]
         columns = _freed(straight, np.stack([shape.force(z, v) for shape in shapes], axis=1))
         target = _freed(straight, y[:, np.newaxis])
-        for who, limit, support in _supports(columns, target, known):
+        for support in _supports(columns, target, known):
             law = Law(tuple(shapes[k].terms[0] for k in support))
-            proposed_by.setdefault(law.name, set()).add(who)
             if law.name not in found:
                 start = [law] if len(support) > 1 else None
                 fitted = separable_fit(straight, law, z, v, y, starts=start).law if law.terms else law
                 found[law.name] = (_left_out(straight, fitted, z, v, y, known.n_blocks), fitted)
-            if found[law.name][1] is _chosen(found, known.block_margin):
-                threshold = limit
         best = _chosen(found, known.block_margin)
         if best.name == held.name:
             break
         held = best
         basis = np.concatenate([straight, held.parameter_gradient(z, v)], axis=1)
         residual = _residual(basis, y)
-    inclusion = _inclusion(columns, target, threshold, known, seed) if columns.size else np.empty(0)
-    order = sorted(found.values(), key=lambda entry: entry[0])
-    order.sort(key=lambda entry: entry[1] is not best)
-    by = {law.name: tuple(sorted(proposed_by[law.name])) for _, law in order}
-    return Regression(tuple(law for _, law in order), by, dict(zip(names, inclusion.tolist(), strict=True)))
+    return tuple(law for _, law in sorted(found.values(), key=lambda entry: (entry[1] is not best, entry[0])))
 
 
 def _chosen(found: dict[str, tuple[float, Law]], margin: float) -> Law:
@@ -206,47 +166,23 @@ def _left_out(straight: FloatArray, law: Law, z: FloatArray, v: FloatArray, y: F
     return float(np.sqrt(square / y.size))
 
 
-def _supports(
-    columns: FloatArray, target: FloatArray, known: RegressionSettings
-) -> Iterator[tuple[str, float, tuple[int, ...]]]:
-    """Sets of columns that the optimisers choose, with their names and, where they have one, the threshold."""
+def _supports(columns: FloatArray, target: FloatArray, known: RegressionSettings) -> Iterator[tuple[int, ...]]:
+    """Sets of columns that the optimisers choose."""
     # two seconds to import, so only here
     from pysindy.optimizers import FROLS, SR3, SSR, STLSQ
 
-    optimisers: list[tuple[str, float, Any]] = []
-    most_terms = known.most_terms
+    paths = []
     for limit in known.thresholds:
         # the weight of the L0 penalty that cuts at the limit
         weight = limit**2 / (2 * known.relaxation)
         sr3 = SR3(reg_weight_lam=weight, regularizer="L0", relax_coeff_nu=known.relaxation, max_iter=5000, tol=1e-4)
-        optimisers.append(("SR3", limit, sr3))
-        support = np.flatnonzero(_thresholded(STLSQ, columns, target, limit))
-        if support.size <= most_terms:
-            yield "STLSQ", limit, tuple(support.tolist())
-    optimisers.append(("SSR", known.thresholds[0], SSR(max_iter=columns.shape[1])))
-    optimisers.append(("FROLS", known.thresholds[0], FROLS(max_iter=most_terms + 1)))
-    for who, limit, optimiser in optimisers:
-        optimiser.fit(columns, target)
-        path = optimiser.history_ if who in ("SSR", "FROLS") else [optimiser.coef_]
-        for coefficients in path:
-            support = np.flatnonzero(np.ravel(coefficients))
-            if support.size <= most_terms:
-                yield who, limit, tuple(support.tolist())
-
-
-def _inclusion(
-    columns: FloatArray, target: FloatArray, threshold: float, known: RegressionSettings, seed: int
-) -> FloatArray:
-    """Fraction of regressions on blocks drawn with replacement that keep each column."""
-    from pysindy.optimizers import STLSQ
-
-    rng = np.random.default_rng(seed)
-    blocks = np.array_split(np.arange(target.size), 4 * known.n_blocks)
-    kept = np.zeros(columns.shape[1])
-    for _ in range(known.n_models):
-        drawn = np.concatenate([blocks[k] for k in rng.integers(len(blocks), size=len(blocks))])
-        kept += _thresholded(STLSQ, columns[drawn], target[drawn], threshold) != 0
-    return kept / max(known.n_models, 1)
+        paths += [[_thresholded(STLSQ, columns, target, limit)], [sr3.fit(columns, target).coef_]]
+    for optimiser in (SSR(max_iter=columns.shape[1]), FROLS(max_iter=known.most_terms + 1)):
+        paths.append(optimiser.fit(columns, target).history_)
+    for coefficients in [each for path in paths for each in path]:
+        support = np.flatnonzero(np.ravel(coefficients))
+        if support.size <= known.most_terms:
+            yield tuple(support.tolist())
 
 
 def _thresholded(optimiser: Any, columns: FloatArray, target: FloatArray, threshold: float) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import combinations
 from pathlib import Path
@@ -232,11 +232,16 @@ class Study:
         ]
 
     def sensor_facts(self) -> Sensors:
-        """Return what is known of all sensors."""
+        """Return what is known of all sensors, their noise as stated for each or for all."""
         names = [*self.names, *(sensor.channel for sensor in self.sensors)]
+        above = (*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors))
+
+        def known(facts: SensorFacts) -> SensorFacts:
+            return replace(facts, noise_m_per_s2=facts.noise_m_per_s2 or self.structure.noise_m_per_s2)
+
         return Sensors(
-            unsprung=tuple(interface.facts.unsprung for interface in self.interfaces),
-            sprung=(*(each.facts.sprung for each in self.interfaces), *(sensor.facts for sensor in self.sensors)),
+            unsprung=tuple(known(interface.facts.unsprung) for interface in self.interfaces),
+            sprung=tuple(map(known, above)),
             names=("",) if self.is_one_gear else tuple(names),
             leaks=tuple((side, place, tolerance) for _, side, place, tolerance in self.leaks()),
         )
@@ -296,11 +301,7 @@ def study_of_gear(
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
-    """Return places of interfaces that stand left and right of the middle, each in one pair, with its nearest mirror.
-
-    Args:
-        study: the study.
-    """
+    """Return places of interfaces that stand left and right of the middle, each paired with its nearest mirror."""
     mirrored = []
     for (i, one), (k, other) in combinations(enumerate(study.interfaces), 2):
         along, across = abs(one.x_m - other.x_m), abs(one.y_m + other.y_m)
@@ -318,9 +319,7 @@ def _faults(study: Study) -> Iterator[str]:
     yield from _structure_faults(study)
     if not study.runs:
         yield "there are no runs, give at least one"
-    names = [run.name for run in study.runs]
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        yield f"{names.count(name)} runs are called {name!r}, rename all but one"
+    yield from _namesakes("runs", [run.name for run in study.runs])
     for run in study.runs:
         yield from (f"run {run.name!r}: {fault}" for fault in _run_faults(study, run))
         first = study.runs[0].recording
@@ -334,12 +333,16 @@ def _faults(study: Study) -> Iterator[str]:
             yield f"runs {one.name!r} and {other.name!r} hold the same samples, name two logs"
 
 
+def _namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield f"{names.count(name)} {what} are called {name!r}, rename all but one"
+
+
 def _interface_faults(study: Study) -> Iterator[str]:
     names = study.names
     if not names:
         yield "there are no interfaces, give one table [[interfaces]] for each suspension"
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        yield f"{names.count(name)} interfaces are called {name!r}, rename all but one"
+    yield from _namesakes("interfaces", names)
     users: dict[str, str] = {}
     for interface in study.interfaces:
         for side, channel in (("sprung", interface.sprung), ("unsprung", interface.unsprung)):
@@ -414,11 +417,7 @@ def _structure_faults(study: Study) -> Iterator[str]:
 
 
 def rigid_faults(study: Study) -> Iterator[str]:
-    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch.
-
-    Args:
-        study: the study.
-    """
+    """Yield why interfaces or sensors make no rigid body in heave, roll and pitch."""
     for what, places in (
         ("interfaces", [interface.place for interface in study.interfaces]),
         (

@@ -9,13 +9,11 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
-from opid.signals.recording import FloatArray
-from opid.suspensions.candidates import Fitted
+from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import NO_FIT, Fit, fit_model
-from opid.suspensions.intervals import mass_of, negative_mass
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
-from opid.suspensions.result import Evidence
+from opid.suspensions.result import Evidence, InterfaceEstimate
 from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Run, Study, rigid_faults
 
@@ -44,71 +42,58 @@ class StraightTerm:
     motion_rms: float
 
 
-def straight_terms(fit: Fit, covariance: FloatArray, verdicts: Verdicts) -> list[StraightTerm]:
-    """Return the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name.
-
-    Args:
-        fit: a fitted model.
-        covariance: (n_shared, n_shared) of the shared parameters.
-        verdicts: what is loosely known.
-    """
+def straight_terms(part: Fitted) -> list[StraightTerm]:
+    """Return the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name."""
+    fit, loosely_known = part.fit, part.settings.verdicts.loosely_known
     found = []
     for number, (group, law) in enumerate(zip(fit.groups, fit.laws.values(), strict=True)):
         place = fit.model.law_places(number).start
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
         for term in law.terms:
-            std = float(np.sqrt(max(covariance[place, place], 0.0)))
+            std = part.known.std(place)
             place += len(term.values)
             for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
                 # a kind whose scale may be long by nature bends within it all the same
                 if parameter.role != "scale" or parameter.over_rms[1] > 3.0:
                     continue
                 rms = float((velocity if parameter.unit == "m/s" else travel).std())
-                if value > 2 * rms and std > verdicts.loosely_known * abs(term.amplitude):
+                if value > 2 * rms and std > loosely_known * abs(term.amplitude):
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
     return found
 
 
-def why_no_mass(study: Study, parts: Sequence[Fitted], covariances: Sequence[FloatArray], ratio: float) -> str | None:
-    """Return why the runs do not tell the mass of some part of the answer; None if they tell all.
-
-    Args:
-        study: the study.
-        parts: fits that make up the answer.
-        covariances: of their shared parameters.
-        ratio: residual over noise of the worst of them.
-    """
-    verdicts = parts[0].settings.verdicts
+def why_no_mass(choice: Choice) -> str | None:
+    """Return why the runs do not tell the mass of some part of the answer; None if they tell all."""
+    study, parts = choice.study, choice.parts
     untold = [part for part in parts if not part.fit.model.mass_free]
     changes = ", ".join(f"{run.name!r} {run.mass_change_kg:+g} kg" for run in study.runs)
     if len(untold) == len(parts):
         return _why_no_scale(study)
     if untold:
         return (
-            f"the loading ({changes}) does not rest on {_names(study, untold)}: only ratios to the mass can be told; "
+            f"the loading ({changes}) does not rest on {choice.names(untold)}: only ratios to the mass can be told; "
             "change it there, too"
         )
-    pairs = list(zip(parts, covariances, strict=True))
-    loose = [part for part, covariance in pairs if _is_loose(mass_of(part.fit, covariance), verdicts)]
     if study.is_one_gear:
-        return _why_no_mass_of_gear(study, parts[0].fit, covariances[0], bool(loose), ratio)
+        return _why_no_mass_of_gear(choice)
+    loose = [part for part in parts if _is_loose(part.known.mass, choice.verdicts)]
     if not loose:
         return None
-    if ratio > verdicts.doubtful:
+    if choice.ratio > choice.verdicts.doubtful:
         return (
-            f"the structure leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs"
+            f"the structure leaves {over_noise(choice.ratio)} times the sensors' noise, and no mass fits the runs"
             f"{worst_sensor(study, parts)}: check places, signs and masses of the loadings first"
         )
-    negative = [part for part, covariance in pairs if negative_mass(part.fit, covariance)]
+    negative = [part for part in parts if part.known.has_negative_mass]
     if negative:
-        where = "" if len(parts) == 1 else f" on {_names(study, negative)}"
+        where = "" if len(parts) == 1 else f" on {choice.names(negative)}"
         return (
             f"the mass{where} would be negative: check the sign of the loading ({changes}), or whether two runs are "
             "exchanged"
         )
     return (
         f"the change of loading ({changes}) moves too little of what the sensors see to give the mass"
-        f"{'' if len(parts) == 1 else ' on ' + _names(study, loose)}: change it more, or at a place that moves more"
+        f"{'' if len(parts) == 1 else ' on ' + choice.names(loose)}: change it more, or at a place that moves more"
     )
 
 
@@ -129,19 +114,19 @@ def _why_no_scale(study: Study) -> str:
     )
 
 
-def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loose: bool, ratio: float) -> str | None:
-    changes = [run.mass_change_kg for run in study.runs]
-    place, mu = fit.model.names.index("inverse_mass"), fit.value("inverse_mass")
-    std, largest = float(np.sqrt(max(covariance[place, place], 0.0))), max(changes) - min(changes)
-    if mu < -1.96 * std and is_loose:
+def _why_no_mass_of_gear(choice: Choice) -> str | None:
+    (part,), changes = choice.parts, [run.mass_change_kg for run in choice.study.runs]
+    (mu, std), largest = part.known.inverse_mass, max(changes) - min(changes)
+    is_loose = _is_loose(part.known.mass, choice.verdicts)
+    if part.known.has_negative_mass and is_loose:
         return (
             f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "
             "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"
         )
-    if is_loose and ratio > fit.model.settings.verdicts.doubtful:
+    if is_loose and choice.ratio > choice.verdicts.doubtful:
         return (
-            f"the fitted model leaves {over_noise(ratio)} times the sensors' noise, and no mass fits the runs: this "
-            "gear may not be alone on its body, which rolls and pitches on others (then describe all of them in "
+            f"the fitted model leaves {over_noise(choice.ratio)} times the sensors' noise, and no mass fits the runs: "
+            "this gear may not be alone on its body, which rolls and pitches on others (then describe all of them in "
             "[[interfaces]]), or the channels, the law or the mass changes are not as stated"
         )
     if is_loose:
@@ -151,7 +136,7 @@ def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loos
             f"the mass change of {largest:g} kg does not show in the runs, so the sprung mass is not determined "
             f"({bound}, 95 %): use a larger mass change or longer runs; the ratios to the mass are given"
         )
-    if 1 + mu * min(changes) < fit.model.settings.intervals.least_remainder:
+    if 1 + mu * min(changes) < part.settings.intervals.least_remainder:
         return (
             f"the fit gives a sprung mass of {1 / mu:.0f} kg and a run is said to be {-min(changes):g} kg lighter, "
             "which would leave next to nothing: check mass_change_kg (kg, of the mass on this gear)"
@@ -159,27 +144,21 @@ def _why_no_mass_of_gear(study: Study, fit: Fit, covariance: FloatArray, is_loos
     return None
 
 
-def why_refused(study: Study, parts: Sequence[Fitted], ratio: float) -> str | None:
-    """Return why there are no numbers at all; None if there are.
-
-    Args:
-        study: the study.
-        parts: fits that make up the answer.
-        ratio: residual over noise of the worst of them.
-    """
-    verdicts = parts[0].settings.verdicts
+def why_refused(choice: Choice) -> str | None:
+    """Return why there are no numbers at all; None if there are."""
+    study, parts, ratio, verdicts = choice.study, choice.parts, choice.ratio, choice.verdicts
     if study.is_one_gear:
-        return _why_gear_refused(study, parts[0], ratio)
+        return _why_gear_refused(study, parts[0])
     if ratio <= verdicts.refused:
         return None
     return (
         f"every number would be a guess, for the structure leaves {over_noise(ratio)} times the sensors' noise"
-        f"{worst_sensor(study, parts)}: {_instead(study, parts)}"
+        f"{worst_sensor(study, parts)}: {_instead(choice)}"
     )
 
 
-def _why_gear_refused(study: Study, part: Fitted, ratio: float) -> str | None:
-    fit, verdicts = part.fit, part.settings.verdicts
+def _why_gear_refused(study: Study, part: Fitted) -> str | None:
+    fit, verdicts, ratio = part.fit, part.settings.verdicts, part.residual_over_noise
     if ratio <= verdicts.doubtful:
         return None
     frequencies = natural_frequencies(fit)
@@ -205,11 +184,7 @@ def _why_gear_refused(study: Study, part: Fitted, ratio: float) -> str | None:
 
 
 def natural_frequencies(fit: Fit) -> list[float]:
-    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz.
-
-    Args:
-        fit: of all runs.
-    """
+    """Return the natural frequency of one gear in each run, fitted to that run alone, Hz."""
     model, found = fit.model, []
     n_own = 2 * model.body.n_interfaces
     shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(-1, n_own)
@@ -227,28 +202,21 @@ def natural_frequencies(fit: Fit) -> list[float]:
     return found or [0.0]
 
 
-def _instead(study: Study, parts: Sequence[Fitted]) -> str:
+def _instead(choice: Choice) -> str:
     """What to do where a structure is refused."""
-    faults = list(rigid_faults(study))
-    if any(part.kind == "rigid_body" for part in parts):
-        return (
-            "check channels (exchanged, upside down, in another unit), coordinates and loadings, or describe the "
-            "structure by its own matrices"
-        )
+    faults = list(rigid_faults(choice.study))
+    check = "check channels (exchanged, upside down, in another unit), coordinates and loadings"
+    if choice.kind == "rigid_body":
+        return f"{check}, or describe the structure by its own matrices"
     if faults:
         return f"these gears do not move alone, and one rigid body cannot be tried: {'; '.join(faults)}"
-    if study.structure.kind == "auto":
-        return "check channels (exchanged, upside down, in another unit), coordinates and loadings"
+    if choice.study.structure.kind == "auto":
+        return check
     return 'these gears do not move alone: try kind = "auto" or "rigid_body"'
 
 
 def worst_sensor(study: Study, parts: Sequence[Fitted]) -> str:
-    """Return which sensor on the body the answer leaves most of, as the end of a sentence; "" where there is one alone.
-
-    Args:
-        study: the study.
-        parts: fits that make up the answer.
-    """
+    """Return which sensor the answer leaves most of, as the end of a sentence; "" where there is one alone."""
     levels: list[tuple[float, str]] = []
     for part in parts:
         names = list(study.channels("sprung"))
@@ -263,26 +231,22 @@ def worst_sensor(study: Study, parts: Sequence[Fitted]) -> str:
     return f"; most at {name!r}: {over_noise(most)}, the others {others_leave}"
 
 
-def loose_motions(
-    fit: Fit, parameters: Mapping[str, Estimate], ratios: Mapping[str, Estimate], verdicts: Verdicts
-) -> list[str]:
+def loose_motions(choice: Choice, parameters: Mapping[str, Estimate], ratios: Mapping[str, Estimate]) -> list[str]:
     """Return "roll", "pitch" or both: motions of a rigid body whose inertia the runs hardly tell.
 
     A motion that is noise alone gives an inertia that explains noise, with an interval as sharp as it is wrong.
-
-    Args:
-        fit: of the rigid body.
-        parameters: of the body; empty where the mass is not determined.
-        ratios: of the body, intervals included.
-        verdicts: what is loosely known.
     """
-    loose, moved = [], motion_over_noise(fit)
+    verdicts = choice.verdicts
+    if choice.kind != "rigid_body" or choice.ratio > verdicts.doubtful:
+        return []
+    (part,) = choice.parts
+    loose, moved = [], motion_over_noise(part.fit)
     for motion in ("roll", "pitch"):
         radius, inertia = ratios[f"{motion}_radius_m"], parameters[f"{motion}_inertia_kg_m2"]
         # of the square, as of the inertia
         square = Estimate(radius.value, None if radius.std is None else 2 * radius.std)
         if (
-            moved[motion] < fit.model.settings.intervals.least_motion
+            moved[motion] < part.settings.intervals.least_motion
             or _is_loose(square, verdicts)
             or (inertia.value is not None and _is_loose(inertia, verdicts))
         ):
@@ -295,51 +259,32 @@ class Answer:
     """What warnings are about.
 
     Args:
-        study: the study.
-        tried: all fits.
-        parts: those that make up the answer.
-        covariances: of their shared parameters.
-        evidence: of the parts.
-        why: sentence of the choice of the structure.
-        ratio: residual over noise of the worst part.
+        choice: the structure that was chosen.
+        evidence: of its parts.
         mass: that was found.
-        stiffness: K of the first interface.
-        ground: of the first interface.
+        first: the first interface, as it is told.
         loose: motions whose inertia is hardly told.
+        straight: terms of each part that the motion did not bend.
         per_mass: whether forces are told per kg of the body.
         is_refused: whether no number is told.
         mended_spikes: below and on the body.
     """
 
-    study: Study
-    tried: Sequence[Fitted]
-    parts: Sequence[Fitted]
-    covariances: Sequence[FloatArray]
+    choice: Choice
     evidence: Sequence[Evidence]
-    why: str
-    ratio: float
     mass: Estimate
-    stiffness: Estimate
-    ground: Estimate
+    first: InterfaceEstimate
     loose: Sequence[str]
+    straight: Sequence[Sequence[StraightTerm]]
     per_mass: bool
     is_refused: bool
     mended_spikes: tuple[int, int]
 
-    @property
-    def verdicts(self) -> Verdicts:
-        """House-wide thresholds."""
-        return self.parts[0].settings.verdicts
-
 
 def collect_warnings(answer: Answer) -> Iterator[str]:
-    """Yield what to doubt of an answer, one sentence each.
-
-    Args:
-        answer: what was found.
-    """
-    study = answer.study
-    for run in study.runs:
+    """Yield what to doubt of an answer, one sentence each."""
+    choice = answer.choice
+    for run in choice.study.runs:
         yield from _of_the_log(run)
     if sum(answer.mended_spikes):
         below, above = answer.mended_spikes
@@ -347,34 +292,27 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
             f"{below + above} spike(s) of one sample were mended ({below} on the unsprung, {above} on the sprung "
             "channel)"
         )
-    yield from _of_the_record(answer)
-    if study.is_one_gear:
-        yield from _of_the_residual(answer)
-    else:
-        yield from _of_the_structure(answer)
-    if not answer.is_refused:
-        for part in answer.parts:
-            yield from _of_the_demands(part)
-            yield from _of_stated_facts(part)
+    yield from _of_the_record(choice)
+    yield from _of_the_residual(answer) if choice.study.is_one_gear else _of_the_structure(answer)
+    # of a structure that is refused, faults and places are no more than what the search came to
+    told = [] if answer.is_refused else choice.parts
+    for part in told:
+        yield from _of_the_demands(part)
+        yield from _of_stated_facts(part)
+    if told:
         yield from _of_the_ground(answer)
-    yield from _of_the_scale(answer)
+    yield from _of_the_scale(choice.study, answer.mass)
     for motion in answer.loose:
         yield _untold_motion(motion)
-    # of a structure that is refused, places are no more than what the search came to
-    for part in answer.parts if not answer.is_refused else ():
-        for coordinate, value, more in _far(part):
-            yield (
-                f"{coordinate} would have to be {100 * value:+.1f} cm{' or more' if more else ''} from where it is "
-                "stated to be: check the drawing, and the places of the loadings"
-            )
-    for part, covariance in zip(answer.parts, answer.covariances, strict=True) if not answer.is_refused else ():
-        for term in straight_terms(part.fit, covariance, answer.verdicts):
-            partner, where = "damping" if term.unit == "m/s" else "stiffness", f" at {term.group!r}" * bool(term.group)
-            yield (
-                f"{term.kind}{where} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, "
-                f"motion {term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over "
-                "scale is determined, and the intervals of both are withheld"
-            )
+    for part in told:
+        yield from _of_places(part)
+    for term in [term for terms in answer.straight for term in terms] if told else ():
+        partner, where = "damping" if term.unit == "m/s" else "stiffness", f" at {term.group!r}" * bool(term.group)
+        yield (
+            f"{term.kind}{where} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, "
+            f"motion {term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over "
+            "scale is determined, and the intervals of both are withheld"
+        )
 
 
 def _of_the_log(run: Run) -> Iterator[str]:
@@ -384,12 +322,12 @@ def _of_the_log(run: Run) -> Iterator[str]:
             yield f"run {run.name!r}{channel}: {finding.message}"
 
 
-def _of_the_record(answer: Answer) -> Iterator[str]:
+def _of_the_record(choice: Choice) -> Iterator[str]:
     """What neither a structure nor a law can mend."""
-    study, settings = answer.study, answer.parts[0].settings.runs
+    study, settings = choice.study, choice.parts[0].settings.runs
     if study.structure.noise_m_per_s2 is None and not study.is_one_gear:
         yield (
-            f"the noise of the sensors, {1e3 * max(part.level for part in answer.parts):.2g} mm/s^2, is taken from "
+            f"the noise of the sensors, {1e3 * max(part.level for part in choice.parts):.2g} mm/s^2, is taken from "
             "their quietest spectra, a bound from above: state `noise_m_per_s2` if you know it"
         )
     highest = settings.highest_fraction
@@ -402,8 +340,8 @@ def _of_the_record(answer: Answer) -> Iterator[str]:
 
 def _of_the_residual(answer: Answer) -> Iterator[str]:
     """Of one gear: how large, and what usually leaves such a residual."""
-    (part,), (evidence,), ratio = answer.parts, answer.evidence, answer.ratio
-    found, verdicts = evidence.whiteness, answer.verdicts
+    (part,), (evidence,), verdicts = answer.choice.parts, answer.evidence, answer.choice.verdicts
+    found, ratio = evidence.whiteness, part.residual_over_noise
     left_out = part.left_out_over_noise
     if left_out is not None and ratio <= verdicts.noted and left_out > max(verdicts.noted, 1.2 * ratio):
         yield (
@@ -440,11 +378,11 @@ def _reason(fit: Fit, band_hz: tuple[float, float]) -> str:
 
 
 def _of_the_structure(answer: Answer) -> Iterator[str]:
-    study, parts, ratio, verdicts = answer.study, answer.parts, answer.ratio, answer.verdicts
-    lack = max(part.lack for part in parts)
+    choice = answer.choice
+    study, parts, ratio, lack, verdicts = choice.study, choice.parts, choice.ratio, choice.lack, choice.verdicts
     if lack > verdicts.explained:
         named = verdicts.explained < ratio <= verdicts.refused
-        yield answer.why + (worst_sensor(study, parts) if named else "")
+        yield choice.why + (worst_sensor(study, parts) if named else "")
         if ratio <= verdicts.explained or (lack > 1.1 * ratio and ratio <= verdicts.refused):
             yield (
                 f"runs that the others predict leave {over_noise(lack)} times the noise: a loading may have another "
@@ -462,7 +400,7 @@ def _of_the_structure(answer: Answer) -> Iterator[str]:
             "the model cannot follow the runs without one of them: nothing is said of runs that the others predict; "
             "check the loading of each run"
         )
-    rigid = [part for part in answer.tried if part.kind == "rigid_body"]
+    rigid = [part for part in choice.tried if part.kind == "rigid_body"]
     if study.structure.kind == "auto" and len(study.interfaces) > 1 and not rigid:
         yield f"one rigid body was not tried: {'; '.join(rigid_faults(study))}"
     for part in rigid:
@@ -504,27 +442,26 @@ def _of_stated_facts(part: Fitted) -> Iterator[str]:
 
 
 def _of_the_ground(answer: Answer) -> Iterator[str]:
-    ground, stiffness = answer.ground, answer.stiffness
+    ground, stiffness = answer.first.ground_stiffness.value, answer.first.stiffness.value
     if (
-        not answer.study.is_one_gear
-        or ground.value is None
-        or stiffness.value is None
-        or abs(ground.value) <= answer.parts[0].settings.intervals.negligible_ground * abs(stiffness.value)
-        or ground.holds(0.0)
+        not answer.choice.study.is_one_gear
+        or ground is None
+        or stiffness is None
+        or abs(ground) <= answer.choice.parts[0].settings.intervals.negligible_ground * abs(stiffness)
+        or answer.first.ground_stiffness.holds(0.0)
     ):
         return
     sentences = answer.evidence[0].ground.sentences
     imitations = "; ".join(sentences) or "none of the usual faults of the sensors looks much like it"
     yield (
-        f"the ground spring K3 = {ground.value:.3g} N/m{' per kg' * answer.per_mass} differs from zero, yet a free "
+        f"the ground spring K3 = {ground:.3g} N/m{' per kg' * answer.per_mass} differs from zero, yet a free "
         "aircraft has none: faults of the sensors were tried beside it and explain the runs less well; for comparison, "
         f"{imitations}"
     )
 
 
-def _of_the_scale(answer: Answer) -> Iterator[str]:
+def _of_the_scale(study: Study, mass: Estimate) -> Iterator[str]:
     """A loading in tonnes scales everything, and is seen by nobody."""
-    study, mass = answer.study, answer.mass
     if mass.value is None:
         return
     if study.is_one_gear:
@@ -557,14 +494,14 @@ def _is_loose(estimate: Estimate, verdicts: Verdicts) -> bool:
     return value is None or std is None or std > verdicts.loosely_known * value
 
 
-def _names(study: Study, parts: Sequence[Fitted]) -> str:
-    return ", ".join(study.names[k] for part in parts for k in part.interfaces)
-
-
-def _far(part: Fitted) -> Iterator[tuple[str, float, bool]]:
-    """Coordinates that moved far, how far, and whether as far as they are looked for."""
-    settings = part.settings
+def _of_places(part: Fitted) -> Iterator[str]:
+    """Coordinates that moved far from where they are stated to be."""
     for coordinate in part.fit.model.body.coordinates:
-        value = part.fit.value(coordinate.name)
-        if abs(value) > settings.intervals.far_std * coordinate.std:
-            yield coordinate.name, value, abs(value) > 0.999 * settings.fit.farthest_std * coordinate.std
+        value, std = part.fit.value(coordinate.name), coordinate.std
+        if abs(value) > part.settings.intervals.far_std * std:
+            # as far as they are looked for
+            more = " or more" * (abs(value) > 0.999 * part.settings.fit.farthest_std * std)
+            yield (
+                f"{coordinate.name} would have to be {100 * value:+.1f} cm{more} from where it is stated to be: check "
+                "the drawing, and the places of the loadings"
+            )
