@@ -120,10 +120,6 @@ class _Search:
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
         ways: list[Callable[[], Found]] = [lambda: self._way(model, _begun(model, theta, noisier[0]), noisier[0])]
-        if model.ground:
-            # noise below the suspensions, made much larger, moves the ground that such springs stand on
-            nearer = noisier[-1]
-            ways.insert(0, lambda: self._way(model, _begun(model, theta, nearer), nearer))
         if searched and any(group.law.terms for group in model.groups):
             ways.append(lambda: self._way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
