@@ -1,5 +1,6 @@
 """Short virtual runs of an aircraft as a study of a body: 12 s at 256 Hz, a reference and a loaded one."""
 
+from dataclasses import replace
 from functools import cache
 from unittest import mock
 
@@ -26,17 +27,19 @@ SHORT = {"fs": 256.0, "lowest_step_rate_hz": 1024.0}
 
 
 @cache
-def aircraft(bending_hz=None):
-    """The default aircraft, with a bending mode if a frequency is given."""
+def aircraft(bending_hz=None, ground_n_per_m=0.0):
+    """The default aircraft, with a bending mode if a frequency is given, and springs to the ground at every gear."""
     plain = default_aircraft()
+    gears = tuple(replace(gear, ground_stiffness_n_per_m=ground_n_per_m) for gear in plain.gears)
+    plain = replace(plain, gears=gears)
     return with_bending(plain, frequency_hz=bending_hz) if bending_hz else plain
 
 
 @cache
-def short_runs(bending_hz=None, seed=1, loads=LOADS):
+def short_runs(bending_hz=None, seed=1, loads=LOADS, ground_n_per_m=0.0):
     """The reference and the loaded run of the default aircraft on independent tracks."""
     test = aircraft_test(
-        aircraft(bending_hz),
+        aircraft(bending_hz, ground_n_per_m),
         rng=np.random.default_rng(seed),
         loadings=[loads],
         duration_s=12.0,

@@ -447,3 +447,13 @@ def test_ground_springs_of_an_aircraft_that_are_ruled_out_are_zero(compared):
     for each in compared.interfaces:
         assert each.ground_stiffness.value == 0.0
         assert 0.0 < each.ground_stiffness.std < 0.02 * each.stiffness.value
+
+
+def test_ground_springs_of_an_aircraft_are_found_with_its_mass_and_laws():
+    found = identify(study(runs=short_runs(ground_n_per_m=1e5)), law=LAW)
+    assert found.not_determined is None
+    assert found.parameters["sprung_mass_kg"].holds(aircraft().mass_kg)
+    for each, gear in zip(found.interfaces, aircraft().gears, strict=True):
+        assert each.law.name == gear.law.name
+        assert each.ground_stiffness.holds(1e5)
+        assert each.ground_stiffness.std < 2e3

@@ -217,3 +217,19 @@ def test_what_makes_no_run_is_refused(arguments, words):
     given = {"unsprung": SIGNALS[:, 0], "sprung": SIGNALS[:, 1], "leaks": None, **arguments}
     with pytest.raises(InputError, match=words):
         driven_run(given.pop("unsprung"), given.pop("sprung"), fs=FS, **given)
+
+
+def test_the_ground_is_integrated_from_where_it_stays_near_its_mean_height():
+    """A known path under an offset accelerometer: start values are those of the path, and well within their spread."""
+    t, offset = np.arange(20 * int(FS)) / FS, 0.02
+    heights = np.stack([0.01 * np.sin(2 * np.pi * 0.4 * t + 1), 0.03 * np.cos(2 * np.pi * 0.7 * t)], axis=1)
+    rates = np.array([2 * np.pi * 0.4, 2 * np.pi * 0.7])
+    run = driven_run(offset - rates**2 * heights, 0 * heights, fs=FS)
+    start, covariance = run.ground_at_start
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
+    speeds = rates * np.array([0.01 * np.cos(1), 0.0])
+    truth = np.stack([heights[0], speeds, np.full(2, -(run.unsprung + rates**2 * heights).mean())])
+    assert np.all(np.abs(start - truth) < 0.5 * std)
+    # the rougher path may hide more
+    assert np.all(std[:, 1] > 1.5 * std[:, 0])
+    assert np.all(std[0] < 0.5)

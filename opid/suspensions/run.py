@@ -122,7 +122,7 @@ class DrivenRun:
         left_m = (path + basis @ start).std(axis=0)
         drift_m = np.hypot(self.settings.ground_drift_m, self.settings.ground_drift_paths * left_m)
         unit = np.linalg.inv(basis.T @ basis / time.size)
-        return start, drift_m[:, np.newaxis, np.newaxis] ** 2 * unit
+        return np.asarray(start), np.asarray(np.multiply.outer(drift_m**2, unit))
 
     @property
     def lines(self) -> slice:
