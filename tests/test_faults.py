@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from body_runs import NOISE, aircraft, short_runs, study
-from law_runs import MASS_KG, STIFFNESS, fitted, runs_of
+from law_runs import MASS_KG, STIFFNESS, fitted, runs_of, study_of
 
 from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
 from opid.mechanics.sensors import Sensor, measure
@@ -159,3 +159,14 @@ def test_sound_sensors_of_an_aircraft_demand_nothing():
     assert found.evidence[0].demands == ()
     assert found.residual_over_noise == pytest.approx(1.0, abs=0.05)
     assert found.noise_m_per_s2 == NOISE
+
+
+def test_a_stated_coupling_with_a_wide_tolerance_brings_no_ground_spring():
+    """The ground below AC-coupled sensors cannot be integrated: what is not known of it must not become a spring."""
+    stated = SensorFacts(corner_hz=0.396, corner_tolerance=0.3)
+    sensors = {"lower_sensor": Sensor(corner_hz=0.33), "upper_sensor": Sensor(corner_hz=0.462)}
+    found = identify(study_of(seed=6, duration_s=40, sensors=SensorPair(stated, stated), **sensors))
+    assert found.law.name == LAW
+    assert found.evidence[0].demands == ()
+    assert found.parameters["sprung_mass_kg"].holds(MASS_KG)
+    assert found.residual_over_noise < 1.05

@@ -8,13 +8,14 @@ from law_runs import fitted, runs_of, shared, true_values
 
 from opid.mechanics.kinds import Kind, Parameter
 from opid.mechanics.landing_gear import DEFAULT_LAW
-from opid.mechanics.laws import LAWS, LINEAR, Law, default_law
+from opid.mechanics.laws import LAWS, LINEAR, Law, default_law, law
 from opid.mechanics.own_kinds import register_kind, unregister_kind
 from opid.suspensions import driven_laws
 from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.fit import Fit, refit
 from opid.suspensions.law_search import (
     LawStep,
+    _limits,
     add_neighbours,
     alternatives,
     chosen,
@@ -193,3 +194,14 @@ def test_the_library_is_what_is_searched_and_follows_the_registered_kinds():
         assert "softening" in library()
     finally:
         unregister_kind("softening")
+
+
+def test_what_a_law_contains_as_a_limit_is_tried_in_its_place():
+    """Far from its scale arctan((z + c v) / s) is friction of the velocity alone, of either sign, or of the travel."""
+    z, v = np.random.default_rng(0).standard_normal((2, 200)) * [[1e-3], [0.05]]
+    for lag_s in (20.0, -20.0):
+        mixed = law("arctan_mixed", amplitude_n=400.0, scale_m=0.4, lag_s=lag_s)
+        by_velocity, by_travel = _limits(mixed + law("cubic_stiffness", stiffness_n_per_m3=1.0), library())
+        np.testing.assert_allclose(by_velocity.force(z, v), mixed.force(z, v), atol=2.0)
+        assert by_travel.name == "arctan_displacement+cubic_stiffness"
+    assert not list(_limits(law("arctan_mixed", amplitude_n=400.0, scale_m=0.4, lag_s=1.0), ["arctan_mixed"]))

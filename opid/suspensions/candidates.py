@@ -330,7 +330,8 @@ def fitted(
                 body,
                 groups,
                 mass_free=mass_free,
-                ground=task.question.ground,
+                # what an AC coupling takes from slow motion looks like such a spring
+                ground=task.question.ground and not sensors.has_coupling,
                 kinds=kinds,
                 settings=settings.start,
             )

@@ -8,7 +8,8 @@ criterion, by the error and by the prediction of what was left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
@@ -286,7 +287,24 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             laws = {group: each.law for group, each in joint.items()}
             total = sum(each.bic for each in joint.values())
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
+    for group, law in fit.laws.items():
+        moves += [_Move({group: simpler}, 0.0, 0) for simpler in _limits(law, kinds)]
     return sorted(moves, key=lambda move: move.bic)
+
+
+def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+    """Laws with a term's limits in its place: it imitates them so well that no derivative asks for the exchange."""
+    for term in law.terms:
+        if term.name != "arctan_mixed" or term.values[2] == 0.0:
+            continue
+        others = tuple(each for each in law.terms if each is not term)
+        amplitude, scale_m, lag_s = term.values
+        for limit in (
+            Term("arctan_velocity", (math.copysign(amplitude, amplitude * lag_s), scale_m / abs(lag_s))),
+            Term("arctan_displacement", (amplitude, scale_m)),
+        ):
+            if limit.name in kinds and limit.name not in law.parameters:
+                yield Law((*others, limit))
 
 
 def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set[tuple[str, ...]], say: Say) -> list[F]:

@@ -382,10 +382,15 @@ class Model:
             std[row, : n if row == -2 else n_sensors] = offsets
         covariance = np.diag(std.ravel() ** 2)
         if self.ground:
-            start[2:5, :n], near = run.ground_at_start
-            for k in range(n):
+            below, near = run.ground_at_start
+            for k, sensor in enumerate(self.sensors.unsprung):
                 rows = np.arange(2, 5) * body.n_slots + k
-                covariance[np.ix_(rows, rows)] = near[k]
+                if sensor.corner_hz:
+                    # what an AC coupling took from the path is not known
+                    far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
+                    covariance[rows, rows] = np.square(far)
+                else:
+                    start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
         return start, covariance
 
     def _sort_out(

@@ -148,6 +148,11 @@ class Sensors:
         row[channel] = replace(row[channel], **facts)
         return replace(self, unsprung=tuple(row)) if side == "unsprung" else replace(self, sprung=tuple(row))
 
+    @property
+    def has_coupling(self) -> bool:
+        """Whether any sensor is AC-coupled."""
+        return any(each.corner_hz for each in (*self.unsprung, *self.sprung))
+
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
         """What has to be found out beside the parameters of the body."""

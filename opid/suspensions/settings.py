@@ -44,6 +44,8 @@ class RunSettings:
         offset_m_per_s2: offset that is left in an acceleration once its mean is removed.
         offset_ac_m_per_s2: the same of an AC-coupled sensor, which forgets more.
         start_rms: a record may begin this many rms motions from rest, one standard deviation.
+        start_displacement_m: the ground below an AC-coupled sensor at the start, one standard deviation.
+        start_velocity_m_per_s: its velocity, likewise.
         ground_drift_m: how far the ground below a suspension lies from its mean height while a run lasts. A spring to
             the ground needs the place of the body, which no accelerometer tells; left free, a wrong law carries it off
             by metres and is never found out. Ten times what a taxiway does.
@@ -61,6 +63,8 @@ class RunSettings:
     offset_m_per_s2: float = 0.03
     offset_ac_m_per_s2: float = 0.1
     start_rms: float = 2.0
+    start_displacement_m: float = 0.05
+    start_velocity_m_per_s: float = 0.3
     ground_drift_m: float = 0.02
     ground_drift_paths: float = 4.0
     least_s: float = 10.0
