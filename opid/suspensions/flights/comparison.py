@@ -17,6 +17,7 @@ from opid.suspensions.flights.departures import (
     Measured,
     Point,
     Series,
+    Status,
     chance_of_steps,
     judged,
     measured,
@@ -134,8 +135,14 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
         tuple(changes),
         false_alarm,
         n_tests,
-        (*flights.notes, *_doubts(flights.flights, series, changes, _chance(found, len(flights.flights)))),
+        (*_told(flights), *_doubts(flights.flights, series, changes, _chance(found, len(flights.flights)))),
     )
+
+
+def _told(flights: Flights) -> Iterator[str]:
+    """What was left out, and what is to be said of the order."""
+    yield from (each.sentence for each in flights.left_out)
+    yield from flights.notes
 
 
 def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
@@ -145,7 +152,7 @@ def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
         yield f"the results come from the method {' and '.join(others)}, and the default method gives intervals"
     else:
         yield "the warnings of the results say why"
-    yield from (note for note in flights.notes if "is left out" in note)
+    yield from (each.sentence for each in flights.left_out)
 
 
 def _scatter(found: Sequence[Measured], n_flights: int) -> dict[str, tuple[float, float]]:
@@ -314,17 +321,17 @@ def _scattered(series: Sequence[Series], changes: Sequence[Change], chance: floa
 def _before(change: Change, series: Sequence[Series]) -> list[Point]:
     """The judged flights of the series before a change."""
     points = next(each.points for each in series if each.quantity == change.quantity)
-    return [point for point in points if point.flight < change.first and not point.status.startswith("no ")]
+    return [point for point in points if point.flight < change.first and point.has_interval]
 
 
 def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
     """Quantities of single flights that are not there, those of one flight in one sentence."""
-    for status, words in (("no value", "have no value"), ("no interval", "have no interval")):
+    for status, words in ((Status.NO_VALUE, "have no value"), (Status.NO_INTERVAL, "have no interval")):
         for place, flight in enumerate(flights):
             lacking = [
                 each.quantity.label + (f" of {each.quantity.gear!r}" if each.quantity.gear else "")
                 for each in series
-                if any(point.flight == place and point.status == status for point in each.points)
+                if any(point.flight == place and point.status is status for point in each.points)
             ]
             if lacking:
                 yield f"{when(flight)}: {listed(lacking)} {words} and are not judged"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -26,6 +27,16 @@ EACH_OF_TWO = 1.96
 """Both flights of a pair must depart by this many standard deviations: one alone is judged alone."""
 
 
+class Status(StrEnum):
+    """What is said of one quantity of one flight: nothing is before it, it is as expected or flagged, or not judged."""
+
+    FIRST = "first"
+    AS_EXPECTED = "as expected"
+    FLAGGED = "flagged"
+    NO_VALUE = "no value"
+    NO_INTERVAL = "no interval"
+
+
 @dataclass(frozen=True)
 class Point:
     """One quantity of one flight.
@@ -33,8 +44,7 @@ class Point:
     Args:
         flight: its place in `Comparison.flights`.
         estimate: what its result holds.
-        status: "first" (nothing is before it), "as expected", "flagged", or why it is not judged: "no value", "no
-            interval".
+        status: what is said of it.
         expected: weighted mean of the earlier flights that were not flagged; None where it is not judged.
         std: standard deviation of the departure: of this flight, of the mean, and of the scatter between flights.
         limits: lowest and highest value that is not flagged by this flight alone.
@@ -45,7 +55,7 @@ class Point:
 
     flight: int
     estimate: Estimate
-    status: str
+    status: Status
     expected: float | None = None
     std: float | None = None
     limits: tuple[float, float] | None = None
@@ -56,7 +66,12 @@ class Point:
     @property
     def flagged(self) -> bool:
         """Whether it departs by more than its uncertainty."""
-        return self.status == "flagged"
+        return self.status is Status.FLAGGED
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether it has a value with an interval, and so can be judged."""
+        return self.status not in (Status.NO_VALUE, Status.NO_INTERVAL)
 
 
 @dataclass(frozen=True)
@@ -109,7 +124,7 @@ def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
     for place, flight in enumerate(flights):
         estimate = flight.values.get(quantity, Estimate())
         if estimate.value is None or not estimate.std:
-            others.append(Point(place, estimate, "no value" if estimate.value is None else "no interval"))
+            others.append(Point(place, estimate, Status.NO_VALUE if estimate.value is None else Status.NO_INTERVAL))
         else:
             places.append(place)
     kept = tuple(flights[place].values[quantity] for place in places)
@@ -141,18 +156,18 @@ def judged(found: Measured, *, scatter: float, freedom: float, chance: float) ->
     kept: list[int] = []
     for i, (place, estimate) in enumerate(zip(found.place, found.estimates, strict=True)):
         if not kept:
-            points.append(Point(place, estimate, "first"))
+            points.append(Point(place, estimate, Status.FIRST))
             kept.append(i)
             continue
-        point = _against(Point(place, estimate, "as expected"), x, variance, kept, i, far)
+        point = _against(Point(place, estimate, Status.AS_EXPECTED), x, variance, kept, i, far)
         before = points[-1]
         follows = before.flagged and _same_side(before, point)
         if abs(point.departure or 0.0) > (near if follows else far):
-            point = replace(point, status="flagged")
+            point = replace(point, status=Status.FLAGGED)
         elif len(kept) > 1 and kept[-1] == i - 1 and _together(x, variance, kept, i, far):
             kept.pop()
-            points[-1] = replace(_against(before, x, variance, kept, i - 1, far), status="flagged", with_next=True)
-            point = replace(_against(point, x, variance, kept, i, far), status="flagged")
+            points[-1] = replace(_against(before, x, variance, kept, i - 1, far), status=Status.FLAGGED, with_next=True)
+            point = replace(_against(point, x, variance, kept, i, far), status=Status.FLAGGED)
         else:
             kept.append(i)
         points.append(point)

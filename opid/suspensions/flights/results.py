@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -82,17 +81,32 @@ class Flight:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A flight that is not compared.
+
+    Args:
+        name: of the flight, or the folder of its study.
+        sentence: that it is left out, and why.
+    """
+
+    name: str
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Flights:
     """Results that may be compared, the earliest first.
 
     Args:
         flights: two or more.
         dated: whether they are in the order of their dates.
-        notes: what is to be said of what was left out and of the order, one sentence each.
+        left_out: flights that are not among them.
+        notes: what is to be said of the order, one sentence each.
     """
 
     flights: tuple[Flight, ...]
     dated: bool
+    left_out: tuple[LeftOut, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -119,20 +133,19 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
         raise InputError(f"{listed(twice)}: given more than once, give each result once")
     names = _names(files)
     # the result of a study may stand beside its folder, and has its name
-    notes = [
-        f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there"
+    without_result = [
+        LeftOut(str(folder), f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there")
         for folder in unfinished
         if folder.resolve().name not in names
     ]
     if len(files) < 2:
-        told = "".join(f"; {note}" for note in notes)
+        told = "".join(f"; {each.sentence}" for each in without_result)
         raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{told}")
     flights = [_flight(file, name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
     kept, left_out = _comparable(flights)
     _refuse_unlike(kept)
-    ordered = in_order(kept)
-    return replace(ordered, notes=(*notes, *left_out, *ordered.notes))
+    return replace(in_order(kept), left_out=(*without_result, *left_out))
 
 
 def in_order(flights: Sequence[Flight]) -> Flights:
@@ -147,7 +160,7 @@ def in_order(flights: Sequence[Flight]) -> Flights:
             f"{len(without)} of {len(flights)} results have no date ({listed(without)}): all are taken in the order "
             "in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
         )
-        return Flights(tuple(flights), False, (note,))
+        return Flights(tuple(flights), False, notes=(note,))
     ordered = sorted(flights, key=lambda flight: flight.date or date.min)
     days = Counter(flight.date for flight in ordered)
     notes = tuple(
@@ -156,7 +169,7 @@ def in_order(flights: Sequence[Flight]) -> Flights:
         for day, n in days.items()
         if n > 1
     )
-    return Flights(tuple(ordered), True, notes)
+    return Flights(tuple(ordered), True, notes=notes)
 
 
 def listed(names: Sequence[Any] | Mapping[str, Any], most: int = 6) -> str:
@@ -307,11 +320,10 @@ def _amplitudes(
 
 
 def _doubt(document: Mapping[str, Any]) -> str:
-    """Why a result has no values, none but ratios, or no intervals: its own sentence, without brackets and advice."""
+    """Why a result has no values, none but ratios, or no intervals: its own sentence."""
     reason, structure = document.get("not_determined"), _structure(document) or {}
     if reason:
-        short = re.split(r"[:;] ", re.sub(r" \([^()]*\)", "", str(reason)))[0]
-        return f"it is not determined ({short})"
+        return f"it is not determined: {reason}"
     if structure.get("recommended", "") is None:
         alike = [each for each in document.get("candidates", ()) if each["kind"] == structure["kind"]]
         # a structure may explain the runs that it was fitted to, and not one that was left out
@@ -341,31 +353,36 @@ def _estimate(table: Mapping[str, Any]) -> Estimate:
 # ---- what cannot be compared -----------------------------------------------------------------------
 
 
-def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]:
     """The flights that can be compared with each other, and why each of the others is left out."""
-    notes: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for flight in flights:
         if all(each.value is None for each in flight.values.values()):
-            notes[flight.name] = flight.doubt or "it holds no values"
+            reasons[flight.name] = flight.doubt or "it holds no values"
         elif flight.doubt and not (flight.recommended and any(each.std for each in flight.values.values())):
-            notes[flight.name] = flight.doubt
-    kept = [flight for flight in flights if flight.name not in notes]
+            reasons[flight.name] = flight.doubt
+    kept = [flight for flight in flights if flight.name not in reasons]
     # two absolute ones are compared; fewer, and those that are per unit of mass may be more
     absolute = sum(not flight.per_mass for flight in kept)
     per_mass = absolute < 2 and len(kept) - absolute > 1
     for flight in kept:
         if flight.per_mass and not per_mass:
-            notes[flight.name] = flight.doubt or "its values are per unit of mass, and those of the others are not"
+            reasons[flight.name] = flight.doubt or "its values are per unit of mass, and those of the others are not"
         elif per_mass and not flight.per_mass:
-            notes[flight.name] = "its values are not per unit of mass, and those of the others are"
-    kept = [flight for flight in flights if flight.name not in notes]
-    told = [f"{flight.name!r} is left out: {notes[flight.name]}" for flight in flights if flight.name in notes]
+            reasons[flight.name] = "its values are not per unit of mass, and those of the others are"
+    kept = [flight for flight in flights if flight.name not in reasons]
+    left_out = [
+        LeftOut(flight.name, f"{flight.name!r} is left out: {reasons[flight.name]}")
+        for flight in flights
+        if flight.name in reasons
+    ]
     if len(kept) < 2:
         remains = "none" if not kept else f"{kept[0].name!r} alone"
         raise NotDeterminedError(
-            f"of {len(flights)} flights {remains} can be compared, and two are needed: {'; '.join(told)}"
+            f"of {len(flights)} flights {remains} can be compared, and two are needed: "
+            f"{'; '.join(each.sentence for each in left_out)}"
         )
-    return kept, told
+    return kept, left_out
 
 
 def _refuse_copies(flights: Sequence[Flight]) -> None:
