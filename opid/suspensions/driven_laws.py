@@ -74,14 +74,18 @@ class DrivenLaws:
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
         # while a model is wrong its slow travel may be far off: the measured one is not
         rms = np.sqrt(np.mean(fit.model.motion_rms[list(slots)] ** 2, axis=0))
+        rms *= self.settings.most_measured_rms
         found = []
         for term in offered_terms(
             kind,
-            travel_rms=min(float(travel.std()), 3 * float(rms[0])),
-            velocity_rms=min(float(velocity.std()), 3 * float(rms[1])),
+            travel_rms=min(float(travel.std()), float(rms[0])),
+            velocity_rms=min(float(velocity.std()), float(rms[1])),
             n_scales=self.settings.n_scales,
+            fractions=self.settings.scale_fractions,
+            lags=self.settings.lags,
         ):
-            force = Law((term,)).force(travel[::7], velocity[::7])
+            every = self.settings.every_sample
+            force = Law((term,)).force(travel[::every], velocity[::every])
             amplitude = self.settings.faint * fit.model.level / max(float(np.sqrt(np.mean(force**2))), 1e-300)
             found.append(Term(kind, (amplitude, *term.inner)))
         return found

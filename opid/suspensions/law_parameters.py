@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
+from opid.suspensions.settings import SearchSettings
 
 
 def positive(law: Law) -> NDArray[np.bool_]:
@@ -71,8 +72,8 @@ def offered_terms(
     travel_rms: float,
     velocity_rms: float,
     n_scales: int,
-    fractions: tuple[float, float] = (0.4, 0.98),
-    lags: Sequence[float] = (0.3, 1.0, 3.0),
+    fractions: tuple[float, float] = SearchSettings.scale_fractions,
+    lags: Sequence[float] = SearchSettings.lags,
     exponents: Sequence[float] = (),
 ) -> list[Term]:
     """Return terms of unit amplitude of a kind, its inner parameters over the range in which this motion shows them.

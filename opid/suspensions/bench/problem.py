@@ -154,8 +154,8 @@ class BenchLaws:
                 travel_rms=travel,
                 velocity_rms=velocity,
                 n_scales=known.search.n_scales,
-                fractions=(0.0, 1.0),
-                lags=known.lags,
+                fractions=known.search.scale_fractions,
+                lags=known.search.lags,
                 exponents=known.exponents,
             ):
                 columns = -Law((term,)).parameter_gradient(points.z, points.v)
