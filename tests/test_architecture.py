@@ -288,6 +288,22 @@ def decided_by_words(path, tree):
             yield f"line {node.lineno}: {ast.unparse(node)}"
 
 
+def test_only_the_reader_of_results_reads_a_result_by_keys():
+    """The rest of the comparison of flights goes by attributes."""
+    folder = PACKAGE / "suspensions" / "flights"
+    reading = {path.name for path in folder.glob("*.py") if "json" in path.read_text(encoding="utf-8").split()}
+    assert reading == {"result_file.py"}
+    by_keys = [
+        f"{path.name}: {ast.unparse(node)}"
+        for path in folder.glob("*.py")
+        for node in nodes_of(tree_of(path))
+        if isinstance(node, ast.Subscript)
+        and isinstance(node.slice, ast.Constant)
+        and isinstance(node.slice.value, str)
+    ]
+    assert [each for each in by_keys if not each.startswith("result_file.py")] == []
+
+
 def test_records_of_the_estimator_are_typed():
     assert faults(fields_of_any_type) == []
 

@@ -222,8 +222,19 @@ def test_bad_input_is_one_sentence_each(folder, tmp_path):
         ("nonsense", "is no JSON"),
         ("[1]", "has no schema where 'opid.identification/1' is needed"),
         ('{"schema": "opid.law/1"}', "has the schema 'opid.law/1'"),
-        ('{"schema": "opid.identification/1"}', "lacks what every result has"),
-        (text.replace('"value": ', '"value": "x", "other": ', 1), "lacks what every result has"),
+        (
+            '{"schema": "opid.identification/1"}',
+            "is no sound result: method is missing, text is needed; parameters is missing, a table is needed; law is "
+            "missing, a table is needed: write it anew",
+        ),
+        (
+            text.replace('"value": ', '"value": "x", "other": ', 1),
+            r"result.json is no sound result: parameters.sprung_mass_kg.value is 'x' where a number is needed: write",
+        ),
+        (text.replace('"2026-01-19"', '"5.1.26"'), "date is '5.1.26' where a date like '2026-03-01' is needed"),
+        (text.replace('"interfaces": [', '"interfaces": [3, '), r"interfaces\[0\] is 3 where a table is needed"),
+        (text.replace('"law": {', '"law": {"gas_spring": {}, '), "law.gas_spring.static_force_n is missing"),
+        (text.replace('"std": ', '"std": NaN, "other": '), "std is nan where a finite number is needed"),
     ):
         (copy / "result.json").write_text(content)
         with pytest.raises(InputError, match=words):
