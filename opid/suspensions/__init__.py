@@ -1,3 +1,4 @@
-"""Runs under known loads to parameters: one estimator for one suspension or several; beside it, in folders of their own,
-the chain of Iwaniec & Uhl (2007), laws from a test bench, and the comparison of many flights.
+"""Runs under known loads to parameters: one estimator for one suspension or several.
+
+Beside it, in folders of their own: the chain of Iwaniec & Uhl (2007), laws from a test bench, many flights compared.
 """

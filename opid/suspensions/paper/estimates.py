@@ -14,8 +14,8 @@ from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.preparation import PreparedRun
-from opid.suspensions.paper.result import PARAMETERS, RATIOS
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> dict[
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
     std[3] = np.hypot(std[3], max(equal_gains, gain) * added["suspension_stiffness_n_per_m"])
-    parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
+    parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(GEAR_PARAMETERS)}
     if "ground_stiffness_per_mass" not in added.fit.names:
         parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
     # the mass is 1/mu: its interval is the image of that of mu, longer upwards
@@ -124,7 +124,7 @@ def ratios_of(
     has_ground = NAMES[2] in names
     total = k + (value[2] if has_ground else 0.0)
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
-    ratios = {name: Estimate() for name in RATIOS}
+    ratios = {name: Estimate() for name in GEAR_RATIOS}
     ratios["stiffness_per_mass"] = Estimate.normal(k, np.hypot(std[0], gain * k))
     ratios["damping_per_mass"] = Estimate.normal(c, np.hypot(std[1], gain * c))
     ratios["ground_stiffness_per_mass"] = (
