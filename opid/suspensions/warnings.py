@@ -15,28 +15,10 @@ from opid.suspensions.fit import NO_FIT, Fit, fit_model
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import Evidence, InterfaceEstimate
 from opid.suspensions.settings import Verdicts, WarningSettings
+from opid.suspensions.straight_terms import StraightTerm
 from opid.suspensions.study import Run, Study, rigid_faults
 
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
-
-
-@dataclass(frozen=True)
-class StraightTerm:
-    """A term of a law that the motion did not bend: it trades with a linear one.
-
-    Args:
-        group: name of the group of interfaces.
-        kind: of the term.
-        unit: of its scale, "m/s" or "m".
-        scale: its inner scale.
-        motion_rms: rms of that motion, in the same unit.
-    """
-
-    group: str
-    kind: str
-    unit: str
-    scale: float
-    motion_rms: float
 
 
 def straight_terms(part: Fitted) -> list[StraightTerm]:
@@ -304,12 +286,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     for part in told:
         yield from _of_places(part)
     for term in [term for terms in answer.straight for term in terms] if told else ():
-        partner, where = "damping" if term.unit == "m/s" else "stiffness", f" at {term.group!r}" * bool(term.group)
-        yield (
-            f"{term.kind}{where} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, "
-            f"motion {term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over "
-            "scale is determined, and the intervals of both are withheld"
-        )
+        yield term.warning
 
 
 def _of_the_log(run: Run) -> Iterator[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,35 +15,7 @@ from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.preparation import PreparedRun
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
-
-
-@dataclass(frozen=True)
-class StraightTerm:
-    """A term of a law that the motion does not bend: it is stiffness or damping by another name.
-
-    Args:
-        name: kind of the term.
-        unit: of its scale, "m/s" or "m".
-        scale: its inner scale.
-        motion_rms: largest rms of that motion among the runs, in the same unit.
-    """
-
-    name: str
-    unit: str
-    scale: float
-    motion_rms: float
-
-    @property
-    def partner(self) -> str:
-        """What the term cannot be told from."""
-        return "damping" if self.unit == "m/s" else "stiffness"
-
-    @property
-    def trades_with(self) -> tuple[str, ...]:
-        """Names of the parameters and ratios that the term cannot be told from."""
-        if self.unit == "m/s":
-            return "suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"
-        return "suspension_stiffness_n_per_m", "stiffness_per_mass", "natural_frequency_hz", "damping_ratio"
+from opid.suspensions.straight_terms import StraightTerm
 
 
 def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: float) -> list[StraightTerm]:
@@ -63,7 +34,7 @@ def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: f
             motions = [run.surface.velocity if parameter.unit == "m/s" else run.surface.travel for run in runs]
             rms = max(float(motion.std()) for motion in motions)
             if value > straight_above * rms:
-                found.append(StraightTerm(term.name, parameter.unit, value, rms))
+                found.append(StraightTerm("", term.name, parameter.unit, value, rms))
     return found
 
 

@@ -172,7 +172,7 @@ def _withheld(result: PaperIdentification) -> PaperIdentification:
         for name in term.trades_with:
             table = parameters if name in parameters else ratios
             table[name] = Estimate(table[name].value)
-        laws[term.name] = {name: Estimate(each.value) for name, each in laws[term.name].items()}
+        laws[term.kind] = {name: Estimate(each.value) for name, each in laws[term.kind].items()}
     return replace(result, parameters=parameters, ratios=ratios, law_estimates=laws)
 
 
