@@ -26,6 +26,18 @@ MOST_LISTED = 24
 """Words that are listed: of more, as the degrees of freedom of a structure, only the first and the last."""
 
 
+def meant_by(name: str, known: Iterable[str]) -> list[str]:
+    """Return the known words that `name` may be meant for: the nearest one, and those that begin so.
+
+    >>> meant_by("tittle", ["title", "runs"]), meant_by("mass", ["title", "runs"])
+    (['title'], [])
+    """
+    words = list(known)
+    close = difflib.get_close_matches(name, words, n=1)
+    begun = [word for word in words if len(name) >= LEAST_BEGUN and word.startswith(name)]
+    return list(dict.fromkeys((*close, *begun))) if 0 < len(begun) <= MOST_BEGUN else close
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return a clause that names the known word nearest to `name` and those that begin so, or lists the known words.
 
@@ -37,10 +49,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     "known are 'title', 'runs'"
     """
     words = list(known)
-    close = difflib.get_close_matches(name, words, n=1)
-    begun = [word for word in words if len(name) >= LEAST_BEGUN and word.startswith(name)]
-    if 0 < len(begun) <= MOST_BEGUN:
-        close = list(dict.fromkeys((*close, *begun)))
+    close = meant_by(name, words)
     if close:
         return f"did you mean {', '.join(map(repr, close))}?"
     if len(words) > MOST_LISTED:

@@ -244,9 +244,6 @@ def fields_of_any_type(path, tree):
     for node in nodes_of(tree) if room_of(path) == "suspensions" else ():
         if isinstance(node, ast.ClassDef):
             for each in node.body:
-                # what the bench was asked is for its report alone
-                if node.name == "BenchLaw":
-                    continue
                 if isinstance(each, ast.AnnAssign) and re.search(r"\bAny\b", ast.unparse(each.annotation)):
                     yield f"{node.name}: {ast.unparse(each.target)}"
 
@@ -260,13 +257,51 @@ def evidence_read_by_keys(path, tree):
                 yield f"line {node.lineno}: {ast.unparse(node)}"
 
 
+PROSE = re.compile(r"message|warning|sentence|reason\b|note|status|clause|doubt")
+PHRASE = re.compile(r"[a-z] [a-z]")
+SEARCHES = ("match", "search", "fullmatch", "findall", "split", "sub")
+
+
+def text_of(node):
+    """Return what is written in a constant or between the braces of an f-string; "" of anything else."""
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    return "".join(each.value for each in parts if isinstance(each, ast.Constant) and isinstance(each.value, str))
+
+
 def decided_by_words(path, tree):
-    """Decisions are made on types and codes: no message is searched for words."""
-    for node in nodes_of(tree) if room_of(path) == "suspensions" else ():
-        if isinstance(node, ast.Compare) and any(isinstance(op, ast.In) for op in node.ops):
-            looked_in = ast.unparse(node.comparators[0])
-            if isinstance(node.left, ast.Constant) and re.search(r"message|warning|sentence|reason\b", looked_in):
-                yield f"line {node.lineno}: {ast.unparse(node)}"
+    """Decisions are made on types and codes: no message is searched for words, and no phrase is looked for."""
+    # reports only lay out what others have said
+    for node in nodes_of(tree) if room_of(path) not in ("plots", "report", "cli") else ():
+        is_fault = False
+        if isinstance(node, ast.Compare):
+            for op, looked_in in zip(node.ops, node.comparators, strict=True):
+                searched = isinstance(op, ast.In) and PHRASE.search(text_of(node.left))
+                text = isinstance(op, ast.In | ast.NotIn) and text_of(node.left)
+                is_fault |= bool(searched or (text and PROSE.search(ast.unparse(looked_in))))
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            on, name = ast.unparse(node.func.value), node.func.attr
+            if name in ("startswith", "endswith"):
+                is_fault = bool(PROSE.search(on))
+            elif on == "re" and name in SEARCHES:
+                is_fault = any(PROSE.search(ast.unparse(each)) for each in node.args[1:])
+        if is_fault:
+            yield f"line {node.lineno}: {ast.unparse(node)}"
+
+
+def test_only_the_reader_of_results_reads_a_result_by_keys():
+    """The rest of the comparison of flights goes by attributes."""
+    folder = PACKAGE / "suspensions" / "flights"
+    reading = {path.name for path in folder.glob("*.py") if "json" in path.read_text(encoding="utf-8").split()}
+    assert reading == {"result_file.py"}
+    by_keys = [
+        f"{path.name}: {ast.unparse(node)}"
+        for path in folder.glob("*.py")
+        for node in nodes_of(tree_of(path))
+        if isinstance(node, ast.Subscript)
+        and isinstance(node.slice, ast.Constant)
+        and isinstance(node.slice.value, str)
+    ]
+    assert [each for each in by_keys if not each.startswith("result_file.py")] == []
 
 
 def test_records_of_the_estimator_are_typed():
@@ -287,6 +322,11 @@ def test_no_decision_is_made_on_the_text_of_a_message():
         (fields_of_any_type, "class A:\n    model: Any"),
         (evidence_read_by_keys, "x = result.evidence['fit']"),
         (decided_by_words, "if 'upside down' in finding.message:\n    pass"),
+        (decided_by_words, "kept = [note for note in flights.notes if 'is left out' in note]"),
+        (decided_by_words, "kept = not point.status.startswith('no ')"),
+        (decided_by_words, "short = re.split('[:;] ', str(reason))[0]"),
+        (decided_by_words, "failed = [each for each in of_failed if f'of mode {mode}:' in each]"),
+        (decided_by_words, "told = clause if 'mean' not in clause else ''"),
     ],
 )
 def test_each_rule_of_the_estimator_finds_its_fault(rule, code):

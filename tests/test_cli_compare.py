@@ -1,6 +1,7 @@
 """`opid compare` as a user drives it: what it writes, what it says, and with which status it ends."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from click.testing import CliRunner
 from made_flights import body_result, day, gear_result, write_result
 
 from opid import cli
+from opid.suspensions.flights.settings import FlightSettings
 
 
 def opid(*arguments):
@@ -55,6 +57,7 @@ def test_a_loss_ends_with_status_3_and_a_report(flights, tmp_path, monkeypatch):
     document = json.loads((tmp_path / "health" / "comparison.json").read_text(encoding="utf-8"))
     assert document["schema"] == "opid.comparison/1"
     assert document["flagged"] is True
+    assert document["settings"] == asdict(FlightSettings())
     assert [flight["date"] for flight in document["flights"]] == [day(i) for i in range(8)]
     (change,) = document["changes"]
     assert (change["gear"], change["quantity"], change["first"], change["last"]) == ("left", "stiffness", 6, 7)

@@ -11,6 +11,7 @@ from opid.estimate import Estimate
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.departures import chance_of_steps, judged, measured, scatter_between
 from opid.suspensions.flights.results import Flight, Flights, Quantity, in_order
+from opid.suspensions.flights.settings import FlightSettings
 
 MASS = Quantity("", "mass", "kg")
 
@@ -269,6 +270,15 @@ def test_one_day_with_two_flights_is_said():
     same = in_order([replace(flight, date=date(2026, 3, 1)) for flight in (second, first)])
     assert [flight.name for flight in same.flights] == ["f1", "f0"]
     assert "2 flights have the date 2026-03-01" in same.notes[0]
+
+
+def test_the_numbers_of_a_comparison_can_be_passed_and_stand_in_it():
+    flights = fleet(np.random.default_rng(1), 12, std=0.003, scatter=0.015)
+    usual, blind = compare(flights), compare(flights, settings=FlightSettings(enough_steps=100))
+    assert any(series.scatter > 0 for series in usual.series)
+    assert not any(series.scatter > 0 for series in blind.series)
+    assert blind.settings == FlightSettings(enough_steps=100)
+    assert compare(flights, false_alarm=0.01).settings == FlightSettings(false_alarm=0.01)
 
 
 def test_the_odd_one_of_two_is_not_known():

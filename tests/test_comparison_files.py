@@ -23,7 +23,7 @@ def test_a_folder_of_studies_is_read_by_date(folder):
     flights = read_flights([folder])
     assert [flight.name for flight in flights.flights] == ["flight9", "flight8", "flight7"]
     assert flights.dated
-    assert flights.notes == ()
+    assert flights.notes == flights.left_out == ()
     quantities = {(q.gear, q.name, q.unit) for q in flights.flights[0].values}
     assert ("left", "friction", "N") in quantities
     assert ("", "mass", "kg") in quantities
@@ -49,19 +49,21 @@ def test_results_per_unit_of_mass_are_compared_with_each_other(tmp_path):
     absolute = [write_result(tmp_path / f"absolute{i}", gear_result(rng, day=day(3 + i))) for i in range(2)]
     flights = read_flights([*folders, absolute[0]])
     assert [flight.name for flight in flights.flights] == ["f0", "f1", "f2"]
-    (told,) = flights.notes
-    assert told == "'absolute0' is left out: its values are not per unit of mass, and those of the others are"
+    (told,) = flights.left_out
+    assert told.name == "absolute0"
+    assert told.sentence == "'absolute0' is left out: its values are not per unit of mass, and those of the others are"
     # two that are absolute come before any number of the others
     flights = read_flights([*folders, *absolute])
     assert [flight.name for flight in flights.flights] == ["absolute0", "absolute1"]
-    assert flights.notes[0] == "'f0' is left out: it is not determined (no mass change)"
-    assert len(flights.notes) == 3
+    assert flights.left_out[0].sentence == "'f0' is left out: it is not determined: no mass change"
+    assert [each.name for each in flights.left_out] == ["f0", "f1", "f2"]
 
 
 REFUSAL = (
     "the structure leaves 90 times the sensors' noise (most at 'right: upper': 127, the others 1), so every number of "
     "it would be a guess: check channels (exchanged, upside down); or coordinates"
 )
+SAME_LOADING = "all runs have the same loading: only ratios can be told; give `loading`"
 
 
 def tables_of(document):
@@ -80,7 +82,7 @@ def spoilt(document, how):
         for table in tables_of(document):
             table |= {"value": None, "std": None, "interval95": None}
     elif how == "per mass":
-        document |= {"not_determined": "all runs have the same loading: only ratios can be told; give `loading`"}
+        document |= {"not_determined": SAME_LOADING}
         document["structure"]["recommended"] = "rigid_body"
         document["parameters"]["sprung_mass_kg"] |= {"value": None, "std": None, "interval95": None}
         for interface in document["interfaces"]:
@@ -98,9 +100,8 @@ NOT_RECOMMENDED = "no structure was recommended for it (4.54 times the noise)"
 @pytest.mark.parametrize(
     ("how", "why"),
     [
-        ("refused", "it is not determined (the structure leaves 90 times the sensors' noise, so every number of it "
-         "would be a guess)"),
-        ("per mass", "it is not determined (all runs have the same loading)"),
+        ("refused", f"it is not determined: {REFUSAL}"),
+        ("per mass", f"it is not determined: {SAME_LOADING}"),
         ("without intervals", NOT_RECOMMENDED),
         ("with intervals", NOT_RECOMMENDED),
     ],
@@ -129,15 +130,15 @@ def test_a_study_without_a_result_is_said(folder):
     (folder / "flight1").mkdir()
     (folder / "notes").mkdir()
     (folder / "flight8" / "study.toml").touch()
-    assert read_flights([folder]).notes == ()
+    assert read_flights([folder]).left_out == ()
     (folder / "flight1" / "study.toml").touch()
     told = f"{str(folder / 'flight1')!r} holds no result.json and is left out: run `opid identify` there"
-    assert read_flights([folder]).notes == (told,)
+    assert [each.sentence for each in read_flights([folder]).left_out] == [told]
     # the result of a study may stand beside it
     rng = np.random.default_rng(2)
     write_result(folder / "flight1_result", body_result(rng, day=day(3)))
     flights = read_flights([folder])
-    assert (len(flights.flights), flights.notes) == (4, ())
+    assert (len(flights.flights), flights.left_out) == (4, ())
 
 
 def test_one_result_beside_a_study_without_one_is_no_comparison(tmp_path):
@@ -221,8 +222,19 @@ def test_bad_input_is_one_sentence_each(folder, tmp_path):
         ("nonsense", "is no JSON"),
         ("[1]", "has no schema where 'opid.identification/1' is needed"),
         ('{"schema": "opid.law/1"}', "has the schema 'opid.law/1'"),
-        ('{"schema": "opid.identification/1"}', "lacks what every result has"),
-        (text.replace('"value": ', '"value": "x", "other": ', 1), "lacks what every result has"),
+        (
+            '{"schema": "opid.identification/1"}',
+            "is no sound result: method is missing, text is needed; parameters is missing, a table is needed; law is "
+            "missing, a table is needed: write it anew",
+        ),
+        (
+            text.replace('"value": ', '"value": "x", "other": ', 1),
+            r"result.json is no sound result: parameters.sprung_mass_kg.value is 'x' where a number is needed: write",
+        ),
+        (text.replace('"2026-01-19"', '"5.1.26"'), "date is '5.1.26' where a date like '2026-03-01' is needed"),
+        (text.replace('"interfaces": [', '"interfaces": [3, '), r"interfaces\[0\] is 3 where a table is needed"),
+        (text.replace('"law": {', '"law": {"gas_spring": {}, '), "law.gas_spring.static_force_n is missing"),
+        (text.replace('"std": ', '"std": NaN, "other": '), "std is nan where a finite number is needed"),
     ):
         (copy / "result.json").write_text(content)
         with pytest.raises(InputError, match=words):

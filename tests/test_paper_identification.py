@@ -12,11 +12,12 @@ from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.paper.chain import compute_chain
 from opid.suspensions.paper.identification import identify_by_paper
-from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS
+from opid.suspensions.paper.result import METHODS
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
 from opid.suspensions.study import Run, study_of_gear
 
-TRUTH = dict(zip(PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
+TRUTH = dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
 SPRING = LandingGear(ground_stiffness_n_per_m=1.67e5)
 SHORT = {"duration_s": 20, "fs": 256}
 
@@ -68,7 +69,7 @@ def test_values_and_intervals_are_the_classical_ones_and_hold_the_truth(ground, 
     study = _study(_taxi(LandingGear(ground_stiffness_n_per_m=ground), seed, duration_s=30))
     found = identify_by_paper(study, law="arctan_velocity")
     values, stds = CLASSICAL[ground, seed]
-    for name, value, std in zip(PARAMETERS, values, stds, strict=True):
+    for name, value, std in zip(GEAR_PARAMETERS, values, stds, strict=True):
         estimate = found.parameters[name]
         # a ground spring of nothing has no digits of its own
         np.testing.assert_allclose(estimate.value, value, rtol=1e-5, atol=1e-2 * std)
@@ -76,7 +77,7 @@ def test_values_and_intervals_are_the_classical_ones_and_hold_the_truth(ground, 
         truth = TRUTH[name] + (ground if name == "ground_stiffness_n_per_m" else 0.0)
         assert abs(estimate.value - truth) < 4 * std
     printed = identify_by_paper(study, method="paper", law="arctan_velocity")
-    given = [printed.parameters[name].value for name in PARAMETERS]
+    given = [printed.parameters[name].value for name in GEAR_PARAMETERS]
     assert given.pop(2) is None
     np.testing.assert_allclose(given, PRINTED[ground, seed], rtol=1e-3)
 
@@ -97,7 +98,7 @@ def test_ratios_are_those_of_the_parameters(result):
     np.testing.assert_allclose(result.ratios["stiffness_per_mass"].value * mass, stiffness)
     np.testing.assert_allclose(result.ratios["natural_frequency_hz"].value, 2.311, rtol=0.01)
     np.testing.assert_allclose(result.ratios["damping_ratio"].value, 0.1117, rtol=0.02)
-    assert tuple(result.ratios) == RATIOS
+    assert tuple(result.ratios) == GEAR_RATIOS
 
 
 def test_the_restoring_force_is_the_true_one_where_the_runs_went(result):

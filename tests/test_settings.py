@@ -7,6 +7,7 @@ import pytest
 from law_runs import study_of
 
 from opid.suspensions import settings
+from opid.suspensions.flights.settings import FlightSettings
 from opid.suspensions.identification import identify
 from opid.suspensions.paper.settings import __dict__ as of_the_paper
 from opid.suspensions.settings import RunSettings, Settings, Verdicts
@@ -14,7 +15,7 @@ from opid.suspensions.sparse_regression import RegressionSettings
 
 RECORDS = [each for each in vars(settings).values() if isinstance(each, type) and is_dataclass(each)]
 RECORDS += [each for each in of_the_paper.values() if isinstance(each, type) and is_dataclass(each)]
-RECORDS += [RegressionSettings]
+RECORDS += [RegressionSettings, FlightSettings]
 TUNED = [record for record in dict.fromkeys(RECORDS) if record is not Settings]
 FIELDS = [(record, field.name) for record in TUNED for field in fields(record)]
 

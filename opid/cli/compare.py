@@ -36,14 +36,13 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     from opid.report.as_json import json_text
     from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
     from opid.report.directory import require_directory
-    from opid.suspensions.flights.comparison import FALSE_ALARM
     from opid.suspensions.flights.comparison import compare as compare_flights
     from opid.suspensions.flights.results import read_flights
 
     target = None if out is None else require_directory(out)
     with progress() as say:
         say("the results")
-        found = compare_flights(read_flights(results), false_alarm=FALSE_ALARM if false_alarm is None else false_alarm)
+        found = compare_flights(read_flights(results), false_alarm=false_alarm)
         page = None if target is None else write_comparison_report(found, target, paths=results, progress=say)
     click.echo(json_text(comparison_json(found)) if as_json else comparison_text(found), nl=not as_json)
     if page is not None and not as_json:

@@ -55,6 +55,8 @@ class Kind:
             z**3.
         searched: whether a search for the law of a suspension tries it; the others are terms of a series, for which
             their neighbours would be taken, and only laws that are asked for have them.
+        bench_only: whether only the search on a test bench tries it, where the force is measured. From runs a free
+            power is not told from the kinds that it contains as special cases.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Kind:
     parameters: tuple[Parameter, ...]
     function: Callable[..., ForceAndDerivatives] = field(repr=False)
     searched: bool = True
+    bench_only: bool = False
 
 
 def _arctan_velocity(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
@@ -247,6 +250,7 @@ BUILT_IN = (
             Parameter("exponent", "1", "exponent", 1.5),
         ),
         _signed_power_damping,
+        bench_only=True,
     ),
     # other valves in rebound than in compression: damping C + c while it extends, C - c while it shortens
     Kind(
@@ -308,6 +312,7 @@ BUILT_IN = (
             Parameter("exponent", "1", "exponent", 1.5),
         ),
         _signed_power_stiffness,
+        bench_only=True,
     ),
     # a helper spring or a preload that acts on one side: stiffness K + k in extension, K - k in compression
     Kind(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,14 @@ from opid.modal.truth_test import truth_test
 from opid.signals.tables import refuse
 
 Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class _DecayDoubt:
+    """What to doubt of the free decays of a mode, or why they give nothing."""
+
+    mode: int
+    sentence: str
 
 
 def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalIdentification:
@@ -76,7 +84,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             *of_records,
             *doubts_of_modes(study.modes),
             *doubts_of_other_shifts(shifts, nonlinear),
-            *doubts,
+            *(doubt.sentence for doubt in doubts),
             *more,
             *doubts_of_truth_tests(study, fits, of_decays, truth_tests),
             *unstable,
@@ -105,7 +113,7 @@ def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
 
 
 def _fits(
-    study: ModalStudy, of_decays: Mapping[int, DecayLaw], of_failed: Sequence[str], say: Say
+    study: ModalStudy, of_decays: Mapping[int, DecayLaw], of_failed: Sequence[_DecayDoubt], say: Say
 ) -> tuple[tuple[ModeFit, ...], list[str]]:
     """The fits of the modes that forced tests move, and what to doubt about the choice of tests."""
     fits, faults, doubts = [], [], []
@@ -121,7 +129,7 @@ def _fits(
         try:
             fits.append(fit_mode(tests, mode, **_settings(study)))
         except InputError as error:
-            failed = "; ".join(each for each in of_failed if f"of mode {mode}:" in each)
+            failed = "; ".join(doubt.sentence for doubt in of_failed if doubt.mode == mode)
             faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))
     refuse(faults, study.source)
     doubts += [
@@ -149,10 +157,10 @@ def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
     return level_shifts(tests, frequency_threshold=study.frequency_threshold, damping_threshold=study.damping_threshold)
 
 
-def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[str]]:
+def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[_DecayDoubt]]:
     """Free decays of the nonlinear modes, the law that each mode's decays give together, and what failed."""
     decays: list[Decay] = []
-    doubts = []
+    doubts: list[_DecayDoubt] = []
     for each in study.of_use("decay") if study.nonlinear else ():
         mode = each.mode or largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
@@ -161,20 +169,26 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
                 decay_of(each.test, mode, stiffness_order=study.stiffness_order, damping_order=study.damping_order)
             )
         except NotDeterminedError as error:
-            doubts.append(f"free decay {each.test.name!r} of mode {mode}: {error}")
+            doubts.append(_DecayDoubt(mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
     laws = {}
     for mode in study.nonlinear:
         own = [decay for decay in decays if decay.mode == mode]
-        doubts += [f"free decay {decay.name!r} of mode {mode}: {doubt}" for decay in own for doubt in decay.warnings]
+        doubts += [
+            _DecayDoubt(mode, f"free decay {decay.name!r} of mode {mode}: {doubt}")
+            for decay in own
+            for doubt in decay.warnings
+        ]
         if own:
             try:
                 laws[mode] = law_of_decays(
                     own, stiffness_order=study.stiffness_order, damping_order=study.damping_order
                 )
             except NotDeterminedError as error:
-                doubts.append(f"the free decays of mode {mode} give no law: {error}")
+                doubts.append(_DecayDoubt(mode, f"the free decays of mode {mode} give no law: {error}"))
                 continue
-            doubts += [f"the free decays of mode {mode} together: {doubt}" for doubt in laws[mode].warnings]
+            doubts += [
+                _DecayDoubt(mode, f"the free decays of mode {mode} together: {doubt}") for doubt in laws[mode].warnings
+            ]
     return tuple(decays), laws, doubts
 
 

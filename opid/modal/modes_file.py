@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, meant_by, nearest
 from opid.modal.modes import LinearModes
 from opid.signals.files import written_whole
 
@@ -237,8 +237,9 @@ def _assigned(found: list[str], wanted: Sequence[str], what: str, *, others: boo
     for quantity in wanted:
         if quantity not in names:
             clause = nearest(quantity, left) if left else "there is none"
-            told = f"the nearest {what}: {clause}" if "mean" in clause else f"its {what}s: {clause}"
-            if others and "mean" not in clause:
+            is_near = bool(meant_by(quantity, left))
+            told = f"the nearest {what}: {clause}" if is_near else f"its {what}s: {clause}"
+            if others and not is_near:
                 told = "name its first cell so"
             raise InputError(f"there is no {what} {quantity!r} ({told})")
     return names

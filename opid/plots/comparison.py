@@ -21,8 +21,6 @@ __all__ = ["compared_quantity"]
 BESIDE = 3.0
 # names in a row of the legend, and what a row takes of the height above the axes, points
 IN_A_ROW, ROW_POINTS = 4, 16
-# a quantity is drawn in percent of its first flights where these are so many standard deviations from zero
-CLEAR = 5.0
 
 
 def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
@@ -43,7 +41,7 @@ def compared_quantity(result: Comparison, label: str, ax: Any = None) -> Axes:
     if not series:
         raise ValueError(f"no quantity is called {label!r}")
     places = _places(result)
-    references = [_reference(each) for each in series]
+    references = [_reference(each, result.settings.clear_std) for each in series]
     relative = all(reference is not None for reference in references)
     with house_style():
         ax = panels(ax, 1, height_in=3.4)[0, 0]
@@ -164,14 +162,14 @@ def _starts(series: Series, point: Point) -> bool:
     return not (before and before[-1].flagged and before[-1].confirmed)
 
 
-def _reference(series: Series) -> float | None:
+def _reference(series: Series, clear_std: float) -> float | None:
     """What was expected last, where it is clearly not zero."""
     judged = [point for point in series.points if point.expected is not None and point.std is not None]
     if not judged:
         known = [point.estimate.value for point in series.points if point.estimate.value]
         return known[0] if known else None
     last = judged[-1]
-    return last.expected if abs(last.expected or 0.0) > CLEAR * (last.std or 0.0) else None
+    return last.expected if abs(last.expected or 0.0) > clear_std * (last.std or 0.0) else None
 
 
 def _places(result: Comparison) -> np.ndarray:

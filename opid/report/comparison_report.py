@@ -51,8 +51,8 @@ def comparison_json(result: Comparison) -> dict[str, Any]:
         `schema`, `flagged`, `false_alarm`, `n_tests`, `structure`, `dated`, `flights` [{name, path, date, method}],
         `series` [{gear, quantity, kind, unit, scatter, threshold, points [{flight, value, std, interval95, status,
         expected, expected_std, limits, departure, with_next, confirmed}]}], `changes` [{gear, quantity, kind, first,
-        last, share {value, std, interval95}, departure, confirmed, statement}], `warnings`; flights are counted from 0
-        in `flight`, `first` and `last`.
+        last, share {value, std, interval95}, departure, confirmed, statement}], `warnings`, `settings`; flights are
+        counted from 0 in `flight`, `first` and `last`.
     """
     return plain(
         {
@@ -84,6 +84,7 @@ def comparison_json(result: Comparison) -> dict[str, Any]:
                 for change in result.changes
             ],
             "warnings": result.warnings,
+            "settings": asdict(result.settings),
         }
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.signals.across_channels import pair_findings, pairs_of
-from opid.signals.channel_findings import COARSE_STEPS, Places
+from opid.signals.channel_findings import COARSE_STEPS, NoUnit, Places
 from opid.signals.channel_health import LevelCheck, RunCheck
 from opid.signals.clock_health import MOST_SHOWN, ClockCheck
 from opid.signals.health_result import (
@@ -75,7 +75,7 @@ class Checks:
         track: its name.
         names: of the channels.
         units: SI, or "?".
-        without_unit: why no unit is known, empty where one is.
+        without_unit: why no unit is known, None where one is.
         bin_rows: rows of a bin.
         clock: of its stamps.
         levels: of all channels.
@@ -89,7 +89,7 @@ class Checks:
     track: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    without_unit: tuple[str, ...]
+    without_unit: tuple[NoUnit | None, ...]
     bin_rows: int
     clock: ClockCheck
     levels: LevelCheck

@@ -30,6 +30,19 @@ HUM_RMS = 0.05
 
 
 @dataclass(frozen=True)
+class NoUnit:
+    """Why no unit of a channel is known.
+
+    Args:
+        is_stated: whether one is stated, which nobody knows.
+        reason: the whole of it as a sentence.
+    """
+
+    is_stated: bool
+    reason: str
+
+
+@dataclass(frozen=True)
 class Places:
     """Where and at what value something is wrong with a channel.
 
@@ -41,7 +54,7 @@ class Places:
         spike_s: time of the first spike, s.
         missing_s: time of the first missing value, s.
         drift_part_s: length of the stretches whose means the drift is taken of, s.
-        without_unit: why no unit is known; empty where one is.
+        without_unit: why no unit is known; None where one is.
     """
 
     clipped_at: tuple[float, ...] = ()
@@ -51,7 +64,7 @@ class Places:
     spike_s: float = np.nan
     missing_s: float = np.nan
     drift_part_s: float = 0.0
-    without_unit: str = ""
+    without_unit: NoUnit | None = None
 
 
 def _with_unit(value: str, unit: str) -> str:
@@ -69,13 +82,13 @@ def channel_findings(channel: ChannelHealth, places: Places) -> Iterator[Finding
         yield Finding(severity, channel.name, message)
 
 
-def unit_findings(without_unit: Mapping[str, str]) -> Iterator[Finding]:
+def unit_findings(without_unit: Mapping[str, NoUnit]) -> Iterator[Finding]:
     """Yield what to do about channels without a unit, in one sentence where it is the same for several.
 
     Args:
         without_unit: why no unit is known, by the channel's name.
     """
-    silent = [name for name, reason in without_unit.items() if "states no unit" in reason]
+    silent = [name for name, why in without_unit.items() if not why.is_stated]
     if len(silent) > 1:
         names = ", ".join(map(repr, silent[:4])) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")
         yield Finding(
@@ -84,9 +97,9 @@ def unit_findings(without_unit: Mapping[str, str]) -> Iterator[Finding]:
             f"{len(silent)} channels state no unit ({names}), they are inspected as written: give `unit` in their "
             "tables of [channels], or in [log] for all",
         )
-    for name, reason in without_unit.items():
+    for name, why in without_unit.items():
         if len(silent) < 2 or name not in silent:
-            yield Finding("warning", name, f"{reason}; it is inspected as written")
+            yield Finding("warning", name, f"{why.reason}; it is inspected as written")
 
 
 def _mute(channel: ChannelHealth) -> Iterator[tuple[Severity, str]]:

@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.across_channels import MOST_CROSSED, check_pair, looks_unsprung
 from opid.signals.channel_figures import Checks, TrackFigures, track_figures
-from opid.signals.channel_findings import channel_findings, unit_findings
+from opid.signals.channel_findings import NoUnit, channel_findings, unit_findings
 from opid.signals.channel_health import FLAT_S, LevelCheck, RunCheck
 from opid.signals.chunks import Chunk, ChunkMaker, chunk_rows, rows_of_a_bin, same_sized
 from opid.signals.clock_health import USUAL_STAMPS, ClockCheck, clock_findings
@@ -188,22 +188,23 @@ def _first_stamps(blocks: Iterator[Block], *, stated: bool) -> tuple[list[Block]
 
 def _conversions(
     track: Track, columns: Mapping[str, int], wanted: Mapping[str, ChannelSettings], settings: LogSettings
-) -> tuple[list[Converter], list[str], list[str]]:
+) -> tuple[list[Converter], list[str], list[NoUnit | None]]:
     """For each channel: what makes it SI, its unit, and why none is known."""
     convert: list[Converter] = []
-    units, without = [], []
+    units: list[str] = []
+    without: list[NoUnit | None] = []
     for name, column in columns.items():
         own, written = wanted[name], track.channels[column].unit or settings.unit
-        reason = ""
+        why = None
         try:
             unit = own.to_si(np.zeros(1), written)[1]
         except InputError as error:
-            unit, reason = "?", str(error)
+            unit, why = "?", NoUnit((own.unit or written) is not None, str(error))
             # scale, offset and sign hold in any unit
             own, written = replace(own, unit="1"), None
         convert.append(_converter(own, written))
         units.append(unit)
-        without.append(reason)
+        without.append(why)
     return convert, units, without
 
 
@@ -222,7 +223,7 @@ def _together(results: Sequence[TrackFigures], *, order: Sequence[str], numbers:
     places = {name: place for result in results for name, place in result.places.items()}
     for name in order:
         findings += channel_findings(channels[name], places[name])
-    findings += unit_findings({name: places[name].without_unit for name in order if places[name].without_unit})
+    findings += unit_findings({name: why for name in order if (why := places[name].without_unit) is not None})
     place = {name: i for i, name in enumerate(("", *order))}
     findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), place.get(finding.channel, 0)))
     main = max((result.clock for result in results), key=lambda clock: clock.n_samples)

@@ -1,1 +1,4 @@
-"""Two runs to parameters: the output-only identification of Iwaniec & Uhl (2007)."""
+"""Runs under known loads to parameters: one estimator for one suspension or several.
+
+Beside it, in folders of their own: the chain of Iwaniec & Uhl (2007), laws from a test bench, many flights compared.
+"""

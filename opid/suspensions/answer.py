@@ -11,13 +11,7 @@ from opid.estimate import Estimate
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.residual import sensor_ratio, thinned
 from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, GEAR_PARAMETERS, Evidence, InterfaceEstimate
-from opid.suspensions.warnings import StraightTerm
-
-_TRADES_WITH = {
-    "m/s": ("suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"),
-    "m": ("suspension_stiffness_n_per_m", "stiffness_per_mass", "natural_frequency_hz", "damping_ratio"),
-}
-"""What a term that is straight in velocity (its scale in m/s) or in travel (m) cannot be told from."""
+from opid.suspensions.straight_terms import StraightTerm
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +58,14 @@ class Numbers:
         """Return them without the intervals of what trades with straight terms."""
         parameters, ratios, interfaces = dict(self.parameters), dict(self.ratios), list(self.interfaces)
         for term in terms:
-            for name in _TRADES_WITH[term.unit]:
+            for name in term.trades_with:
                 for table in (parameters, ratios):
                     if name in table:
                         table[name] = bare(table[name])
             for k, each in enumerate(interfaces):
                 if each.name in names[term.group]:
                     law = {**each.law_estimates, term.kind: _bare_table(each.law_estimates.get(term.kind, {}))}
-                    if term.unit == "m/s":
+                    if term.is_damping:
                         interfaces[k] = replace(each, law_estimates=law, damping=bare(each.damping))
                     else:
                         interfaces[k] = replace(each, law_estimates=law, stiffness=bare(each.stiffness))

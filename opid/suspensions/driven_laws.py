@@ -12,7 +12,7 @@ from opid.mechanics.laws import Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.fit import Fit, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
-from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.law_parameters import faint_terms, has_slope
 from opid.suspensions.settings import SearchSettings
 
 
@@ -74,21 +74,19 @@ class DrivenLaws:
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
         # while a model is wrong its slow travel may be far off: the measured one is not
         rms = np.sqrt(np.mean(fit.model.motion_rms[list(slots)] ** 2, axis=0))
-        found = []
-        for term in offered_terms(
+        rms *= self.settings.most_measured_rms
+        return faint_terms(
             kind,
-            travel_rms=min(float(travel.std()), 3 * float(rms[0])),
-            velocity_rms=min(float(velocity.std()), 3 * float(rms[1])),
-            n_scales=self.settings.n_scales,
-        ):
-            force = Law((term,)).force(travel[::7], velocity[::7])
-            amplitude = self.settings.faint * fit.model.level / max(float(np.sqrt(np.mean(force**2))), 1e-300)
-            found.append(Term(kind, (amplitude, *term.inner)))
-        return found
+            travel,
+            velocity,
+            travel_rms=min(float(travel.std()), float(rms[0])),
+            velocity_rms=min(float(velocity.std()), float(rms[1])),
+            noise=fit.model.level,
+            settings=self.settings,
+        )
 
 
 def _node(term: Term, columns: FloatArray) -> Node:
-    has_scale = [parameter.role for parameter in term.kind.parameters[1:]] == ["scale"]
-    # by the logarithm of the scale, for unit amplitude
-    slope = columns[:, 1] * term.inner[0] / term.amplitude if has_scale else None
+    # by the logarithm of the inner parameter, for unit amplitude
+    slope = columns[:, 1] * term.inner[0] / term.amplitude if has_slope(term.kind) else None
     return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)

@@ -330,6 +330,7 @@ def _moved(
         except NO_FIT:
             return None
 
+    settings = model.settings.fit
     lower, upper = model.bounds()
     return least_squares(
         evaluate,
@@ -340,5 +341,7 @@ def _moved(
         free=free,
         most_evaluations=most_evaluations,
         least_promise=least_promise,
+        first_damping=settings.first_damping,
+        least_damping=settings.least_damping,
         first=model.evaluate,
     )

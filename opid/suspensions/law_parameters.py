@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from opid.mechanics.kinds import Kind
 from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
+from opid.suspensions.settings import SearchSettings
 
 
 def positive(law: Law) -> NDArray[np.bool_]:
@@ -65,14 +67,62 @@ def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[Fl
     return lower, upper
 
 
+def has_slope(kind: Kind) -> bool:
+    """Return whether a kind has one inner parameter that is positive: its columns are moved along its logarithm.
+
+    Args:
+        kind: any kind.
+
+    >>> [has_slope(LAWS[name]) for name in ("arctan_velocity", "signed_power_damping", "arctan_mixed", "cubic_damping")]
+    [True, True, False, False]
+    """
+    return [parameter.role for parameter in kind.parameters[1:]] in (["scale"], ["exponent"])
+
+
+def faint_terms(
+    kind: str,
+    travel: FloatArray,
+    velocity: FloatArray,
+    *,
+    travel_rms: float,
+    velocity_rms: float,
+    noise: float,
+    settings: SearchSettings,
+) -> list[Term]:
+    """Return the terms of `offered_terms` with amplitudes too weak to move anything.
+
+    Args:
+        kind: name in `opid.mechanics.laws.LAWS`.
+        travel: (n,) z, m.
+        velocity: (n,) z', m/s.
+        travel_rms: over which scales are laid out, m.
+        velocity_rms: the same of the velocity, m/s.
+        noise: what the force is faint beside, m/s^2.
+        settings: of the search.
+    """
+    found, every = [], settings.every_sample
+    for term in offered_terms(
+        kind,
+        travel_rms=travel_rms,
+        velocity_rms=velocity_rms,
+        n_scales=settings.n_scales,
+        fractions=settings.scale_fractions,
+        lags=settings.lags,
+    ):
+        force = Law((term,)).force(travel[::every], velocity[::every])
+        amplitude = settings.faint * noise / max(float(np.sqrt(np.mean(force**2))), 1e-300)
+        found.append(Term(kind, (amplitude, *term.inner)))
+    return found
+
+
 def offered_terms(
     kind: str,
     *,
     travel_rms: float,
     velocity_rms: float,
     n_scales: int,
-    fractions: tuple[float, float] = (0.4, 0.98),
-    lags: Sequence[float] = (0.3, 1.0, 3.0),
+    fractions: tuple[float, float] = SearchSettings.scale_fractions,
+    lags: Sequence[float] = SearchSettings.lags,
     exponents: Sequence[float] = (),
 ) -> list[Term]:
     """Return terms of unit amplitude of a kind, its inner parameters over the range in which this motion shows them.

@@ -15,8 +15,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from opid.mechanics.kinds import BUILT_IN, LAWS
-from opid.mechanics.laws import LINEAR, Law, Term
+from opid.mechanics.laws import LAWS, LINEAR, Law, Term
 from opid.suspensions.law_dictionary import LawDictionary
 from opid.suspensions.settings import SearchSettings
 
@@ -106,13 +105,8 @@ class _Move:
 
 
 def library() -> tuple[str, ...]:
-    """Return the names of the kinds that a search may use: those with an exponent contain others as special cases."""
-    built_in = {kind.name for kind in BUILT_IN}
-    return tuple(
-        name
-        for name, kind in LAWS.items()
-        if kind.searched and (name not in built_in or all(p.role != "exponent" for p in kind.parameters))
-    )
+    """Return the names of the kinds that a search for the law of a suspension tries, users' own among them."""
+    return tuple(name for name, kind in LAWS.items() if kind.searched and not kind.bench_only)
 
 
 def search_laws(

@@ -32,6 +32,8 @@ def least_squares(
     free: slice = slice(None),
     most_evaluations: int,
     least_promise: float,
+    first_damping: float,
+    least_damping: float,
     first: Callable[[FloatArray], Residual] | None = None,
 ) -> tuple[FloatArray, int]:
     """Return the vector of least squared error near `theta` and the evaluations spent.
@@ -47,10 +49,10 @@ def least_squares(
         free: the entries that may move.
         most_evaluations: at the most.
         least_promise: the search ends when the next step promises less of the squared error over its variance.
+        first_damping: of the step after one that failed, over the squared size of each column.
+        least_damping: a smaller one is none.
         first: takes the place of `evaluate` at the start, and may raise.
     """
-    # the first damping of a step that failed, over the squared size of each column; smaller than the second is none
-    first_damping, least_damping = 1e-3, 1e-6
     lower, upper, caps = lower[free], upper[free], caps[free]
     best = theta.copy()
     best[free] = np.clip(best[free], lower, upper)

@@ -12,17 +12,10 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, carried_over
 from opid.suspensions.model import Model
+from opid.suspensions.settings import IntervalSettings
 from opid.suspensions.study import Study
 
 _WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
-
-# a fault of the sensors of the first interface, how it is said, its usual size
-_USUAL = (
-    ("gain_sprung", "1 % of gain error between the sensors", 0.01),
-    ("corner_sprung_hz", "an AC coupling at 0.1 Hz of the sprung sensor alone", 0.1),
-    ("corner_unsprung_hz", "an AC coupling at 0.1 Hz of the unsprung sensor alone", 0.1),
-    ("lag_s", "a lag of 1 ms between the channels", 1e-3),
-)
 
 
 @dataclass(frozen=True)
@@ -120,12 +113,14 @@ def ground_imitations(fit: Fit) -> GroundImitations:
 
 def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]:
     """The model of one gear in which all usual faults are free, and values of those that cannot stay as they are."""
-    slight_hz, sensors, values = 1e-3, model.sensors, dict[str, float]()
+    settings, sensors, values = model.settings, model.sensors, dict[str, float]()
     for side in ("unsprung", "sprung"):
-        corner_hz = sensors.facts(side)[0].corner_hz or slight_hz
-        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=0.5)
+        corner_hz = sensors.facts(side)[0].corner_hz or settings.intervals.imitating_slight_hz
+        tolerance = settings.faults.corner_tolerance
+        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=tolerance)
     sensors = sensors.changed("unsprung", 0, gain_tolerance=0.0)
-    sensors = sensors.changed("sprung", 0, gain_tolerance=0.01, lag_tolerance_s=1e-3)
+    gain, lag_s = settings.intervals.imitating_gain, settings.intervals.imitating_lag_s
+    sensors = sensors.changed("sprung", 0, gain_tolerance=gain, lag_tolerance_s=lag_s)
     if "gain_unsprung" in fit.model.names:
         # only the ratio of the gains is seen
         values["gain_sprung"] = (fit.value("gain_sprung") or 1.0) / fit.value("gain_unsprung")
@@ -139,13 +134,26 @@ def _schur(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
     return np.asarray(gram[np.ix_(kept, kept)] - cross @ inverse @ cross.T)
 
 
+def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], ...]:
+    """Faults of the sensors of the first interface: name, how it is said, size."""
+    gain, corner_hz, lag_s = settings.imitating_gain, settings.imitating_corner_hz, settings.imitating_lag_s
+    return (
+        ("gain_sprung", f"{100 * gain:g} % of gain error between the sensors", gain),
+        ("corner_sprung_hz", f"an AC coupling at {corner_hz:g} Hz of the sprung sensor alone", corner_hz),
+        ("corner_unsprung_hz", f"an AC coupling at {corner_hz:g} Hz of the unsprung sensor alone", corner_hz),
+        ("lag_s", f"a lag of {1e3 * lag_s:g} ms between the channels", lag_s),
+    )
+
+
 def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
-    places = [spring, *(names.index(name) for name, _, _ in _USUAL)]
+    settings = fit.model.settings.intervals
+    faults = _usual_faults(settings)
+    places = [spring, *(names.index(name) for name, _, _ in faults)]
     others = [k for k in range(size.size) if k not in places]
     left = _schur(gram, others, places) * np.outer(size[places], size[places])
     stiffness = float(fit.theta[0])
-    for k, (_, words, usual) in enumerate(_USUAL, start=1):
+    for k, (_, words, usual) in enumerate(faults, start=1):
         cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)
         feigned = usual * left[0, k] / max(left[0, 0], 1e-300) / stiffness
-        if abs(cosine) > fit.model.settings.intervals.alike_cosine:
+        if abs(cosine) > settings.alike_cosine:
             yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"

@@ -20,10 +20,8 @@ from opid.signals.logs import open_log
 from opid.signals.recording import Recording
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.segments import taxi_segment
+from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import SAME_RATE, Run
-
-REDUCED_ABOVE_HZ, REDUCED_TO_HZ = 1100.0, 500.0
-"""Runs sampled faster are reduced: the band that is compared ends at 40 Hz, and time is spent on every sample."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +70,15 @@ class _Recorder:
 
 
 def run_from_files(
-    files: RunFiles, *, fs_hz: float | None = None, progress: Callable[[str], None] | None = None
+    files: RunFiles,
+    *,
+    fs_hz: float | None = None,
+    settings: RunSettings | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
-    Where no rate is given it is the lowest of theirs, reduced if it is above 1100 Hz.
+    Where no rate is given it is the lowest of theirs, reduced if it is above `RunSettings.reduced_above_hz`.
 
     Raises:
         InputError: a log or a channel is at fault, or nothing of it is sound.
@@ -110,7 +112,8 @@ def run_from_files(
             f"the sound stretches of its logs share no time: from {begin:g} s on, up to {end:g} s{reasons}"
         )
     parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
-    recording, more = _on_one_clock(parts, tuple(files.sources), fs_hz)
+    fs = fs_hz or _reduced(min(part.fs for part in parts), settings or RunSettings())
+    recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
     if len({recorder.log.path for recorder in recorders}) > 1:
         words = (
             f"its channels come from {len(parts)} recorders: a wrong shift_s, or clocks that drift apart (20 ppm are "
@@ -129,7 +132,7 @@ def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
     fs = min((run.recording.fs for run in runs), default=0.0)
     changed = []
     for run in runs:
-        recording, findings = _on_one_clock([run.recording], run.recording.names, fs)
+        recording, findings = _on_one_clock([run.recording], run.recording.names, fs, fs)
         changed.append(replace(run, recording=recording, findings=(*run.findings, *findings)))
     return tuple(changed)
 
@@ -202,10 +205,9 @@ def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: 
 
 
 def _on_one_clock(
-    parts: Sequence[Recording], order: Sequence[str], fs_hz: float | None
+    parts: Sequence[Recording], order: Sequence[str], fs: float, fs_hz: float | None
 ) -> tuple[Recording, list[Finding]]:
     """The parts at one rate, and what was found in those that had to be resampled, while it could be seen."""
-    fs = fs_hz or _reduced(min(part.fs for part in parts))
     if len(parts) == 1 and abs(parts[0].fs / fs - 1) < SAME_RATE:
         return parts[0], []
     findings: list[Finding] = []
@@ -226,5 +228,5 @@ def _without_spikes(recording: Recording) -> Recording:
     return replace(recording, samples=np.stack(columns, axis=1), history=tuple(history))
 
 
-def _reduced(fs: float) -> float:
-    return fs if fs <= REDUCED_ABOVE_HZ else fs / int(fs // REDUCED_TO_HZ)
+def _reduced(fs: float, settings: RunSettings) -> float:
+    return fs if fs <= settings.reduced_above_hz else fs / int(fs // settings.reduced_to_hz)

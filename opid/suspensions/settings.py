@@ -52,6 +52,9 @@ class RunSettings:
         ground_drift_paths: the same in multiples of what a parabola leaves of the measured path: on a hill more may be
             hidden in its offset than on the flat.
         least_s: three periods of the slowest motion that is compared.
+        reduced_above_hz: runs from files that are sampled faster are reduced, unless the study gives `fs_hz`: time is
+            spent on every sample, and the band ends far below ...
+        reduced_to_hz: ... by a whole number, to no less than this rate.
     """
 
     band_hz: tuple[float, float] = (0.3, 40.0)
@@ -68,6 +71,8 @@ class RunSettings:
     ground_drift_m: float = 0.02
     ground_drift_paths: float = 4.0
     least_s: float = 10.0
+    reduced_above_hz: float = 1100.0
+    reduced_to_hz: float = 500.0
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,8 @@ class FitSettings:
             make up for what is still wrong.
         fastest: a motion of this rate times its length is put off by two parts in a thousand by a step.
         most_folded: power over that of the noise that a coarse rate may fold into the band.
+        first_damping: damping of the step after one that failed, over the squared size of each column ...
+        least_damping: ... and a smaller one is none: the step of Gauss and Newton is taken.
     """
 
     noisier: tuple[tuple[float, ...], ...] = ((100.0, 20.0, 4.0), (30.0, 5.0))
@@ -131,6 +138,8 @@ class FitSettings:
     held_fraction: float = 1e-3
     fastest: float = 0.7
     most_folded: float = 2.0
+    first_damping: float = 1e-3
+    least_damping: float = 1e-6
 
 
 @dataclass(frozen=True)
@@ -159,6 +168,12 @@ class SearchSettings:
         hopeless: residual over noise above which laws or faults are tried only if they promise a good fraction: none
             mends what a wrong structure leaves.
         good_fraction: of the squared error that all candidates together must then explain, to first order.
+        scale_fractions: between which fractions of the range in which a scale can be seen, in its logarithm, scales are
+            tried: at its lower end friction is a step, at its upper end a straight line.
+        lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms.
+        most_measured_rms: scales are laid out over the predicted motion, and over this many times the measured one at
+            the most: while a model is wrong, its slow travel may be far off.
+        every_sample: the rms force of a candidate is taken of every sample but so many: it need be known roughly.
     """
 
     n_scales: int = 4
@@ -178,6 +193,10 @@ class SearchSettings:
     alike_bic: float = 10.0
     hopeless: float = 20.0
     good_fraction: float = 0.2
+    scale_fractions: tuple[float, float] = (0.4, 0.98)
+    lags: tuple[float, ...] = (0.3, 1.0, 3.0)
+    most_measured_rms: float = 3.0
+    every_sample: int = 7
 
 
 @dataclass(frozen=True)
@@ -242,6 +261,11 @@ class IntervalSettings:
         negligible_ground: a ground spring below this fraction of K is not worth a warning.
         same_frequency: runs of one mass whose natural frequencies differ by more than this fraction are unlike.
         least_remainder: a run that keeps less than this fraction of the mass is a slip of the pen.
+        imitating_gain: gain error whose likeness to a ground spring is told. This and the next ones are sizes that a
+            reader can picture; what a fit may move is in `FaultSettings`.
+        imitating_corner_hz: corner of the AC coupling of one sensor alone whose likeness is told.
+        imitating_lag_s: lag between the channels whose likeness is told.
+        imitating_slight_hz: where a sensor is not AC-coupled, the derivative by its corner is taken here.
     """
 
     lines_per_cell: int = 16
@@ -260,6 +284,10 @@ class IntervalSettings:
     negligible_ground: float = 0.002
     same_frequency: float = 0.01
     least_remainder: float = 0.2
+    imitating_gain: float = 0.01
+    imitating_corner_hz: float = 0.1
+    imitating_lag_s: float = 1e-3
+    imitating_slight_hz: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -282,6 +310,36 @@ class SurfaceSettings:
 
 
 @dataclass(frozen=True)
+class WarningSettings:
+    """When something is worth a warning. What is explained, doubtful or refused stands in `Verdicts`.
+
+    Args:
+        least_loading_kg: a scale that rests on a smaller loading may be in another unit ...
+        least_mass_kg: ... and so may one that gives a smaller mass.
+        straight_rms: a term whose scale lies beyond this many rms motions is a straight line over what was visited ...
+        usual_reach_rms: ... unless its kind is looked for beyond this many: a scale that may be long by nature bends
+            within it all the same.
+        left_out_more: runs of one gear that the others predict are worth a warning where they leave this many times
+            what the fit leaves.
+        left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:
+            a smaller excess then points to a run.
+        slow_fraction: a residual below this fraction of the resonance is slow motion ...
+        fast_fraction: ... and one above this multiple of it is another resonance.
+        loose_mass: a mass change is worth doubling where the mass is known to no better than this, relative.
+    """
+
+    least_loading_kg: float = 5.0
+    least_mass_kg: float = 50.0
+    straight_rms: float = 2.0
+    usual_reach_rms: float = 3.0
+    left_out_more: float = 1.2
+    left_out_more_of_body: float = 1.1
+    slow_fraction: float = 0.6
+    fast_fraction: float = 2.5
+    loose_mass: float = 0.02
+
+
+@dataclass(frozen=True)
 class Settings:
     """All of them.
 
@@ -294,6 +352,7 @@ class Settings:
         faults: that may be let in.
         intervals: and what is said of them.
         surface: of the force without a law.
+        warnings: when something is worth one.
 
     >>> from dataclasses import replace
     >>> stricter = replace(Settings(), verdicts=Verdicts(refused=10.0))
@@ -309,3 +368,4 @@ class Settings:
     faults: FaultSettings = field(default_factory=FaultSettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
+    warnings: WarningSettings = field(default_factory=WarningSettings)

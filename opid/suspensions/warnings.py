@@ -14,37 +14,16 @@ from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import NO_FIT, Fit, fit_model
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import Evidence, InterfaceEstimate
-from opid.suspensions.settings import Verdicts
+from opid.suspensions.settings import Verdicts, WarningSettings
+from opid.suspensions.straight_terms import StraightTerm
 from opid.suspensions.study import Run, Study, rigid_faults
 
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
 
-# a scale that rests on less, or gives less, may be in another unit
-_LEAST_LOADING_KG, _LEAST_MASS_KG = 5.0, 50.0
-
-
-@dataclass(frozen=True)
-class StraightTerm:
-    """A term of a law that the motion did not bend: it trades with a linear one.
-
-    Args:
-        group: name of the group of interfaces.
-        kind: of the term.
-        unit: of its scale, "m/s" or "m".
-        scale: its inner scale.
-        motion_rms: rms of that motion, in the same unit.
-    """
-
-    group: str
-    kind: str
-    unit: str
-    scale: float
-    motion_rms: float
-
 
 def straight_terms(part: Fitted) -> list[StraightTerm]:
-    """Return the terms whose scale lies beyond twice the rms motion: stiffness or damping by another name."""
-    fit, loosely_known = part.fit, part.settings.verdicts.loosely_known
+    """Return the terms whose scale lies far beyond the rms motion: stiffness or damping by another name."""
+    fit, loosely_known, settings = part.fit, part.settings.verdicts.loosely_known, part.settings.warnings
     found = []
     for number, (group, law) in enumerate(zip(fit.groups, fit.laws.values(), strict=True)):
         place = fit.model.law_places(number).start
@@ -54,10 +33,10 @@ def straight_terms(part: Fitted) -> list[StraightTerm]:
             place += len(term.values)
             for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
                 # a kind whose scale may be long by nature bends within it all the same
-                if parameter.role != "scale" or parameter.over_rms[1] > 3.0:
+                if parameter.role != "scale" or parameter.over_rms[1] > settings.usual_reach_rms:
                     continue
                 rms = float((velocity if parameter.unit == "m/s" else travel).std())
-                if value > 2 * rms and std > loosely_known * abs(term.amplitude):
+                if value > settings.straight_rms * rms and std > loosely_known * abs(term.amplitude):
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
     return found
 
@@ -301,18 +280,13 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from _of_stated_facts(part)
     if told:
         yield from _of_the_ground(answer)
-    yield from _of_the_scale(choice.study, answer.mass)
+    yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings)
     for motion in answer.loose:
         yield _untold_motion(motion)
     for part in told:
         yield from _of_places(part)
     for term in [term for terms in answer.straight for term in terms] if told else ():
-        partner, where = "damping" if term.unit == "m/s" else "stiffness", f" at {term.group!r}" * bool(term.group)
-        yield (
-            f"{term.kind}{where} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, "
-            f"motion {term.motion_rms:.3g} {term.unit} rms) and cannot be told from {partner}: only amplitude over "
-            "scale is determined, and the intervals of both are withheld"
-        )
+        yield term.warning
 
 
 def _of_the_log(run: Run) -> Iterator[str]:
@@ -342,8 +316,8 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
     """Of one gear: how large, and what usually leaves such a residual."""
     (part,), (evidence,), verdicts = answer.choice.parts, answer.evidence, answer.choice.verdicts
     found, ratio = evidence.whiteness, part.residual_over_noise
-    left_out = part.left_out_over_noise
-    if left_out is not None and ratio <= verdicts.noted and left_out > max(verdicts.noted, 1.2 * ratio):
+    left_out, more = part.left_out_over_noise, part.settings.warnings.left_out_more
+    if left_out is not None and ratio <= verdicts.noted and left_out > max(verdicts.noted, more * ratio):
         yield (
             f"runs that the others predict leave {over_noise(left_out)} times the noise of the sensors: a mass change "
             "may not be as stated, or something has changed between the runs"
@@ -366,10 +340,11 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
 def _reason(fit: Fit, band_hz: tuple[float, float]) -> str:
     """What usually leaves a residual in such a band."""
     square = fit.theta[0] + fit.value(fit.model.groups[0].called(GROUND))
+    settings = fit.model.settings.warnings
     resonance_hz = float(np.sqrt(max(square, 0.0))) / (2 * np.pi)
-    if band_hz[1] < 0.6 * resonance_hz:
+    if band_hz[1] < settings.slow_fraction * resonance_hz:
         return "AC coupling, a drifting sensor or a law of the travel outside the library make such slow motion"
-    if band_hz[0] > 2.5 * resonance_hz:
+    if band_hz[0] > settings.fast_fraction * resonance_hz:
         return "a second resonance (a roll, pitch or bending mode, a loose bracket) or a lag between the channels"
     return (
         "a gear on a body that rolls or pitches is no gear alone, a law outside the library, memory in the strut or "
@@ -383,7 +358,8 @@ def _of_the_structure(answer: Answer) -> Iterator[str]:
     if lack > verdicts.explained:
         named = verdicts.explained < ratio <= verdicts.refused
         yield choice.why + (worst_sensor(study, parts) if named else "")
-        if ratio <= verdicts.explained or (lack > 1.1 * ratio and ratio <= verdicts.refused):
+        more = parts[0].settings.warnings.left_out_more_of_body
+        if ratio <= verdicts.explained or (lack > more * ratio and ratio <= verdicts.refused):
             yield (
                 f"runs that the others predict leave {over_noise(lack)} times the noise: a loading may have another "
                 "mass or stand elsewhere than stated, or something has changed between the runs"
@@ -460,21 +436,21 @@ def _of_the_ground(answer: Answer) -> Iterator[str]:
     )
 
 
-def _of_the_scale(study: Study, mass: Estimate) -> Iterator[str]:
+def _of_the_scale(study: Study, mass: Estimate, settings: WarningSettings) -> Iterator[str]:
     """A loading in tonnes scales everything, and is seen by nobody."""
     if mass.value is None:
         return
     if study.is_one_gear:
         changes = [run.mass_change_kg for run in study.runs]
         fraction = (max(changes) - min(changes)) / mass.value
-        if mass.std is not None and mass.std / mass.value > 0.02:
+        if mass.std is not None and mass.std / mass.value > settings.loose_mass:
             yield (
                 f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by "
                 f"about {1 / fraction:.0f}: doubling it would halve the interval of the mass"
             )
         return
     largest = max((each for run in study.runs for each in run.masses), key=lambda each: abs(each.mass_kg))
-    if abs(largest.mass_kg) < _LEAST_LOADING_KG or mass.value < _LEAST_MASS_KG:
+    if abs(largest.mass_kg) < settings.least_loading_kg or mass.value < settings.least_mass_kg:
         yield (
             f"the scale rests on {largest.mass_kg:+g} kg at ({largest.x_m:g}, {largest.y_m:g}) m, which makes the mass "
             f"{mass.value:.3g} kg: loadings are in kg"

@@ -18,7 +18,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary, orthonormal
-from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.law_parameters import has_slope, offered_terms
 from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
 from opid.suspensions.settings import SearchSettings
 
@@ -154,14 +154,13 @@ class BenchLaws:
                 travel_rms=travel,
                 velocity_rms=velocity,
                 n_scales=known.search.n_scales,
-                fractions=(0.0, 1.0),
-                lags=known.lags,
+                fractions=known.search.scale_fractions,
+                lags=known.search.lags,
                 exponents=known.exponents,
             ):
                 columns = -Law((term,)).parameter_gradient(points.z, points.v)
                 if np.isfinite(columns).all():
-                    roles = [parameter.role for parameter in term.kind.parameters[1:]]
-                    slope = columns[:, 1] * term.inner[0] if roles in (["scale"], ["exponent"]) else None
+                    slope = columns[:, 1] * term.inner[0] if has_slope(term.kind) else None
                     nodes.setdefault(kind, []).append(Node(term, columns[:, 0], slope))
         return nodes
 

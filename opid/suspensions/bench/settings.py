@@ -62,7 +62,8 @@ def _search() -> SearchSettings:
     """The search on a bench: fits cost little, so more of them are made, and what is left is the noise of one channel.
 
     Against the search on driven models: an error margin of 1 %, for a term that lowers the error by less corrects the
-    shape of another one; a margin for inner parameters, for of laws that fit alike the plainer one is taken; and the
+    shape of another one; scales over all of the range in which they can be seen, and more lags, for a record may have
+    been made at any; a margin for inner parameters, for of laws that fit alike the plainer one is taken; and the
     columns are trusted to 20 % of the error only, for noise is so low that it shows how coarsely scales are tried.
     """
     return SearchSettings(
@@ -74,6 +75,8 @@ def _search() -> SearchSettings:
         n_refitted=6,
         most_terms=4,
         n_neighbours=6,
+        scale_fractions=(0.0, 1.0),
+        lags=(0.1, 0.3, 1.0, 3.0, 10.0),
     )
 
 
@@ -90,7 +93,6 @@ class BenchSettings:
         n_stretches: stretches of time that are left out by turns ...
         n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
         exponents: at which a power is tried, before it is searched.
-        lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms, before it is searched.
         least_r2: a law that explains a smaller fraction of the force where it was left out explains nothing.
         least_static_r2: where the past is seen and no law explains this fraction of the force, there is no law.
         missing_r2: fraction of the force, and ...
@@ -107,7 +109,6 @@ class BenchSettings:
     n_stretches: int = 30
     n_folds: int = 10
     exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
-    lags: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0)
     least_r2: float = 0.02
     least_static_r2: float = 0.5
     missing_r2: float = 0.002

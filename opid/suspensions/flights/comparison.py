@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,28 +17,14 @@ from opid.suspensions.flights.departures import (
     Measured,
     Point,
     Series,
+    Status,
     chance_of_steps,
     judged,
     measured,
     scatter_between,
 )
 from opid.suspensions.flights.results import Flight, Flights, Quantity, listed
-
-FALSE_ALARM = 1e-3
-"""Chance that a structure that did not change is flagged anywhere in a comparison, if the intervals hold."""
-
-NARROW, NARROW_AS_OTHERS = 0.01, 0.5
-"""Chance of the steps between neighbouring flights below which intervals are taken to be too narrow anywhere; and that
-of one quantity where those of all quantities together are."""
-
-ENOUGH = 4
-"""Steps between neighbouring flights below which a change cannot be told from scatter."""
-
-SUSPECT = 0.1
-"""Chance of the steps below which scatter is not yet certain, but a flag may be scatter."""
-
-CLEAR = 5.0
-"""A change is told as a share where the value before is this many standard deviations from zero."""
+from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
 
 
 @dataclass(frozen=True)
@@ -77,6 +63,7 @@ class Comparison:
         false_alarm: chance of any flag if nothing changed and the intervals hold.
         n_tests: tests that share it.
         warnings: what to doubt, one sentence each.
+        settings: every number that was tuned.
     """
 
     flights: tuple[Flight, ...]
@@ -86,9 +73,10 @@ class Comparison:
     false_alarm: float
     n_tests: int
     warnings: tuple[str, ...]
+    settings: FlightSettings
 
 
-def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison:
+def compare(flights: Flights, *, false_alarm: float | None = None, settings: FlightSettings = DEFAULTS) -> Comparison:
     r"""Compare each flight with the earlier ones, quantity by quantity, and flag what changed.
 
     A flight is compared with the weighted mean of the earlier flights that were not flagged, and so is its mean with
@@ -101,18 +89,23 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
     between neighbouring flights, of five or more, are larger than their intervals make them (`chance_of_steps`), the
     median of all gears gives the scatter between flights (wheel tracks, temperature), which joins the standard
     deviations, and t is one of Student's distribution, with the freedom of the scatter. The flight after a flagged one
-    is judged by itself (`FOLLOWING`): it confirms the flag or not.
+    is judged by itself (`FlightSettings.following`): it confirms the flag or not.
 
     Args:
         flights: from `read_flights`.
-        false_alarm: chance of any flag in the whole comparison if nothing changed.
+        false_alarm: chance of any flag in the whole comparison if nothing changed; None for that of the settings.
+        settings: every number that was tuned.
 
     Raises:
         InputError: a chance that is not between 0 and 0.5.
         NotDeterminedError: no quantity has an interval in two flights.
     """
-    if not 0 < false_alarm <= 0.5:
-        raise InputError(f"the false-alarm level is {false_alarm:g}, give a chance between 0 and 0.5, like 0.001")
+    if false_alarm is not None:
+        settings = replace(settings, false_alarm=false_alarm)
+    if not 0 < settings.false_alarm <= 0.5:
+        raise InputError(
+            f"the false-alarm level is {settings.false_alarm:g}, give a chance between 0 and 0.5, like 0.001"
+        )
     found = [measured(flights.flights, quantity) for quantity in _quantities(flights)]
     n_tests = sum(max(0, 2 * each.value.size - 3) for each in found)
     if not n_tests:
@@ -120,22 +113,32 @@ def compare(flights: Flights, *, false_alarm: float = FALSE_ALARM) -> Comparison
             "no quantity has a value with an interval in two flights, so no change can be told from its uncertainty: "
             f"{'; '.join(_for_want_of_intervals(flights))}"
         )
-    chance = -math.expm1(math.log1p(-false_alarm) / n_tests)
-    scatter = _scatter(found, len(flights.flights))
+    chance = -math.expm1(math.log1p(-settings.false_alarm) / n_tests)
+    scatter = _scatter(found, len(flights.flights), settings)
     series = []
     for each in found:
         share, freedom = scatter[each.quantity.label]
-        series.append(judged(each, scatter=share, freedom=freedom, chance=chance))
-    changes = sorted((change for each in series for change in _changes(each, flights)), key=lambda each: each.first)
+        series.append(judged(each, scatter=share, freedom=freedom, chance=chance, settings=settings))
+    changes = sorted(
+        (change for each in series for change in _changes(each, flights, settings)), key=lambda each: each.first
+    )
+    chance_of_all = _chance(found, len(flights.flights))
     return Comparison(
         flights.flights,
         flights.dated,
         tuple(series),
         tuple(changes),
-        false_alarm,
+        settings.false_alarm,
         n_tests,
-        (*flights.notes, *_doubts(flights.flights, series, changes, _chance(found, len(flights.flights)))),
+        (*_told(flights), *_doubts(flights.flights, series, changes, chance_of_all, settings)),
+        settings,
     )
+
+
+def _told(flights: Flights) -> Iterator[str]:
+    """What was left out, and what is to be said of the order."""
+    yield from (each.sentence for each in flights.left_out)
+    yield from flights.notes
 
 
 def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
@@ -145,28 +148,29 @@ def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
         yield f"the results come from the method {' and '.join(others)}, and the default method gives intervals"
     else:
         yield "the warnings of the results say why"
-    yield from (note for note in flights.notes if "is left out" in note)
+    yield from (each.sentence for each in flights.left_out)
 
 
-def _scatter(found: Sequence[Measured], n_flights: int) -> dict[str, tuple[float, float]]:
+def _scatter(found: Sequence[Measured], n_flights: int, settings: FlightSettings) -> dict[str, tuple[float, float]]:
     """Scatter and degrees of freedom for each kind of quantity, of all gears together."""
     alike: dict[str, list[Measured]] = {}
     for each in found:
         alike.setdefault(each.quantity.label, []).append(each)
     # few flights tell little of one quantity, but more of all of them
-    together = _is_narrow(found, n_flights, NARROW)
+    together = _is_narrow(found, n_flights, settings.narrow, settings)
+    below = settings.narrow_as_others if together else settings.narrow
     scatter = {}
     for label, several in alike.items():
-        narrow = _is_narrow(several, n_flights, NARROW_AS_OTHERS if together else NARROW)
-        scatter[label] = scatter_between(*_table(several, n_flights)) if narrow else (0.0, math.inf)
+        narrow = _is_narrow(several, n_flights, below, settings)
+        scatter[label] = scatter_between(*_table(several, n_flights), settings=settings) if narrow else (0.0, math.inf)
     return scatter
 
 
-def _is_narrow(found: Sequence[Measured], n_flights: int, level: float) -> bool:
+def _is_narrow(found: Sequence[Measured], n_flights: int, below: float, settings: FlightSettings) -> bool:
     """Whether the steps between flights are enough, and larger than their intervals make them."""
     value, _ = _table(found, n_flights)
     steps = ~np.isnan(np.diff(value)).all(axis=0)
-    return bool(steps.sum() >= ENOUGH and _chance(found, n_flights) < level)
+    return bool(steps.sum() >= settings.enough_steps and _chance(found, n_flights) < below)
 
 
 def _chance(found: Sequence[Measured], n_flights: int) -> float:
@@ -191,7 +195,7 @@ def _quantities(flights: Flights) -> list[Quantity]:
     return [quantity for name in names for quantity, n in counts.items() if quantity.name == name and n > 1]
 
 
-def _changes(series: Series, flights: Flights) -> list[Change]:
+def _changes(series: Series, flights: Flights, settings: FlightSettings) -> list[Change]:
     """Join the flagged flights of a series that follow each other to the same side."""
     groups: list[list[Point]] = []
     before = None
@@ -203,10 +207,10 @@ def _changes(series: Series, flights: Flights) -> list[Change]:
                 groups.append([point])
         if point.departure is not None:
             before = point
-    return [_change(series, group, flights) for group in groups]
+    return [_change(series, group, flights, settings) for group in groups]
 
 
-def _change(series: Series, group: Sequence[Point], flights: Flights) -> Change:
+def _change(series: Series, group: Sequence[Point], flights: Flights, settings: FlightSettings) -> Change:
     """The mean of the flagged flights against those before the first of them."""
     first = group[0]
     expected = first.expected or 0.0
@@ -217,7 +221,7 @@ def _change(series: Series, group: Sequence[Point], flights: Flights) -> Change:
     before = max(0.0, (first.std or 0.0) ** 2 - variance[0])
     change = float(values @ (1 / variance) / (1 / variance).sum()) - expected
     std = math.sqrt(1 / (1 / variance).sum() + before)
-    clear = abs(expected) > CLEAR * math.sqrt(before) and expected != 0
+    clear = abs(expected) > settings.clear_std * math.sqrt(before) and expected != 0
     share = Estimate.normal(change / abs(expected), std / abs(expected)) if clear else Estimate()
     departure = max((point.departure or 0.0 for point in group), key=abs)
     statement = _statement(series, group, flights, share, change, departure)
@@ -260,7 +264,11 @@ def when(flight: Flight) -> str:
 
 
 def _doubts(
-    flights: Sequence[Flight], series: Sequence[Series], changes: Sequence[Change], chance: float
+    flights: Sequence[Flight],
+    series: Sequence[Series],
+    changes: Sequence[Change],
+    chance: float,
+    settings: FlightSettings,
 ) -> Iterator[str]:
     yield from _missing(flights, series)
     for gear, n in Counter(gear for flight in flights for gear in flight.laws).items():
@@ -271,7 +279,7 @@ def _doubts(
     methods = sorted({flight.method for flight in flights})
     if len(methods) > 1:
         yield f"the results come from different methods ({', '.join(methods)}), which may differ from each other"
-    yield from _scattered(series, changes, chance)
+    yield from _scattered(series, changes, chance, settings)
     for change in changes:
         if len(_before(change, series)) == 1:
             yield (
@@ -281,7 +289,9 @@ def _doubts(
     yield from _all_alike(flights, series, changes)
 
 
-def _scattered(series: Sequence[Series], changes: Sequence[Change], chance: float) -> Iterator[str]:
+def _scattered(
+    series: Sequence[Series], changes: Sequence[Change], chance: float, settings: FlightSettings
+) -> Iterator[str]:
     """Whether flights differ by more than their intervals, and what that hides."""
     widest: dict[str, Series] = {}
     for each in series:
@@ -299,12 +309,12 @@ def _scattered(series: Sequence[Series], changes: Sequence[Change], chance: floa
     if scattered:
         return
     few = max(sum(point.departure is not None for point in each.points) for each in series)
-    if few < ENOUGH:
+    if few < settings.enough_steps:
         yield (
             f"with {few + 1} flights the scatter between flights is hardly seen: what is flagged and what is not rests "
             "on the intervals of the results"
         )
-    if changes and chance < SUSPECT:
+    if changes and chance < settings.suspect:
         yield (
             "most quantities differ from flight to flight by more than their intervals let expect: a flag may be "
             "scatter (wheel tracks, temperature, loading) that more flights would show"
@@ -314,17 +324,17 @@ def _scattered(series: Sequence[Series], changes: Sequence[Change], chance: floa
 def _before(change: Change, series: Sequence[Series]) -> list[Point]:
     """The judged flights of the series before a change."""
     points = next(each.points for each in series if each.quantity == change.quantity)
-    return [point for point in points if point.flight < change.first and not point.status.startswith("no ")]
+    return [point for point in points if point.flight < change.first and point.has_interval]
 
 
 def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
     """Quantities of single flights that are not there, those of one flight in one sentence."""
-    for status, words in (("no value", "have no value"), ("no interval", "have no interval")):
+    for status, words in ((Status.NO_VALUE, "have no value"), (Status.NO_INTERVAL, "have no interval")):
         for place, flight in enumerate(flights):
             lacking = [
                 each.quantity.label + (f" of {each.quantity.gear!r}" if each.quantity.gear else "")
                 for each in series
-                if any(point.flight == place and point.status == status for point in each.points)
+                if any(point.flight == place and point.status is status for point in each.points)
             ]
             if lacking:
                 yield f"{when(flight)}: {listed(lacking)} {words} and are not judged"

@@ -5,25 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.results import Flight, Quantity
+from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
 
-FOLLOWING = 0.01
-"""One-sided chance at which the flight after a flagged one confirms it: one test alone, so nothing else is shared."""
 
-FREEDOM_SHARE = 0.4
-"""Degrees of freedom of the median of differences that overlap, for each of them: Student's distribution with them has
-the far tail that such a median gives to normal deviates (simulated for 2 to 147 differences)."""
+class Status(StrEnum):
+    """What is said of one quantity of one flight: nothing is before it, it is as expected or flagged, or not judged."""
 
-LARGEST_SCATTER = 10.0
-"""Scatter between flights is looked for up to ten times the value."""
-
-EACH_OF_TWO = 1.96
-"""Both flights of a pair must depart by this many standard deviations: one alone is judged alone."""
+    FIRST = "first"
+    AS_EXPECTED = "as expected"
+    FLAGGED = "flagged"
+    NO_VALUE = "no value"
+    NO_INTERVAL = "no interval"
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,7 @@ class Point:
     Args:
         flight: its place in `Comparison.flights`.
         estimate: what its result holds.
-        status: "first" (nothing is before it), "as expected", "flagged", or why it is not judged: "no value", "no
-            interval".
+        status: what is said of it.
         expected: weighted mean of the earlier flights that were not flagged; None where it is not judged.
         std: standard deviation of the departure: of this flight, of the mean, and of the scatter between flights.
         limits: lowest and highest value that is not flagged by this flight alone.
@@ -45,7 +43,7 @@ class Point:
 
     flight: int
     estimate: Estimate
-    status: str
+    status: Status
     expected: float | None = None
     std: float | None = None
     limits: tuple[float, float] | None = None
@@ -56,7 +54,12 @@ class Point:
     @property
     def flagged(self) -> bool:
         """Whether it departs by more than its uncertainty."""
-        return self.status == "flagged"
+        return self.status is Status.FLAGGED
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether it has a value with an interval, and so can be judged."""
+        return self.status not in (Status.NO_VALUE, Status.NO_INTERVAL)
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
     for place, flight in enumerate(flights):
         estimate = flight.values.get(quantity, Estimate())
         if estimate.value is None or not estimate.std:
-            others.append(Point(place, estimate, "no value" if estimate.value is None else "no interval"))
+            others.append(Point(place, estimate, Status.NO_VALUE if estimate.value is None else Status.NO_INTERVAL))
         else:
             places.append(place)
     kept = tuple(flights[place].values[quantity] for place in places)
@@ -118,7 +121,9 @@ def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
     return Measured(quantity, tuple(places), kept, value, std, tuple(others))
 
 
-def judged(found: Measured, *, scatter: float, freedom: float, chance: float) -> Series:
+def judged(
+    found: Measured, *, scatter: float, freedom: float, chance: float, settings: FlightSettings = DEFAULTS
+) -> Series:
     """Compare each value with the weighted mean of the earlier ones that were not flagged.
 
     Args:
@@ -127,6 +132,7 @@ def judged(found: Measured, *, scatter: float, freedom: float, chance: float) ->
         freedom: degrees of freedom of the scatter; the intervals are taken as known, so that the sum has more of them
             (Welch 1947, Satterthwaite 1946).
         chance: two-sided, of flagging one value by itself.
+        settings: how a flag is confirmed, and a pair judged.
     """
     from scipy.special import ndtri, stdtrit
 
@@ -135,24 +141,25 @@ def judged(found: Measured, *, scatter: float, freedom: float, chance: float) ->
     variance = found.std**2 + beyond
     freedom = freedom * (1 + float(np.median(found.std)) ** 2 / beyond) ** 2 if beyond else math.inf
     far, near = (
-        -float(ndtri(each) if math.isinf(freedom) else stdtrit(freedom, each)) for each in (chance / 2, FOLLOWING)
+        -float(ndtri(each) if math.isinf(freedom) else stdtrit(freedom, each))
+        for each in (chance / 2, settings.following)
     )
     points: list[Point] = []
     kept: list[int] = []
     for i, (place, estimate) in enumerate(zip(found.place, found.estimates, strict=True)):
         if not kept:
-            points.append(Point(place, estimate, "first"))
+            points.append(Point(place, estimate, Status.FIRST))
             kept.append(i)
             continue
-        point = _against(Point(place, estimate, "as expected"), x, variance, kept, i, far)
+        point = _against(Point(place, estimate, Status.AS_EXPECTED), x, variance, kept, i, far)
         before = points[-1]
         follows = before.flagged and _same_side(before, point)
         if abs(point.departure or 0.0) > (near if follows else far):
-            point = replace(point, status="flagged")
-        elif len(kept) > 1 and kept[-1] == i - 1 and _together(x, variance, kept, i, far):
+            point = replace(point, status=Status.FLAGGED)
+        elif len(kept) > 1 and kept[-1] == i - 1 and _together(x, variance, kept, i, far, settings.each_of_two_std):
             kept.pop()
-            points[-1] = replace(_against(before, x, variance, kept, i - 1, far), status="flagged", with_next=True)
-            point = replace(_against(point, x, variance, kept, i, far), status="flagged")
+            points[-1] = replace(_against(before, x, variance, kept, i - 1, far), status=Status.FLAGGED, with_next=True)
+            point = replace(_against(point, x, variance, kept, i, far), status=Status.FLAGGED)
         else:
             kept.append(i)
         points.append(point)
@@ -176,14 +183,16 @@ def _mean(x: FloatArray, variance: FloatArray, kept: Sequence[int]) -> tuple[flo
     return float(weight @ x[list(kept)] / weight.sum()), float(1 / weight.sum())
 
 
-def _together(x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float) -> bool:
+def _together(
+    x: FloatArray, variance: FloatArray, kept: Sequence[int], i: int, far: float, each_of_two_std: float
+) -> bool:
     """Whether the mean of this flight and the one before departs from those before both."""
     mean, mean_variance = _mean(x, variance, kept[:-1])
     two, two_variance = _mean(x, variance, [i - 1, i])
     if abs(two - mean) <= far * math.sqrt(two_variance + mean_variance):
         return False
     each = (x[[i - 1, i]] - mean) / np.sqrt(variance[[i - 1, i]] + mean_variance)
-    return bool(np.all(each > EACH_OF_TWO) or np.all(each < -EACH_OF_TWO))
+    return bool(np.all(each > each_of_two_std) or np.all(each < -each_of_two_std))
 
 
 def _finished(points: Sequence[Point], others: Sequence[Point]) -> tuple[Point, ...]:
@@ -231,7 +240,7 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
     return max(of_middle)
 
 
-def scatter_between(value: FloatArray, std: FloatArray) -> tuple[float, float]:
+def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSettings = DEFAULTS) -> tuple[float, float]:
     """Return the scatter between flights that the intervals do not explain, as a share of the value.
 
     It makes the median difference of neighbouring flights what it is for normal deviates.
@@ -239,6 +248,7 @@ def scatter_between(value: FloatArray, std: FloatArray) -> tuple[float, float]:
     Args:
         value: of the same quantity of each gear in each flight, (n_gears, n_flights); NaN where it has none.
         std: of `value`.
+        settings: how far it is looked for, and what freedom it has.
 
     Returns:
         The share, 0 where the intervals explain the differences; and the degrees of freedom of a standard deviation
@@ -267,8 +277,9 @@ def scatter_between(value: FloatArray, std: FloatArray) -> tuple[float, float]:
     def above(share: float) -> float:
         return float(np.sort(np.abs(step) / np.sqrt(stated + size * share**2))[rank]) - usual
 
-    explained = above(0.0) <= 0 or above(LARGEST_SCATTER) >= 0
-    return 0.0 if explained else float(brentq(above, 0.0, LARGEST_SCATTER)), max(1.0, FREEDOM_SHARE * n)
+    explained = above(0.0) <= 0 or above(settings.largest_scatter) >= 0
+    scatter = 0.0 if explained else float(brentq(above, 0.0, settings.largest_scatter))
+    return scatter, max(1.0, settings.freedom_of_a_step * n)
 
 
 def _differences(value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +13,12 @@ from typing import Any
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
-from opid.suspensions.result import SCHEMA
+from opid.suspensions.flights.result_file import RESULT_FILE, GearRecord, ResultRecord, read_result
 
-RESULT_FILE, STUDY_FILE = "result.json", "study.toml"
+STUDY_FILE = "study.toml"
 
 FRICTION = ("arctan_velocity", "coulomb_friction")
 """Kinds of law whose amplitude is a friction force."""
-
-ONE_GEAR = "gear"
-"""What the suspension of a single-gear result is called."""
 
 SINGLE_GEAR = "single gear"
 """What the structure of a single-gear result is called; those of a body have the names of their kinds."""
@@ -82,17 +76,32 @@ class Flight:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A flight that is not compared.
+
+    Args:
+        name: of the flight, or the folder of its study.
+        sentence: that it is left out, and why.
+    """
+
+    name: str
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Flights:
     """Results that may be compared, the earliest first.
 
     Args:
         flights: two or more.
         dated: whether they are in the order of their dates.
-        notes: what is to be said of what was left out and of the order, one sentence each.
+        left_out: flights that are not among them.
+        notes: what is to be said of the order, one sentence each.
     """
 
     flights: tuple[Flight, ...]
     dated: bool
+    left_out: tuple[LeftOut, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -119,20 +128,19 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
         raise InputError(f"{listed(twice)}: given more than once, give each result once")
     names = _names(files)
     # the result of a study may stand beside its folder, and has its name
-    notes = [
-        f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there"
+    without_result = [
+        LeftOut(str(folder), f"{str(folder)!r} holds no {RESULT_FILE} and is left out: run `opid identify` there")
         for folder in unfinished
         if folder.resolve().name not in names
     ]
     if len(files) < 2:
-        told = "".join(f"; {note}" for note in notes)
+        told = "".join(f"; {each.sentence}" for each in without_result)
         raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{told}")
-    flights = [_flight(file, name) for file, name in zip(files, names, strict=True)]
+    flights = [_flight(read_result(file), name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
     kept, left_out = _comparable(flights)
     _refuse_unlike(kept)
-    ordered = in_order(kept)
-    return replace(ordered, notes=(*notes, *left_out, *ordered.notes))
+    return replace(in_order(kept), left_out=(*without_result, *left_out))
 
 
 def in_order(flights: Sequence[Flight]) -> Flights:
@@ -147,7 +155,7 @@ def in_order(flights: Sequence[Flight]) -> Flights:
             f"{len(without)} of {len(flights)} results have no date ({listed(without)}): all are taken in the order "
             "in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
         )
-        return Flights(tuple(flights), False, (note,))
+        return Flights(tuple(flights), False, notes=(note,))
     ordered = sorted(flights, key=lambda flight: flight.date or date.min)
     days = Counter(flight.date for flight in ordered)
     notes = tuple(
@@ -156,7 +164,7 @@ def in_order(flights: Sequence[Flight]) -> Flights:
         for day, n in days.items()
         if n > 1
     )
-    return Flights(tuple(ordered), True, notes)
+    return Flights(tuple(ordered), True, notes=notes)
 
 
 def listed(names: Sequence[Any] | Mapping[str, Any], most: int = 6) -> str:
@@ -214,158 +222,81 @@ def _names(files: Sequence[Path]) -> list[str]:
     return [str(file) if names.count(name) > 1 else name for file, name in zip(files, names, strict=True)]
 
 
-def _flight(file: Path, name: str) -> Flight:
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror or error}: check the name") from error
-    except ValueError as error:
-        raise InputError(f"{file} is no JSON: give the {RESULT_FILE} of `opid identify`") from error
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
-        raise InputError(f"{file} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
-    try:
-        day = document.get("date")
-        body = _structure(document)
-        values, laws = _of_one_gear(document) if body is None else _of_body(document)
-        return Flight(
-            name,
-            file,
-            None if day is None else date.fromisoformat(day),
-            str(document["method"]),
-            SINGLE_GEAR if body is None else str(body["kind"]),
-            laws,
-            values,
-            # "N/m", or "1/s^2" per unit of mass
-            any(quantity.name == "stiffness" and quantity.unit == "1/s^2" for quantity in values),
-            body is None or body.get("recommended", "") is not None,
-            _doubt(document),
-        )
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
-        raise InputError(
-            f"{file} lacks what every result has, or holds text where numbers are needed ({type(error).__name__}: "
-            f"{error}): write it anew with `opid identify`"
-        ) from error
+# ---- what a result says ----------------------------------------------------------------------------
 
 
-# ---- what a file holds -----------------------------------------------------------------------------
-
-Found = tuple[dict[Quantity, Estimate], dict[str, tuple[str, ...]]]
-
-
-def _structure(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """What is told of the structure of a body; None of one gear, which is itself."""
-    structure: Mapping[str, Any] | None = document.get("structure")
-    return None if structure is None or structure.get("is_one_gear", False) else structure
-
-
-def _of_one_gear(document: Mapping[str, Any]) -> Found:
-    per_mass, parameters, ratios = bool(document["law"]["per_mass"]), document["parameters"], document["ratios"]
-    terms = document["law"]["parameters"]
-    values = {Quantity("", "mass", "kg"): _estimate(parameters["sprung_mass_kg"])}
-    if per_mass:
-        values[Quantity(ONE_GEAR, "stiffness", "1/s^2")] = _estimate(ratios["stiffness_per_mass"])
-        values[Quantity(ONE_GEAR, "damping", "1/s")] = _estimate(ratios["damping_per_mass"])
-    else:
-        values[Quantity(ONE_GEAR, "stiffness", "N/m")] = _estimate(parameters["suspension_stiffness_n_per_m"])
-        values[Quantity(ONE_GEAR, "damping", "N s/m")] = _estimate(parameters["suspension_damping_n_s_per_m"])
-    values |= dict(_amplitudes(ONE_GEAR, terms, per_mass))
-    return values, {ONE_GEAR: _kinds(document["law"]["name"])}
+def _flight(record: ResultRecord, name: str) -> Flight:
+    values = {Quantity("", "mass", "kg"): record.mass}
+    for gear in record.gears:
+        stiffness, damping = ("1/s^2", "1/s") if gear.per_mass else ("N/m", "N s/m")
+        values[Quantity(gear.name, "stiffness", stiffness)] = gear.stiffness
+        values[Quantity(gear.name, "damping", damping)] = gear.damping
+        values |= dict(_amplitudes(gear))
+    return Flight(
+        name=name,
+        path=record.path,
+        date=record.date,
+        method=record.method,
+        structure=SINGLE_GEAR if record.structure is None else record.structure.kind,
+        laws={gear.name: gear.kinds for gear in record.gears},
+        values=values,
+        per_mass=any(gear.per_mass for gear in record.gears),
+        recommended=record.structure is None or record.structure.is_recommended,
+        doubt=_doubt(record),
+    )
 
 
-def _of_body(document: Mapping[str, Any]) -> Found:
-    values = {Quantity("", "mass", "kg"): _estimate(document["parameters"]["sprung_mass_kg"])}
-    laws: dict[str, tuple[str, ...]] = {}
-    told: set[str] = set()
-    for interface in document["interfaces"]:
-        name = interface["name"]
-        if name in told:
-            continue
-        # those that share one estimate are one series
-        alike = [name, *(other for other in interface.get("shared_with", ()) if other != name)]
-        told.update(alike)
-        gear = ", ".join(alike)
-        for what in ("stiffness", "damping"):
-            values[Quantity(gear, what, str(interface[what]["unit"]))] = _estimate(interface[what])
-        per_mass = interface["stiffness"]["unit"] != "N/m"
-        values |= dict(_amplitudes(gear, interface["law"], per_mass))
-        laws[gear] = tuple(sorted(interface["law"]))
-    return values, laws
-
-
-def _amplitudes(
-    gear: str, terms: Mapping[str, Mapping[str, Any]], per_mass: bool
-) -> Iterator[tuple[Quantity, Estimate]]:
-    for kind, parameters in terms.items():
-        # the first parameter of a kind is its amplitude; a user's own kind need not be registered here
-        known = LAWS[kind].parameters[0] if kind in LAWS else None
-        name = known.name if known else next(iter(parameters))
-        unit = known.unit if known else ""
+def _amplitudes(gear: GearRecord) -> Iterator[tuple[Quantity, Estimate]]:
+    for kind, amplitude in gear.amplitudes.items():
+        unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
         what = "friction" if kind in FRICTION else kind
-        yield Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind), _estimate(parameters[name])
+        yield Quantity(gear.name, what, f"{unit}/kg" if gear.per_mass else unit, kind), amplitude
 
 
-def _doubt(document: Mapping[str, Any]) -> str:
-    """Why a result has no values, none but ratios, or no intervals: its own sentence, without brackets and advice."""
-    reason, structure = document.get("not_determined"), _structure(document) or {}
-    if reason:
-        short = re.split(r"[:;] ", re.sub(r" \([^()]*\)", "", str(reason)))[0]
-        return f"it is not determined ({short})"
-    if structure.get("recommended", "") is None:
-        alike = [each for each in document.get("candidates", ()) if each["kind"] == structure["kind"]]
+def _doubt(record: ResultRecord) -> str:
+    """Why a result has no values, none but ratios, or no intervals: its own sentence."""
+    if record.not_determined:
+        return f"it is not determined: {record.not_determined}"
+    if record.structure is not None and not record.structure.is_recommended:
         # a structure may explain the runs that it was fitted to, and not one that was left out
-        told = [structure.get("residual_over_noise"), *(each["left_out_over_noise"] for each in alike)]
-        left = [float(each) for each in told if each is not None]
+        left = record.structure.left_over_noise
         return f"no structure was recommended for it{f' ({max(left):.3g} times the noise)' if left else ''}"
     return ""
-
-
-def _kinds(name: str) -> tuple[str, ...]:
-    return tuple(sorted(part for part in name.split("+") if part and part != "linear"))
-
-
-def _estimate(table: Mapping[str, Any]) -> Estimate:
-    value, std, interval = (table.get(key) for key in ("value", "std", "interval95"))
-    numbers = [each for each in (value, std, *(interval or ())) if each is not None]
-    if not all(isinstance(each, (int, float)) and math.isfinite(each) for each in numbers):
-        raise ValueError(f"{table!r} is no estimate")
-    if value is None:
-        return Estimate()
-    if interval is not None:
-        low, high = (float(each) for each in interval)
-        return Estimate(float(value), float(std) if std else (high - low) / (2 * 1.96), (low, high))
-    return Estimate.normal(value, std)
 
 
 # ---- what cannot be compared -----------------------------------------------------------------------
 
 
-def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+def _comparable(flights: Sequence[Flight]) -> tuple[list[Flight], list[LeftOut]]:
     """The flights that can be compared with each other, and why each of the others is left out."""
-    notes: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for flight in flights:
         if all(each.value is None for each in flight.values.values()):
-            notes[flight.name] = flight.doubt or "it holds no values"
+            reasons[flight.name] = flight.doubt or "it holds no values"
         elif flight.doubt and not (flight.recommended and any(each.std for each in flight.values.values())):
-            notes[flight.name] = flight.doubt
-    kept = [flight for flight in flights if flight.name not in notes]
+            reasons[flight.name] = flight.doubt
+    kept = [flight for flight in flights if flight.name not in reasons]
     # two absolute ones are compared; fewer, and those that are per unit of mass may be more
     absolute = sum(not flight.per_mass for flight in kept)
     per_mass = absolute < 2 and len(kept) - absolute > 1
     for flight in kept:
         if flight.per_mass and not per_mass:
-            notes[flight.name] = flight.doubt or "its values are per unit of mass, and those of the others are not"
+            reasons[flight.name] = flight.doubt or "its values are per unit of mass, and those of the others are not"
         elif per_mass and not flight.per_mass:
-            notes[flight.name] = "its values are not per unit of mass, and those of the others are"
-    kept = [flight for flight in flights if flight.name not in notes]
-    told = [f"{flight.name!r} is left out: {notes[flight.name]}" for flight in flights if flight.name in notes]
+            reasons[flight.name] = "its values are not per unit of mass, and those of the others are"
+    kept = [flight for flight in flights if flight.name not in reasons]
+    left_out = [
+        LeftOut(flight.name, f"{flight.name!r} is left out: {reasons[flight.name]}")
+        for flight in flights
+        if flight.name in reasons
+    ]
     if len(kept) < 2:
         remains = "none" if not kept else f"{kept[0].name!r} alone"
         raise NotDeterminedError(
-            f"of {len(flights)} flights {remains} can be compared, and two are needed: {'; '.join(told)}"
+            f"of {len(flights)} flights {remains} can be compared, and two are needed: "
+            f"{'; '.join(each.sentence for each in left_out)}"
         )
-    return kept, told
+    return kept, left_out
 
 
 def _refuse_copies(flights: Sequence[Flight]) -> None:

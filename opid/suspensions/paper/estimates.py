@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,37 +13,9 @@ from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.preparation import PreparedRun
-from opid.suspensions.paper.result import PARAMETERS, RATIOS
 from opid.suspensions.paper.settings import PaperSettings
-
-
-@dataclass(frozen=True)
-class StraightTerm:
-    """A term of a law that the motion does not bend: it is stiffness or damping by another name.
-
-    Args:
-        name: kind of the term.
-        unit: of its scale, "m/s" or "m".
-        scale: its inner scale.
-        motion_rms: largest rms of that motion among the runs, in the same unit.
-    """
-
-    name: str
-    unit: str
-    scale: float
-    motion_rms: float
-
-    @property
-    def partner(self) -> str:
-        """What the term cannot be told from."""
-        return "damping" if self.unit == "m/s" else "stiffness"
-
-    @property
-    def trades_with(self) -> tuple[str, ...]:
-        """Names of the parameters and ratios that the term cannot be told from."""
-        if self.unit == "m/s":
-            return "suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"
-        return "suspension_stiffness_n_per_m", "stiffness_per_mass", "natural_frequency_hz", "damping_ratio"
+from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
+from opid.suspensions.straight_terms import StraightTerm
 
 
 def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: float) -> list[StraightTerm]:
@@ -63,7 +34,7 @@ def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: f
             motions = [run.surface.velocity if parameter.unit == "m/s" else run.surface.travel for run in runs]
             rms = max(float(motion.std()) for motion in motions)
             if value > straight_above * rms:
-                found.append(StraightTerm(term.name, parameter.unit, value, rms))
+                found.append(StraightTerm("", term.name, parameter.unit, value, rms))
     return found
 
 
@@ -97,7 +68,7 @@ def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> dict[
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
     std[3] = np.hypot(std[3], max(equal_gains, gain) * added["suspension_stiffness_n_per_m"])
-    parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(PARAMETERS)}
+    parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(GEAR_PARAMETERS)}
     if "ground_stiffness_per_mass" not in added.fit.names:
         parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
     # the mass is 1/mu: its interval is the image of that of mu, longer upwards
@@ -124,7 +95,7 @@ def ratios_of(
     has_ground = NAMES[2] in names
     total = k + (value[2] if has_ground else 0.0)
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
-    ratios = {name: Estimate() for name in RATIOS}
+    ratios = {name: Estimate() for name in GEAR_RATIOS}
     ratios["stiffness_per_mass"] = Estimate.normal(k, np.hypot(std[0], gain * k))
     ratios["damping_per_mass"] = Estimate.normal(c, np.hypot(std[1], gain * c))
     ratios["ground_stiffness_per_mass"] = (

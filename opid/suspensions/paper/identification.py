@@ -23,9 +23,10 @@ from opid.suspensions.paper.estimates import (
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.preparation import PreparedRun, prepare_runs
-from opid.suspensions.paper.result import METHODS, PARAMETERS, RATIOS, PaperIdentification, PaperMethod
+from opid.suspensions.paper.result import METHODS, PaperIdentification, PaperMethod
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.warnings import warnings_of
+from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
 from opid.suspensions.study import Study
 from opid.suspensions.visited_force import VisitedForce, visited_force
 
@@ -106,8 +107,8 @@ def _without_numbers(
         method=method,
         title=study.title,
         date=study.date,
-        parameters={name: Estimate() for name in PARAMETERS},
-        ratios={name: Estimate() for name in RATIOS},
+        parameters={name: Estimate() for name in GEAR_PARAMETERS},
+        ratios={name: Estimate() for name in GEAR_RATIOS},
         law=joint.law,
         law_estimates={},
         restoring_force=VisitedForce(nothing, nothing, nothing, nothing, per_mass=True),
@@ -171,7 +172,7 @@ def _withheld(result: PaperIdentification) -> PaperIdentification:
         for name in term.trades_with:
             table = parameters if name in parameters else ratios
             table[name] = Estimate(table[name].value)
-        laws[term.name] = {name: Estimate(each.value) for name, each in laws[term.name].items()}
+        laws[term.kind] = {name: Estimate(each.value) for name, each in laws[term.kind].items()}
     return replace(result, parameters=parameters, ratios=ratios, law_estimates=laws)
 
 
@@ -215,7 +216,7 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         result = replace(result, not_determined=reason)
     else:
         values = (Estimate(mass), Estimate(stiffness), Estimate(), Estimate(ground))
-        parameters = dict(zip(PARAMETERS, values, strict=True))
+        parameters = dict(zip(GEAR_PARAMETERS, values, strict=True))
         result = replace(result, parameters=parameters, law=result.law.scaled(mass), not_determined=None)
     if not pair.match.credible:
         warnings.append(pair.match.reason)

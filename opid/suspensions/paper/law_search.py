@@ -14,7 +14,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.mechanics.laws import LAWS, Law, Term, default_law
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
-from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.law_parameters import faint_terms, has_slope
 from opid.suspensions.law_search import LawStep, search_laws
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.nonlinearity import fit_surface
@@ -72,7 +72,7 @@ class EquationLaws:
         nodes: dict[str, list[Node]] = {}
         columns = zip(offered, found.by_terms[: len(offered)], found.by_terms[len(offered) :], strict=True)
         for term, column, beside in columns:
-            slope = 1000 * (beside - column) if [p.role for p in term.kind.parameters[1:]] == ["scale"] else None
+            slope = 1000 * (beside - column) if has_slope(term.kind) else None
             nodes.setdefault(term.name, []).append(Node(Term(term.name, (1.0, *term.inner)), column, slope))
         return {
             "": make_dictionary(
@@ -109,17 +109,15 @@ class EquationLaws:
         travel, velocity = (
             np.concatenate([getattr(run, name) for run in self.runs]) for name in ("travel", "velocity")
         )
-        found = []
-        for term in offered_terms(
+        return faint_terms(
             kind,
+            travel,
+            velocity,
             travel_rms=float(travel.std()),
             velocity_rms=float(velocity.std()),
-            n_scales=self.settings.n_scales,
-        ):
-            force = Law((term,)).force(travel[::7], velocity[::7])
-            amplitude = self.settings.faint * fit.noise_m_per_s2 / max(float(np.sqrt(np.mean(force**2))), 1e-300)
-            found.append(Term(kind, (amplitude, *term.inner)))
-        return found
+            noise=fit.noise_m_per_s2,
+            settings=self.settings,
+        )
 
 
 def search_law(

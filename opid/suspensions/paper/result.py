@@ -21,19 +21,6 @@ from opid.suspensions.visited_force import VisitedForce
 
 PaperMethod = Literal["classical", "paper"]
 METHODS: tuple[PaperMethod, ...] = ("classical", "paper")
-PARAMETERS = (
-    "sprung_mass_kg",
-    "suspension_stiffness_n_per_m",
-    "suspension_damping_n_s_per_m",
-    "ground_stiffness_n_per_m",
-)
-RATIOS = (
-    "stiffness_per_mass",
-    "damping_per_mass",
-    "ground_stiffness_per_mass",
-    "natural_frequency_hz",
-    "damping_ratio",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +32,8 @@ class PaperIdentification:
         method: "classical" (every step mended) or "paper" (the printed formula; no intervals).
         title: of the study.
         date: of the runs; None if it is not known.
-        parameters: one `Estimate` for each name in `PARAMETERS`, of the reference run.
-        ratios: one `Estimate` for each name in `RATIOS` (1/s^2, 1/s, 1/s^2, Hz, 1).
+        parameters: one `Estimate` for each name in `GEAR_PARAMETERS`, of the reference run.
+        ratios: one `Estimate` for each name in `GEAR_RATIOS` (1/s^2, 1/s, 1/s^2, Hz, 1).
         law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
         law_estimates: {kind: {parameter: Estimate}} in the same unit; empty where no law is concluded.
         restoring_force: the identified force over the visited plane; empty where no number is given.

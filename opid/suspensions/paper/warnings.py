@@ -91,8 +91,4 @@ def _mass_change(result: PaperIdentification) -> Iterator[str]:
 
 def _straight(result: PaperIdentification) -> Iterator[str]:
     for term in straight_terms(result.joint.law, result.chain.runs, straight_above=result.settings.straight_above):
-        yield (
-            f"{term.name} is nearly straight over the visited range (scale {term.scale:.3g} {term.unit}, motion "
-            f"{term.motion_rms:.3g} {term.unit} rms) and cannot be told from {term.partner}: only amplitude over scale "
-            "is determined, and the intervals of both are withheld"
-        )
+        yield term.warning
