@@ -215,8 +215,11 @@ class Model:
         farthest = self.settings.fit.farthest_std
         for k, fault in enumerate(self.faults, start=self._first_fault):
             lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
-            if fault.kind in ("gain", "corner"):
-                lower[k] = max(lower[k], 0.2 * fault.nominal)
+            if fault.kind == "gain":
+                lower[k] = max(lower[k], self.settings.faults.least_gain)
+            elif fault.kind == "corner":
+                # however sharply a corner is stated: the sensor may have none
+                lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
         for k, coordinate in enumerate(self.body.coordinates, start=self._first_coordinate):
             lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
         return lower, upper

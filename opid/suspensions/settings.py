@@ -189,7 +189,9 @@ class FaultSettings:
         lag_samples: delay between channels of a multiplexing logger.
         corner_hz: of a usual AC coupling.
         corner_tolerance: of it, relative.
-        slight_corner_hz: where a score for an AC coupling is taken: next to none.
+        slight_corner_hz: an AC coupling that is next to none. Scores are taken here, and no corner is looked for
+            below: a sensor that is said to be AC-coupled may be none, however narrow the tolerance.
+        least_gain: no gain is looked for below this: a reading is divided by its gain.
         plausible_std: a fault that lies farther from what such sensors do stands in for something else.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
         explained: residual over noise below which the runs are explained.
@@ -207,6 +209,7 @@ class FaultSettings:
     corner_hz: float = 0.25
     corner_tolerance: float = 0.5
     slight_corner_hz: float = 2e-4
+    least_gain: float = 0.2
     plausible_std: float = 5.0
     helps_fraction: float = 0.3
     explained: float = 2.0
