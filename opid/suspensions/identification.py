@@ -85,8 +85,8 @@ def identify(
         `PaperIdentification` for the methods "classical" and "paper".
 
     Raises:
-        InputError: an unknown method or law, channels that are no pair, a run of less than 10 s, or interfaces that
-            make no rigid body where one is asked for.
+        InputError: an unknown method or law, an argument that the method does not know, channels that are no pair, a
+            run of less than 10 s, or interfaces that make no rigid body where one is asked for.
         NotDeterminedError: no structure can be fitted at all.
     """
     if method not in METHODS:
@@ -96,11 +96,23 @@ def identify(
     if method != "model":
         if not study.is_one_gear:
             raise InputError(f"the method {method!r} is for one gear: leave it out for a body on several suspensions")
+        for name, value, usual in (
+            ("method_of_law", method_of_law, "pursuit"),
+            ("seed", seed, 0),
+            ("settings", settings, None),
+        ):
+            if value != usual:
+                raise InputError(_of_the_model_alone(name, value, method))
         from opid.suspensions.paper.identification import identify_by_paper
 
         given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
         known = {name: value for name, value in given.items() if value is not None}
         return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
+    if high_pass_hz is not None:
+        raise InputError(
+            f"high_pass_hz is {high_pass_hz:g}, and the method 'model' integrates nothing by itself: leave it out, or "
+            "give method='classical'"
+        )
     settings = settings or Settings()
     if band_hz is not None:
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
@@ -119,6 +131,16 @@ def identify(
     choice = _chosen(study, tried)
     say("intervals")
     return _answer(task, choice, options, mended)
+
+
+def _of_the_model_alone(name: str, value: object, method: str) -> str:
+    """Why an argument cannot be used by the paper's chain."""
+    if isinstance(value, Settings):
+        return (
+            f"settings are those of the method 'model', and the method is {method!r}: leave them out, or give "
+            "PaperSettings to opid.suspensions.paper.identification.identify_by_paper"
+        )
+    return f"{name} is {value!r}, which the method {method!r} does not know: leave it out, or give method='model'"
 
 
 def _checked(study: Study, settings: Settings) -> Study:

@@ -177,6 +177,33 @@ class SearchSettings:
 
 
 @dataclass(frozen=True)
+class RegressionSettings:
+    """How sparse regression, the second method beside the search above, proposes laws.
+
+    Args:
+        n_samples: that the regression looks at.
+        n_blocks: of time that are left out by turns.
+        thresholds: coefficients, in fractions of the force that stiffness and damping leave, below which a term goes.
+        relaxation: of SR3: how closely the sparse coefficients follow the others.
+        block_margin: a larger law must lower the error of the blocks left out by this fraction.
+        n_rounds: of alternating inner scales with the choice of terms.
+        n_refitted: laws that are fitted by the model in a pass.
+        n_passes: each regresses on the motion as the better model predicts it.
+        most_terms: of a law.
+    """
+
+    n_samples: int = 6000
+    n_blocks: int = 10
+    thresholds: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.4)
+    relaxation: float = 1.0
+    block_margin: float = 0.01
+    n_rounds: int = 3
+    n_refitted: int = 3
+    n_passes: int = 4
+    most_terms: int = 3
+
+
+@dataclass(frozen=True)
 class FaultSettings:
     """What the runs may demand beside the suspension: a spring to the ground, or faults of sensors nobody stated.
 
@@ -290,6 +317,7 @@ class Settings:
         start: of the equation of motion that start values come from.
         fit: of the least squares.
         search: of laws.
+        regression: of laws, by the second method.
         faults: that may be let in.
         intervals: and what is said of them.
         surface: of the force without a law.
@@ -305,6 +333,7 @@ class Settings:
     start: StartSettings = field(default_factory=StartSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    regression: RegressionSettings = field(default_factory=RegressionSettings)
     faults: FaultSettings = field(default_factory=FaultSettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
