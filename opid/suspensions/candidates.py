@@ -335,7 +335,7 @@ def fitted(
         model = Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, settings)
         found = judged(find_model(model, start, task.question, progress=task.say), task.question)
         # the noise of the two sides is told apart only where the model explains the runs
-        if found.fit.ratio < settings.faults.explained:
+        if found.fit.ratio < settings.faults.nearly_explained:
             found = replace(found, fit=with_own_noise(found.fit))
     except (*NO_FIT, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, noise, task, str(error))

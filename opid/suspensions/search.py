@@ -107,7 +107,7 @@ def is_hopeless(fit: Fit) -> bool:
     Args:
         fit: of any laws.
     """
-    return fit.ratio > fit.model.settings.search.hopeless
+    return fit.ratio > fit.model.settings.verdicts.refused
 
 
 class _Search:

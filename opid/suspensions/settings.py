@@ -16,7 +16,7 @@ class Verdicts:
         explained: up to here the model explains the runs; estimated noise floors scatter by a tenth.
         noted: above this a single gear's residual is worth a warning.
         doubtful: above this what the model lacks rules the answer, and intervals are widened or withheld.
-        refused: above this no number is told.
+        refused: above this no number is told, and laws and faults are searched only where they promise much.
         refused_fraction: a doubtful model is refused, too, where it leaves more than this fraction of the body's rms
             acceleration.
         loosely_known: a value whose standard deviation is a larger fraction of it is not determined.
@@ -152,9 +152,8 @@ class SearchSettings:
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
         alike_bic: criteria that are closer do not tell two laws apart.
-        hopeless: residual over noise above which laws or faults are tried only if they promise a good fraction: none
-            mends what a wrong structure leaves.
-        good_fraction: of the squared error that all candidates together must then explain, to first order.
+        good_fraction: where a fit would be refused, laws or faults are tried only if all candidates together promise to
+            explain this fraction of the squared error, to first order: none mends what a wrong structure leaves.
     """
 
     n_scales: int = 4
@@ -172,7 +171,6 @@ class SearchSettings:
     most_exchanged: int = 2
     n_neighbours: int = 2
     alike_bic: float = 10.0
-    hopeless: float = 20.0
     good_fraction: float = 0.2
 
 
@@ -221,7 +219,8 @@ class FaultSettings:
         least_gain: no gain is looked for below this: a reading is divided by its gain.
         plausible_std: a fault that lies farther from what such sensors do stands in for something else.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
-        explained: residual over noise below which the runs are explained.
+        nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
+            sides is told apart: the little that is left may be the law's.
         most: faults let in.
         looked_at: hypotheses fitted in a round, those with the largest scores.
         contradicted_std: a stated fact that the fit moves by more standard deviations is contradicted by the runs.
@@ -239,7 +238,7 @@ class FaultSettings:
     least_gain: float = 0.2
     plausible_std: float = 5.0
     helps_fraction: float = 0.3
-    explained: float = 2.0
+    nearly_explained: float = 2.0
     most: int = 3
     looked_at: int = 4
     contradicted_std: float = 3.0
