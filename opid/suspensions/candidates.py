@@ -20,7 +20,7 @@ from opid.suspensions.faults import Demand
 from opid.suspensions.fit import NO_FIT, Fit, loading_changes
 from opid.suspensions.intervals import Parameters, honest_covariance
 from opid.suspensions.law_search import chosen
-from opid.suspensions.model import Group, Model
+from opid.suspensions.model import Group, Model, noise_level
 from opid.suspensions.noise import with_own_noise
 from opid.suspensions.residual import mean_level
 from opid.suspensions.run import DrivenRun, driven_run
@@ -115,7 +115,7 @@ class Fitted:
     @property
     def level(self) -> float:
         """Noise known beforehand, as white noise of one level on all sensors, m/s^2."""
-        return mean_level([mean_level(side.tolist()) for side in self.noise])
+        return noise_level(self.noise)
 
     @property
     def residual_over_noise(self) -> float:

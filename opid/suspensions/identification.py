@@ -15,11 +15,12 @@ from opid.signals.health import check_pair, inspect, without_spikes
 from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
-from opid.suspensions.candidates import Arrays, Choice, Fitted, Noise, Task, fit_alone, fit_rigid, parts_of
+from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.force_surface import force_surface
 from opid.suspensions.intervals import bootstrap_over_white, std_over_white
 from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.limits import ground_imitations, limits
+from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise
 from opid.suspensions.residual import measure_whiteness, over_noise
 from opid.suspensions.result import Candidate, Evidence, Identification, Options, RunResidual
@@ -296,7 +297,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
         candidates=tuple(_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried),
         why=choice.why,
         runs=_runs(study, parts, task.arrays),
-        noise_m_per_s2=_level(task.noise),
+        noise_m_per_s2=noise_level(task.noise),
         residual_over_noise=choice.ratio,
         evidence=evidence,
         mended_spikes=mended,
@@ -334,10 +335,6 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         limits=tuple(limits(fit, part.known.covariance, study)),
         n_starts=found.n_starts,
     )
-
-
-def _level(noise: Noise) -> float:
-    return float(np.sqrt(np.mean([np.mean(np.square(side)) for side in noise])))
 
 
 def _failure(choice: Choice) -> str | None:

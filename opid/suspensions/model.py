@@ -158,8 +158,7 @@ class Model:
     @property
     def level(self) -> float:
         """The noise that is assumed, as white noise of one level on all sensors, m/s^2."""
-        mean = [float(np.mean(np.square(side))) for side in self.noise]
-        return float(np.sqrt(np.mean(mean)))
+        return noise_level(self.noise)
 
     @property
     def _n_own(self) -> int:
@@ -579,6 +578,11 @@ class Model:
         travel = np.linalg.solve(system, driven[:, :, :n])
         force = (spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
         return -(moved.reading @ force)[:, : len(self.sensors.sprung)]
+
+
+def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
+    """Return the noise of the sensors below and on the body as white noise of one level on all of them, m/s^2."""
+    return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
 
 
 def _widened(samples: FloatArray, n_slots: int) -> FloatArray:
