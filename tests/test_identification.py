@@ -1,6 +1,9 @@
 """From a study of one gear to an answer: right when the data tell, and silent when they do not."""
 
+import re
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import METHODS, identify
 from opid.suspensions.result import GEAR_PARAMETERS
-from opid.suspensions.sensor_facts import SensorFacts, SensorPair
+from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
 
 TRUTH = dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
@@ -197,21 +200,50 @@ def test_single_spikes_change_the_mass_by_less_than_its_deviation(study, channel
     assert abs(after.value - before.value) < after.std < 4 * before.std
 
 
-CONTRADICTED = SensorFacts(corner_hz=0.33, corner_tolerance=0.1)
+def readme_sensors():
+    """The [sensors] block of README as it stands there."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (block,) = (each for each in re.findall(r"```toml\n(.*?)```", readme, re.S) if "[sensors.unsprung]" in each)
+    stated = tomllib.loads(block)["sensors"]
+    leaks = tuple(Leak(**each) for each in stated["leak"])
+    return SensorPair(SensorFacts(**stated["unsprung"]), SensorFacts(**stated["sprung"]), leaks)
 
 
-def test_a_stated_corner_that_the_runs_contradict_is_named():
-    """The [sensors] block of README on sensors without AC coupling."""
-    stated = SensorPair(CONTRADICTED, CONTRADICTED)
-    result = identify(study_of(sensors=stated, duration_s=40), law="arctan_velocity")
-    named = [each for each in result.warnings if "corner of the AC coupling" in each and "contradicts the runs" in each]
-    assert named
-    assert "0.33 +- 0.033 Hz" in named[0]
-    assert "standard deviations off): check the data sheet, or state a wider tolerance" in named[0]
-    # and a corner that is there is no contradiction
+def contradictions(result):
+    return [each for each in result.warnings if "contradicts the runs" in each]
+
+
+def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
+    """Sensors that are said to be AC-coupled and are not: the corners found are next to none, and the rest is noise."""
+    result = identify(study_of(sensors=readme_sensors(), duration_s=40, fore_aft=True), law="arctan_velocity")
+    assert result.residual_over_noise < 1.1
+    named = contradictions(result)
+    assert len(named) == 2
+    for side, sentence in zip(("unsprung", "sprung"), named, strict=True):
+        stated = f"the stated corner of the AC coupling of the {side} sensor, 0.33 +- 0.066 Hz, contradicts the runs"
+        assert sentence.startswith(stated)
+        assert "(5.0 standard deviations off): check the data sheet, or state a wider tolerance" in sentence
+        assert result.evidence[0].fit.value(f"corner_{side}_hz") < 0.005
+    mass = result.parameters["sprung_mass_kg"]
+    assert abs(mass.value - TRUTH["sprung_mass_kg"]) < 4 * mass.std
+    assert mass.std < 3
+
+
+def test_stated_corners_that_are_there_are_no_contradiction():
     coupled = {"lower_sensor": Sensor(corner_hz=0.33), "upper_sensor": Sensor(corner_hz=0.33)}
-    sound = study_of(sensors=stated, duration_s=40, **coupled)
-    assert not any("contradicts the runs" in each for each in identify(sound, law="arctan_velocity").warnings)
+    sound = study_of(sensors=readme_sensors(), duration_s=40, fore_aft=True, **coupled)
+    result = identify(sound, law="arctan_velocity")
+    assert result.residual_over_noise < 1.1
+    assert not contradictions(result)
+
+
+@pytest.mark.parametrize(("tolerance", "gain", "words"), [(0.002, 1.1, "or more"), (0.002, 0.9, "or less")])
+def test_a_fact_that_ends_at_a_bound_is_told_as_a_bound(tolerance, gain, words):
+    """A gain is looked for within eight standard deviations of what is stated."""
+    stated = SensorPair(sprung=SensorFacts(gain_tolerance=tolerance))
+    result = identify(study_of(sensors=stated, upper_sensor=Sensor(gain=gain)), law="arctan_velocity")
+    (sentence,) = contradictions(result)
+    assert f"which show {1 + np.sign(gain - 1) * 8 * tolerance:.3g} {words} (8.0 standard deviations off)" in sentence
 
 
 def test_bad_arguments_are_named(study):

@@ -167,7 +167,7 @@ def test_laws_are_not_searched_where_they_promise_nothing(friction, monkeypatch)
     """Far beyond the noise, terms that explain hardly any of it are not tried."""
     theta = friction.theta * np.where(np.arange(friction.theta.size) == 0, 3.0, 1.0)
     wrong = Fit(friction.model, theta, friction.model.evaluate(theta), 1)
-    assert wrong.ratio > SETTINGS.hopeless
+    assert wrong.ratio > wrong.model.settings.verdicts.refused
     left = float(wrong.errors.stacked @ wrong.errors.stacked)
     monkeypatch.setattr(driven_laws.LawDictionary, "left_by_all", lambda self: 0.9 * left)
     assert LAWS_OF_RUNS.dictionaries(wrong, ("cubic_stiffness",)) == {}

@@ -15,6 +15,7 @@ from opid.suspensions.paper.identification import identify_by_paper
 from opid.suspensions.paper.result import METHODS
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
+from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Run, study_of_gear
 
 TRUTH = dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
@@ -167,7 +168,7 @@ def test_a_mass_change_that_did_not_happen_gives_no_mass():
 
 def test_a_law_that_explains_nothing_is_refused_and_carries_no_numbers(study):
     result = identify_by_paper(study, law="linear")
-    assert result.residual_over_noise > result.settings.refused
+    assert result.residual_over_noise > result.settings.verdicts.refused
     assert "would be a guess" in result.not_determined
     assert any("times the sensor noise" in warning for warning in result.warnings)
     assert all(estimate.value is None for estimate in [*result.parameters.values(), *result.ratios.values()])
@@ -175,7 +176,7 @@ def test_a_law_that_explains_nothing_is_refused_and_carries_no_numbers(study):
 
 
 def test_settings_are_used_and_kept(study):
-    lenient = PaperSettings(refused=1e9, n_cells=11)
+    lenient = PaperSettings(verdicts=Verdicts(refused=1e9), n_cells=11)
     result = identify_by_paper(study, law="linear", band_hz=(0.8, 9.0), ground=False, settings=lenient)
     assert result.settings == replace(lenient, law="linear", band_hz=(0.8, 9.0), ground=False)
     assert result.chain.band_hz == (0.8, 9.0)
@@ -183,7 +184,11 @@ def test_settings_are_used_and_kept(study):
     assert result.ratios["ground_stiffness_per_mass"].value == 0.0
     # the intervals are as wide as the residual asks for
     strict = identify_by_paper(
-        study, law="linear", band_hz=(0.8, 9.0), ground=False, settings=replace(lenient, doubted=1.0)
+        study,
+        law="linear",
+        band_hz=(0.8, 9.0),
+        ground=False,
+        settings=replace(lenient, verdicts=Verdicts(doubtful=1.0, refused=1e9)),
     )
     widths = [each.ratios["stiffness_per_mass"].std for each in (strict, result)]
     np.testing.assert_allclose(widths[0] / widths[1], 3.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 from opid.suspensions.sensor_facts import IDEAL, Fault, Leak, SensorFacts, Sensors, ideal_sensors
 
 LOOSE = SensorFacts(gain_tolerance=0.03, corner_hz=0.4, corner_tolerance=0.3, lag_tolerance_s=3e-3)
@@ -78,3 +78,28 @@ def test_a_changed_fact_is_of_one_sensor():
     sensors = ideal_sensors(2, 3).changed("sprung", 1, gain_tolerance=0.02)
     assert [facts.gain_tolerance for facts in sensors.sprung] == [0.0, 0.02, 0.0]
     assert sensors.unsprung == (IDEAL, IDEAL)
+
+
+def test_the_mean_of_a_pair_errs_less_and_keeps_its_corner_and_leaks():
+    coupled = SensorFacts(4e-3, gain_tolerance=0.03, corner_hz=0.3, corner_tolerance=0.1, lag_tolerance_s=3e-3)
+    other = SensorFacts(3e-3, gain_tolerance=0.04, corner_hz=0.34, corner_tolerance=0.1, lag_tolerance_s=4e-3)
+    leaks = (("sprung", 2, 0.05), ("unsprung", 0, 0.02), ("sprung", 3, 0.01), ("sprung", 1, 0.03))
+    sensors = Sensors((IDEAL, coupled, other), (LOOSE, IDEAL, IDEAL, IDEAL), ("nose", "left", "right", "tail"), leaks)
+    mean = sensors.mean_of((1, 2))
+    (below,) = mean.unsprung
+    assert mean.sprung == (IDEAL,)
+    np.testing.assert_allclose(
+        [below.noise_m_per_s2, below.gain_tolerance, below.corner_hz, below.lag_tolerance_s],
+        [2.5e-3, 0.025, 0.32, 2.5e-3],
+    )
+    np.testing.assert_allclose(below.corner_tolerance * below.corner_hz, np.hypot(0.03, 0.034) / 2)
+    assert sensors.leaks_into((1, 2)) == [0, 3]
+    assert mean.leaks == (("sprung", 0, 0.05), ("sprung", 0, 0.03))
+    # one gear keeps its facts as they are
+    assert sensors.mean_of((0,)) == Sensors((IDEAL,), (LOOSE,), ("",), (("unsprung", 0, 0.02),))
+
+
+def test_unlike_corners_have_no_mean():
+    sensors = Sensors((IDEAL, IDEAL), (SensorFacts(corner_hz=0.33, corner_tolerance=0.2), IDEAL), ("left", "right"))
+    with pytest.raises(NotDeterminedError, match=r"the sprung sensors have unlike corners .*\(0.33 and none, in Hz\)"):
+        sensors.mean_of((0, 1))

@@ -1,21 +1,40 @@
 """Every tuned number of the estimator is a field of a record, with its reason, and can be passed."""
 
 import re
-from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from dataclasses import FrozenInstanceError, asdict, fields, is_dataclass, replace
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 from law_runs import study_of
 
+from opid.errors import InputError
 from opid.suspensions import settings
-from opid.suspensions.flights.settings import FlightSettings
+from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.identification import identify
-from opid.suspensions.paper.settings import __dict__ as of_the_paper
-from opid.suspensions.settings import RunSettings, Settings, Verdicts
-from opid.suspensions.sparse_regression import RegressionSettings
+from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.settings import RegressionSettings, RunSettings, Settings, Verdicts
+from opid.suspensions.study import StructureSettings
 
-RECORDS = [each for each in vars(settings).values() if isinstance(each, type) and is_dataclass(each)]
-RECORDS += [each for each in of_the_paper.values() if isinstance(each, type) and is_dataclass(each)]
-RECORDS += [RegressionSettings, FlightSettings]
+ROOM = Path(settings.__file__).parent
+
+
+def records_of_the_wing():
+    """Every settings record that any file of the wing defines, and the verdicts."""
+    found = {Verdicts}
+    for path in sorted(ROOM.rglob("*.py")):
+        names = path.relative_to(ROOM.parent.parent).with_suffix("").parts
+        module = import_module(".".join(names))
+        found |= {each for each in vars(module).values() if isinstance(each, type) and is_settings(each)}
+    return sorted(found, key=lambda record: record.__name__)
+
+
+def is_settings(record):
+    # what a study says of its structure is no number that somebody tuned
+    return is_dataclass(record) and record.__name__.endswith("Settings") and record is not StructureSettings
+
+
+RECORDS = [each for each in records_of_the_wing() if each.__module__.startswith("opid.suspensions.")]
 TUNED = [record for record in dict.fromkeys(RECORDS) if record is not Settings]
 FIELDS = [(record, field.name) for record in TUNED for field in fields(record)]
 
@@ -40,6 +59,48 @@ def test_all_records_are_part_of_the_settings():
     parts = {type(getattr(Settings(), field.name)) for field in fields(Settings)}
     in_file = {each for each in vars(settings).values() if isinstance(each, type) and is_dataclass(each)}
     assert parts == in_file - {Settings}
+
+
+def parts_of(record):
+    """The records that stand in a record."""
+    inside = [type(getattr(record, field.name)) for field in fields(record)]
+    return {each for each in inside if is_dataclass(each)}
+
+
+def test_every_record_of_the_wing_can_be_passed_and_is_printed():
+    """It is part of the settings of the estimator, of the paper's chain or of the bench, which their results hold."""
+    reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings()]
+    while waiting:
+        record = waiting.pop()
+        reached.add(type(record))
+        waiting += [each() for each in parts_of(record) - reached]
+    assert set(RECORDS) == reached
+    assert asdict(Settings())["regression"]["n_passes"] == RegressionSettings().n_passes
+
+
+def test_settings_of_the_regression_reach_it():
+    pytest.importorskip("pysindy")
+    study, none = study_of(duration_s=12), Settings(regression=RegressionSettings(n_passes=0))
+    result = identify(study, method_of_law="sparse regression", settings=none)
+    assert result.settings == none
+    assert not any(step.method == "sparse regression" for step in result.evidence[0].ladder)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (
+            {"method_of_law": "both"},
+            "method_of_law is 'both', which the method 'classical' does not know: leave it out",
+        ),
+        ({"seed": 3}, "seed is 3, which the method 'classical' does not know"),
+        ({"settings": Settings()}, "settings are those of the method 'model', .* give PaperSettings to"),
+        ({"method": "model", "high_pass_hz": 0.5}, "high_pass_hz is 0.5, and the method 'model' integrates nothing"),
+    ],
+)
+def test_arguments_that_a_method_does_not_know_are_refused(given, words):
+    with pytest.raises(InputError, match=words):
+        identify(study_of(duration_s=12), **({"method": "classical"} | given))
 
 
 def test_settings_are_used_and_stand_in_the_result():

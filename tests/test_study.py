@@ -84,6 +84,14 @@ FAULTS = [
         with_left(facts=SensorPair(leaks=(Leak("nose_upper_z", "sprung"), Leak("nose_upper_z", "sprung", 0.01)))),
         "the leak of 'nose_upper_z' into the sprung sensor stands twice, give it once",
     ),
+    (
+        {"sensors": (BodySensor("tail", 0.0, 0.0, leaks=(Leak("nose_upper_z", "unsprung"),)),)},
+        "the leak of 'nose_upper_z' into 'tail' on the body is said to be unsprung: give 'sprung'",
+    ),
+    (
+        {"sensors": (BodySensor("tail", 0.0, 0.0, leaks=(Leak("tail", "sprung"),)),)},
+        "the leak 'tail' is the sprung channel itself, name another axis",
+    ),
     (with_structure("rigid"), "the kind of structure is 'rigid': did you mean 'rigid_body'"),
     (with_structure(position_tolerance_m=-0.01), "position_tolerance_m is -0.01, give 0 to 1"),
     (with_structure(position_tolerance_m=10.0), "position_tolerance_m is 10.0, give 0 to 1, in m"),

@@ -176,6 +176,9 @@ def test_facts_of_the_sensors_of_a_body_stand_with_their_channels(read):
     assert facts.unsprung == (IDEAL,) * 3
     assert facts.names == ("nose", "left", "right", "tail_z")
     assert facts.leaks == (("sprung", 0, 0.05),)
+    # a further sensor on the body may let in an axis, too
+    into_tail = BODY.replace('channel = "tail_z"\ninto = "n_up"', 'channel = "n_low"\ninto = "tail_z"')
+    assert read(into_tail).sensor_facts().leaks == (("sprung", 3, 0.05),)
 
 
 def test_two_sections_of_one_log_are_two_runs(read):
@@ -420,7 +423,7 @@ BODY_FAULTS = [
     ('"rigid_body"', '"rigid"', "kind of structure is 'rigid': did you mean 'rigid_body'"),
     ('"r_up"', '"r_upp"', "there is no channel 'r_upp'"),
     ('channel = "tail", unit', 'chanel = "tail", unit', "did you mean 'channel'"),
-    ('into = "n_up"', 'into = "n_uup"', r"leaks into 'n_uup', which is no sensor of an interface: did you mean 'n_up'"),
+    ('into = "n_up"', 'into = "n_uup"', r"leaks into 'n_uup', which is no sensor .* on the body: did you mean 'n_up'"),
     (
         "[structure]",
         "[sensors.sprung]\ngain_tolerance = 0.1\n[structure]",

@@ -20,12 +20,12 @@ from opid.suspensions.faults import Demand
 from opid.suspensions.fit import NO_FIT, Fit, loading_changes
 from opid.suspensions.intervals import Parameters, honest_covariance
 from opid.suspensions.law_search import chosen
-from opid.suspensions.model import Group, Model
+from opid.suspensions.model import Group, Model, noise_level
 from opid.suspensions.noise import with_own_noise
 from opid.suspensions.residual import mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import Found, Ladder, Question, find_model, is_hopeless, judged
-from opid.suspensions.sensor_facts import Sensors, ideal_sensors
+from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start, start_values
 from opid.suspensions.study import PointMass, Study
@@ -115,7 +115,7 @@ class Fitted:
     @property
     def level(self) -> float:
         """Noise known beforehand, as white noise of one level on all sensors, m/s^2."""
-        return mean_level([mean_level(side.tolist()) for side in self.noise])
+        return noise_level(self.noise)
 
     @property
     def residual_over_noise(self) -> float:
@@ -224,6 +224,13 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
     """Fit the mean of some interfaces as one gear under its share of the mass."""
     study, picked, runs = task.study, list(interfaces), []
     assert study is not None  # a user's own structure has no gears to leave alone
+    kind = "single" if len(picked) == 1 else "pair"
+    noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise)
+    try:
+        sensors = task.sensors.mean_of(picked)
+    except NotDeterminedError as error:
+        return Fitted(kind, interfaces, None, noise, task, str(error))  # type: ignore[arg-type]
+    leaking = task.sensors.leaks_into(picked)
     for run, (below, above, across) in zip(study.runs, task.arrays, strict=True):
         change = sum(float(shares(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
@@ -234,20 +241,11 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
                 above[:, picked].mean(axis=1),
                 fs=study.fs,
                 loading=change,
-                leaks=across if study.is_one_gear else None,
+                leaks=across[:, leaking] / len(picked),
                 settings=task.settings.runs,
             )
         )
-    noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise)
-    sensors = task.sensors
-    if not study.is_one_gear:
-        alone = len(picked) == 1
-        sensors = ideal_sensors(1, 1)
-        if alone:
-            below_facts, above_facts = task.sensors.unsprung[picked[0]], task.sensors.sprung[picked[0]]
-            sensors = Sensors((below_facts,), (above_facts,), ("",))
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)
-    kind = "single" if len(picked) == 1 else "pair"
     return fitted(task, kind, interfaces, runs, gear_body(), (Group(name, (0,)),), sensors, noise)  # type: ignore[arg-type]
 
 
@@ -338,7 +336,7 @@ def fitted(
         model = Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, settings)
         found = judged(find_model(model, start, task.question, progress=task.say), task.question)
         # the noise of the two sides is told apart only where the model explains the runs
-        if found.fit.ratio < settings.faults.explained:
+        if found.fit.ratio < settings.faults.nearly_explained:
             found = replace(found, fit=with_own_noise(found.fit))
     except (*NO_FIT, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, noise, task, str(error))

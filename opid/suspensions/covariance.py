@@ -26,9 +26,23 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
     scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
     scaled = jacobian / scale
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
+    factor, products = score_products(scaled, residual, cells)
+    return factor * inverse @ products @ inverse / np.outer(scale, scale)
+
+
+def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
+    """Return the small-sample factor and the products of the scores added up over cells: the inside of the sandwich.
+
+    Args:
+        jacobian: (n_data, n_parameters).
+        residual: (n_data,).
+        cells: (n_data,) the cell of each residual.
+
+    >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
+    (2.0, array([[4.]]))
+    """
     _, place = np.unique(cells, return_inverse=True)
     n_cells, n_parameters = int(place.max()) + 1, jacobian.shape[1]
     scores = np.zeros((n_cells, n_parameters))
-    np.add.at(scores, place, scaled * residual[:, np.newaxis])
-    factor = n_cells / max(n_cells - n_parameters, 1)
-    return factor * inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
+    np.add.at(scores, place, jacobian * residual[:, np.newaxis])
+    return n_cells / max(n_cells - n_parameters, 1), scores.T @ scores

@@ -49,7 +49,7 @@ class DrivenLaws:
             own = np.arange(errors.jacobian.shape[1])[model.law_places(number)]
             by_law, others = errors.jacobian[:, own], np.delete(errors.jacobian, own, axis=1)
             found[name] = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
-        if fit.ratio > self.settings.hopeless:
+        if fit.ratio > fit.model.settings.verdicts.refused:
             # no law mends what a wrong structure leaves
             least = min(each.left_by_all() for each in found.values())
             if least > (1 - self.settings.good_fraction) * float(errors.stacked @ errors.stacked):

@@ -142,7 +142,7 @@ def let_in(
         new = tuple(_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
         helps = now is standing and best.noise_m_per_s2 < (1 - known.helps_fraction) * now.fit.noise_m_per_s2
         now = _Standing(best, (*now.demands, *new))
-        if helps or best.ratio < known.explained:
+        if helps or best.ratio < known.nearly_explained:
             standing = now
     standing = _without_the_useless(standing, known)
     return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
@@ -238,10 +238,10 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
         gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
     except NO_FIT:
         return []
-    found, search = [], fit.model.settings.search
+    found, search, refused = [], fit.model.settings.search, fit.model.settings.verdicts.refused
     for gain, hypothesis in zip(gains, hypotheses, strict=True):
         score = gain / fit.variance
-        if fit.ratio > search.hopeless and score < search.good_fraction * fit.n_data:
+        if fit.ratio > refused and score < search.good_fraction * fit.n_data:
             continue
         if hypothesis.ground and start is not None:
             score = max(score, float(np.max((start.ground_stiffness / start.ground_std) ** 2)))

@@ -109,11 +109,6 @@ class Fit:
             return next(iter(names.values()))
         return "; ".join(f"{group}: {law}" for group, law in names.items())
 
-    @property
-    def n_terms(self) -> int:
-        """Terms of the laws of all groups."""
-        return sum(len(law.terms) for law in self.laws.values())
-
     def value(self, name: str) -> float:
         """Return a shared parameter; 0 where it was not fitted.
 

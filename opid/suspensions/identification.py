@@ -15,11 +15,12 @@ from opid.signals.health import check_pair, inspect, without_spikes
 from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
-from opid.suspensions.candidates import Arrays, Choice, Fitted, Noise, Task, fit_alone, fit_rigid, parts_of
+from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.force_surface import force_surface
 from opid.suspensions.intervals import bootstrap_over_white, std_over_white
 from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.limits import ground_imitations, limits
+from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise
 from opid.suspensions.residual import measure_whiteness, over_noise
 from opid.suspensions.result import Candidate, Evidence, Identification, Options, RunResidual
@@ -85,8 +86,8 @@ def identify(
         `PaperIdentification` for the methods "classical" and "paper".
 
     Raises:
-        InputError: an unknown method or law, channels that are no pair, a run of less than 10 s, or interfaces that
-            make no rigid body where one is asked for.
+        InputError: an unknown method or law, an argument that the method does not know, channels that are no pair, a
+            run of less than 10 s, or interfaces that make no rigid body where one is asked for.
         NotDeterminedError: no structure can be fitted at all.
     """
     if method not in METHODS:
@@ -96,11 +97,23 @@ def identify(
     if method != "model":
         if not study.is_one_gear:
             raise InputError(f"the method {method!r} is for one gear: leave it out for a body on several suspensions")
+        for name, value, usual in (
+            ("method_of_law", method_of_law, "pursuit"),
+            ("seed", seed, 0),
+            ("settings", settings, None),
+        ):
+            if value != usual:
+                raise InputError(_of_the_model_alone(name, value, method))
         from opid.suspensions.paper.identification import identify_by_paper
 
         given = {"band_hz": band_hz, "high_pass_hz": high_pass_hz}
         known = {name: value for name, value in given.items() if value is not None}
         return identify_by_paper(study, method=method, law=law, ground=ground, progress=progress, **known)  # type: ignore[arg-type]
+    if high_pass_hz is not None:
+        raise InputError(
+            f"high_pass_hz is {high_pass_hz:g}, and the method 'model' integrates nothing by itself: leave it out, or "
+            "give method='classical'"
+        )
     settings = settings or Settings()
     if band_hz is not None:
         settings = replace(settings, runs=replace(settings.runs, band_hz=(float(band_hz[0]), float(band_hz[1]))))
@@ -119,6 +132,16 @@ def identify(
     choice = _chosen(study, tried)
     say("intervals")
     return _answer(task, choice, options, mended)
+
+
+def _of_the_model_alone(name: str, value: object, method: str) -> str:
+    """Why an argument cannot be used by the paper's chain."""
+    if isinstance(value, Settings):
+        return (
+            f"settings are those of the method 'model', and the method is {method!r}: leave them out, or give "
+            "PaperSettings to opid.suspensions.paper.identification.identify_by_paper"
+        )
+    return f"{name} is {value!r}, which the method {method!r} does not know: leave it out, or give method='model'"
 
 
 def _checked(study: Study, settings: Settings) -> Study:
@@ -274,7 +297,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
         candidates=tuple(_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried),
         why=choice.why,
         runs=_runs(study, parts, task.arrays),
-        noise_m_per_s2=_level(task.noise),
+        noise_m_per_s2=noise_level(task.noise),
         residual_over_noise=choice.ratio,
         evidence=evidence,
         mended_spikes=mended,
@@ -312,10 +335,6 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         limits=tuple(limits(fit, part.known.covariance, study)),
         n_starts=found.n_starts,
     )
-
-
-def _level(noise: Noise) -> float:
-    return float(np.sqrt(np.mean([np.mean(np.square(side)) for side in noise])))
 
 
 def _failure(choice: Choice) -> str | None:

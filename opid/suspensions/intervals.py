@@ -11,6 +11,7 @@ from scipy import fft
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
 from opid.signals.recording import FloatArray
+from opid.suspensions.covariance import score_products
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
@@ -32,26 +33,18 @@ def honest_covariance(fit: Fit) -> FloatArray:
 
 def std_over_white(fit: Fit) -> FloatArray:
     """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1."""
-    posterior, jacobian, scale = _scaled(fit)
+    posterior, jacobian, _ = _scaled(fit)
     n, known = fit.n_data, fit.model.settings.intervals
-    scores, first, n_cells = [], 0, 0
+    cells, n_cells = [], 0
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
         n_lines = run.omega.size
-        cell = np.tile(np.arange(n_lines) // known.lines_per_cell, line.size // n_lines)
-        own = np.zeros((int(cell.max()) + 1, scale.size))
-        for _ in range(2):
-            rows = slice(first, first + line.size)
-            product = jacobian[rows] * fit.errors.stacked[rows, np.newaxis]
-            order = np.argsort(cell, kind="stable")
-            starts = np.searchsorted(cell[order], np.arange(len(own)))
-            own += np.add.reduceat(product[order], starts, axis=0)
-            first += line.size
-        scores.append(own / fit.variance)
-        n_cells += len(own)
-    stacked = np.concatenate(scores)
+        # real and imaginary part of all sensors
+        own = np.tile(np.arange(n_lines) // known.lines_per_cell, 2 * line.size // n_lines)
+        cells.append(n_cells + own)
+        n_cells += int(own.max()) + 1
+    small, products = score_products(jacobian[:n], fit.errors.stacked[:n] / fit.variance, np.concatenate(cells))
     of_prior = jacobian[n:].T @ jacobian[n:]
-    small = n_cells / max(n_cells - scale.size, 1)
-    sandwich = posterior @ (small * (stacked.T @ stacked) + of_prior) @ posterior
+    sandwich = posterior @ (small * products + of_prior) @ posterior
     return np.sqrt(np.maximum(np.diag(sandwich) / np.diag(posterior), 1.0))
 
 

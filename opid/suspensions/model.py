@@ -158,8 +158,7 @@ class Model:
     @property
     def level(self) -> float:
         """The noise that is assumed, as white noise of one level on all sensors, m/s^2."""
-        mean = [float(np.mean(np.square(side))) for side in self.noise]
-        return float(np.sqrt(np.mean(mean)))
+        return noise_level(self.noise)
 
     @property
     def _n_own(self) -> int:
@@ -215,8 +214,11 @@ class Model:
         farthest = self.settings.fit.farthest_std
         for k, fault in enumerate(self.faults, start=self._first_fault):
             lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
-            if fault.kind in ("gain", "corner"):
-                lower[k] = max(lower[k], 0.2 * fault.nominal)
+            if fault.kind == "gain":
+                lower[k] = max(lower[k], self.settings.faults.least_gain)
+            elif fault.kind == "corner":
+                # however sharply a corner is stated: the sensor may have none
+                lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
         for k, coordinate in enumerate(self.body.coordinates, start=self._first_coordinate):
             lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
         return lower, upper
@@ -581,6 +583,11 @@ class Model:
         travel = np.linalg.solve(system, driven[:, :, :n])
         force = (spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
         return -(moved.reading @ force)[:, : len(self.sensors.sprung)]
+
+
+def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
+    """Return the noise of the sensors below and on the body as white noise of one level on all of them, m/s^2."""
+    return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
 
 
 def _widened(samples: FloatArray, n_slots: int) -> FloatArray:

@@ -107,7 +107,7 @@ def is_hopeless(fit: Fit) -> bool:
     Args:
         fit: of any laws.
     """
-    return fit.ratio > fit.model.settings.search.hopeless
+    return fit.ratio > fit.model.settings.verdicts.refused
 
 
 class _Search:
@@ -196,7 +196,14 @@ class _Search:
 
             begun = chosen(ladder).fit if ladder else fit
             method = ladder[-1].method if ladder else method
-            more = search_by_regression(problem, begun, kinds=self.question.kinds, method=method, progress=self.say)
+            more = search_by_regression(
+                problem,
+                begun,
+                kinds=self.question.kinds,
+                method=method,
+                settings=fit.model.settings.regression,
+                progress=self.say,
+            )
             ladder = (*ladder, *more)
         return ladder
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
-from opid.errors import InputError
+from opid.errors import InputError, NotDeterminedError
 
 Side = Literal["sprung", "unsprung"]
 SIDES: tuple[Side, Side] = ("sprung", "unsprung")
@@ -142,6 +142,29 @@ class Sensors:
         """Return what is known of the sensors of a side."""
         return self.unsprung if side == "unsprung" else self.sprung
 
+    def mean_of(self, interfaces: Sequence[int]) -> Sensors:
+        """Return one gear's sensors that read what those of some interfaces read on average.
+
+        Sensors err independently, so that the mean errs less. Each leak into one of them is a leak into the mean, once
+        the axis is divided by their number: they are those of `leaks_into`, in this order.
+
+        Args:
+            interfaces: one, or several.
+
+        Raises:
+            NotDeterminedError: sensors of one side with unlike AC coupling, whose mean has no corner.
+        """
+        return Sensors(
+            unsprung=(_mean([self.unsprung[k] for k in interfaces], "unsprung"),),
+            sprung=(_mean([self.sprung[k] for k in interfaces], "sprung"),),
+            names=("",),
+            leaks=tuple((self.leaks[k][0], 0, self.leaks[k][2]) for k in self.leaks_into(interfaces)),
+        )
+
+    def leaks_into(self, interfaces: Sequence[int]) -> list[int]:
+        """Return the numbers of the leaks into sensors of some interfaces."""
+        return [number for number, (_, channel, _) in enumerate(self.leaks) if channel in interfaces]
+
     def changed(self, side: Side, channel: int, **facts: float) -> Sensors:
         """Return the sensors with other facts, fields of `SensorFacts`, of one of them."""
         row = list(self.facts(side))
@@ -178,6 +201,32 @@ class Sensors:
 
     def _where(self, channel: int) -> str:
         return f"[{self.names[channel]}]" if self.names[channel] else ""
+
+
+def _mean(facts: Sequence[SensorFacts], side: Side) -> SensorFacts:
+    """What is known of the mean of some readings."""
+    if len(facts) == 1:
+        return facts[0]
+
+    def of_the_mean(stds: Sequence[float]) -> float:
+        return math.hypot(*stds) / len(stds)
+
+    corners_hz = [each.corner_hz for each in facts]
+    stds_hz = [each.corner_tolerance * each.corner_hz for each in facts]
+    if max(corners_hz) - min(corners_hz) > math.hypot(*stds_hz):
+        listed = " and ".join(f"{corner_hz:.3g}" if corner_hz else "none" for corner_hz in corners_hz)
+        raise NotDeterminedError(
+            f"the {side} sensors have unlike corners of their AC coupling ({listed}, in Hz), and their mean has none: "
+            "take each gear alone, or one rigid body"
+        )
+    corner_hz, stated = sum(corners_hz) / len(facts), [each.noise_m_per_s2 for each in facts]
+    return SensorFacts(
+        noise_m_per_s2=of_the_mean([each for each in stated if each]) if all(stated) else None,
+        gain_tolerance=of_the_mean([each.gain_tolerance for each in facts]),
+        corner_hz=corner_hz,
+        corner_tolerance=of_the_mean(stds_hz) / corner_hz if corner_hz else 0.0,
+        lag_tolerance_s=of_the_mean([each.lag_tolerance_s for each in facts]),
+    )
 
 
 def ideal_sensors(n_interfaces: int, n_sensors: int) -> Sensors:

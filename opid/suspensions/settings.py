@@ -16,7 +16,7 @@ class Verdicts:
         explained: up to here the model explains the runs; estimated noise floors scatter by a tenth.
         noted: above this a single gear's residual is worth a warning.
         doubtful: above this what the model lacks rules the answer, and intervals are widened or withheld.
-        refused: above this no number is told.
+        refused: above this no number is told, and laws and faults are searched only where they promise much.
         refused_fraction: a doubtful model is refused, too, where it leaves more than this fraction of the body's rms
             acceleration.
         loosely_known: a value whose standard deviation is a larger fraction of it is not determined.
@@ -165,9 +165,8 @@ class SearchSettings:
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
         alike_bic: criteria that are closer do not tell two laws apart.
-        hopeless: residual over noise above which laws or faults are tried only if they promise a good fraction: none
-            mends what a wrong structure leaves.
-        good_fraction: of the squared error that all candidates together must then explain, to first order.
+        good_fraction: where a fit would be refused, laws or faults are tried only if all candidates together promise to
+            explain this fraction of the squared error, to first order: none mends what a wrong structure leaves.
         scale_fractions: between which fractions of the range in which a scale can be seen, in its logarithm, scales are
             tried: at its lower end friction is a step, at its upper end a straight line.
         lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms.
@@ -191,12 +190,38 @@ class SearchSettings:
     most_exchanged: int = 2
     n_neighbours: int = 2
     alike_bic: float = 10.0
-    hopeless: float = 20.0
     good_fraction: float = 0.2
     scale_fractions: tuple[float, float] = (0.4, 0.98)
     lags: tuple[float, ...] = (0.3, 1.0, 3.0)
     most_measured_rms: float = 3.0
     every_sample: int = 7
+
+
+@dataclass(frozen=True)
+class RegressionSettings:
+    """How sparse regression, the second method beside the search above, proposes laws.
+
+    Args:
+        n_samples: that the regression looks at.
+        n_blocks: of time that are left out by turns.
+        thresholds: coefficients, in fractions of the force that stiffness and damping leave, below which a term goes.
+        relaxation: of SR3: how closely the sparse coefficients follow the others.
+        block_margin: a larger law must lower the error of the blocks left out by this fraction.
+        n_rounds: of alternating inner scales with the choice of terms.
+        n_refitted: laws that are fitted by the model in a pass.
+        n_passes: each regresses on the motion as the better model predicts it.
+        most_terms: of a law.
+    """
+
+    n_samples: int = 6000
+    n_blocks: int = 10
+    thresholds: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.4)
+    relaxation: float = 1.0
+    block_margin: float = 0.01
+    n_rounds: int = 3
+    n_refitted: int = 3
+    n_passes: int = 4
+    most_terms: int = 3
 
 
 @dataclass(frozen=True)
@@ -212,10 +237,13 @@ class FaultSettings:
         lag_samples: delay between channels of a multiplexing logger.
         corner_hz: of a usual AC coupling.
         corner_tolerance: of it, relative.
-        slight_corner_hz: where a score for an AC coupling is taken: next to none.
+        slight_corner_hz: an AC coupling that is next to none. Scores are taken here, and no corner is looked for
+            below: a sensor that is said to be AC-coupled may be none, however narrow the tolerance.
+        least_gain: no gain is looked for below this: a reading is divided by its gain.
         plausible_std: a fault that lies farther from what such sensors do stands in for something else.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
-        explained: residual over noise below which the runs are explained.
+        nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
+            sides is told apart: the little that is left may be the law's.
         most: faults let in.
         looked_at: hypotheses fitted in a round, those with the largest scores.
         contradicted_std: a stated fact that the fit moves by more standard deviations is contradicted by the runs.
@@ -230,9 +258,10 @@ class FaultSettings:
     corner_hz: float = 0.25
     corner_tolerance: float = 0.5
     slight_corner_hz: float = 2e-4
+    least_gain: float = 0.2
     plausible_std: float = 5.0
     helps_fraction: float = 0.3
-    explained: float = 2.0
+    nearly_explained: float = 2.0
     most: int = 3
     looked_at: int = 4
     contradicted_std: float = 3.0
@@ -349,6 +378,7 @@ class Settings:
         start: of the equation of motion that start values come from.
         fit: of the least squares.
         search: of laws.
+        regression: of laws, by the second method.
         faults: that may be let in.
         intervals: and what is said of them.
         surface: of the force without a law.
@@ -365,6 +395,7 @@ class Settings:
     start: StartSettings = field(default_factory=StartSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    regression: RegressionSettings = field(default_factory=RegressionSettings)
     faults: FaultSettings = field(default_factory=FaultSettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)

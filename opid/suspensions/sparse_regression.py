@@ -10,7 +10,6 @@ are proposed are then fitted by the driven model, as those of the pursuit are.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,33 +21,7 @@ from opid.suspensions.fit import Fit
 from opid.suspensions.force_surface import ForcePoints, force_points
 from opid.suspensions.law_search import LawStep, is_better
 from opid.suspensions.separable import separable_fit, start_laws
-
-
-@dataclass(frozen=True)
-class RegressionSettings:
-    """How sparse regression proposes laws.
-
-    Args:
-        n_samples: that the regression looks at.
-        n_blocks: of time that are left out by turns.
-        thresholds: coefficients, in fractions of the force that stiffness and damping leave, below which a term goes.
-        relaxation: of SR3: how closely the sparse coefficients follow the others.
-        block_margin: a larger law must lower the error of the blocks left out by this fraction.
-        n_rounds: of alternating inner scales with the choice of terms.
-        n_refitted: laws that are fitted by the model in a pass.
-        n_passes: each regresses on the motion as the better model predicts it.
-        most_terms: of a law.
-    """
-
-    n_samples: int = 6000
-    n_blocks: int = 10
-    thresholds: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.4)
-    relaxation: float = 1.0
-    block_margin: float = 0.01
-    n_rounds: int = 3
-    n_refitted: int = 3
-    n_passes: int = 4
-    most_terms: int = 3
+from opid.suspensions.settings import RegressionSettings
 
 
 def search_by_regression(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import combinations
@@ -15,7 +15,7 @@ from opid.errors import nearest
 from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.tables import refuse
-from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, SensorFacts, SensorPair, Sensors, Side
+from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")
 """Structures that a study may ask for; "auto" compares the others."""
@@ -89,12 +89,14 @@ class BodySensor:
         x_m: where it is, forward.
         y_m: where it is, to the left.
         facts: what is known of it.
+        leaks: further axes that leak into it, each with `into` "sprung".
     """
 
     channel: str
     x_m: float
     y_m: float
     facts: SensorFacts = IDEAL
+    leaks: tuple[Leak, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -225,11 +227,8 @@ class Study:
 
     def leaks(self) -> list[tuple[str, Side, int, float]]:
         """Return what leaks in: the channel, the side and number of the sensor that lets it in, and the tolerance."""
-        return [
-            (leak.channel, leak.into, place, leak.tolerance)
-            for place, interface in enumerate(self.interfaces)
-            for leak in interface.facts.leaks
-        ]
+        each = [*(interface.facts.leaks for interface in self.interfaces), *(sensor.leaks for sensor in self.sensors)]
+        return [(leak.channel, leak.into, place, leak.tolerance) for place, leaks in enumerate(each) for leak in leaks]
 
     def sensor_facts(self) -> Sensors:
         """Return what is known of all sensors, their noise as stated for each or for all."""
@@ -365,7 +364,9 @@ def _interface_faults(study: Study) -> Iterator[str]:
         if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in (sensor.x_m, sensor.y_m)):
             yield f"the sensor {sensor.channel!r} is at ({sensor.x_m:g}, {sensor.y_m:g}) m, give a place in m"
     for interface in study.interfaces:
-        yield from _leak_faults(interface)
+        yield from _leak_faults(interface.facts.leaks, {"sprung": interface.sprung, "unsprung": interface.unsprung})
+    for sensor in study.sensors:
+        yield from _leak_faults(sensor.leaks, {"sprung": sensor.channel})
     for first, second in combinations(study.interfaces, 2):
         if math.dist(first.place, second.place) < ONE_PLACE_M and first.name != second.name:
             yield (
@@ -381,13 +382,16 @@ def _interface_faults(study: Study) -> Iterator[str]:
             )
 
 
-def _leak_faults(interface: MeasuredInterface) -> Iterator[str]:
-    leaks = [(leak.channel, leak.into) for leak in interface.facts.leaks]
-    for channel, into in sorted({leak for leak in leaks if leaks.count(leak) > 1}):
-        yield f"the leak of {channel!r} into the {into} sensor stands twice, give it once"
-    for channel, into in leaks:
-        if channel == (interface.sprung if into == "sprung" else interface.unsprung):
-            yield f"the leak {channel!r} is the {into} channel itself, name another axis"
+def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[str]:
+    """Of the leaks into some sensors, whose channels are given by side."""
+    leaks = [(leak.channel, leak.into) for leak in into]
+    for channel, side in sorted({leak for leak in leaks if leaks.count(leak) > 1}):
+        yield f"the leak of {channel!r} into the {side} sensor stands twice, give it once"
+    for channel, side in leaks:
+        if side not in channels:
+            yield f"the leak of {channel!r} into {channels['sprung']!r} on the body is said to be {side}: give 'sprung'"
+        elif channel == channels[side]:
+            yield f"the leak {channel!r} is the {side} channel itself, name another axis"
 
 
 def _structure_faults(study: Study) -> Iterator[str]:

@@ -389,11 +389,13 @@ def _body_sensors(document: Document) -> tuple[tuple[MeasuredInterface, ...], tu
     sides: dict[str, tuple[int, Side]] = {}
     for place, entry in enumerate(document["interfaces"]):
         sides |= {entry["unsprung"]: (place, "unsprung"), entry["sprung"]: (place, "sprung")}
+    for place, entry in enumerate(document.get("body_sensors", []), start=len(document["interfaces"])):
+        sides |= {entry["channel"]: (place, "sprung")}
     leaks: dict[int, list[Leak]] = {}
     for entry in document.get("sensors", {}).get("leak", []):
         if entry["into"] not in sides:
             raise InputError(
-                f"[[sensors.leak]] leaks into {entry['into']!r}, which is no sensor of an interface: "
+                f"[[sensors.leak]] leaks into {entry['into']!r}, which is no sensor of an interface or on the body: "
                 f"{nearest(entry['into'], list(sides))}"
             )
         place, side = sides[entry["into"]]
@@ -414,7 +416,8 @@ def _body_sensors(document: Document) -> tuple[tuple[MeasuredInterface, ...], tu
         for place, entry in enumerate(document["interfaces"])
     )
     further = tuple(
-        BodySensor(**entry, facts=_facts_of(channels[entry["channel"]])) for entry in document.get("body_sensors", [])
+        BodySensor(**entry, facts=_facts_of(channels[entry["channel"]]), leaks=tuple(leaks.get(place, ())))
+        for place, entry in enumerate(document.get("body_sensors", []), start=len(interfaces))
     )
     return interfaces, further
 

@@ -403,16 +403,21 @@ def _of_stated_facts(part: Fitted) -> Iterator[str]:
     demanded = {demand.name for demand in part.demands}
     what = {"gain": "gain", "corner": "corner of the AC coupling", "lag": "delay", "leak": "cross-axis leak"}
     units = {"corner": " Hz", "lag": " s"}
+    lower, upper = part.fit.model.bounds()
     for fault in part.fit.model.faults:
         value = part.fit.value(fault.name)
         off = abs(value - fault.nominal) / fault.std
         if fault.name in demanded or off <= part.settings.faults.contradicted_std:
             continue
         unit = units.get(fault.kind, "")
-        name = part.fit.model.sensors.names[fault.channel]
+        # a gear alone has one group, and its sensors need no names
+        name = part.fit.model.sensors.names[fault.channel] or part.fit.model.groups[0].name
+        place = part.fit.model.names.index(fault.name)
+        # as far as it is looked for
+        more = " or less" * bool(value <= lower[place]) + " or more" * bool(value >= upper[place])
         yield (
             f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
-            f"{fault.nominal:.3g} +- {fault.std:.2g}{unit}, contradicts the runs, which show {value:.3g}{unit} "
+            f"{fault.nominal:.3g} +- {fault.std:.2g}{unit}, contradicts the runs, which show {value:.3g}{unit}{more} "
             f"({off:.1f} standard deviations off): check the data sheet, or state a wider tolerance"
         )
 

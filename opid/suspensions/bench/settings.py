@@ -86,7 +86,7 @@ class BenchSettings:
 
     Args:
         record: how the record is taken.
-        search: which law.
+        search: for the law.
         separable: where inner parameters are searched.
         memory: what counts as memory.
         n_search: samples that the search looks at; the chosen law is fitted to all.

@@ -77,7 +77,7 @@ def identify_by_paper(
     result = _without_numbers(study, method, chain, ladder, settings)
     if method == "paper":
         return _conclude_as_printed(result)
-    return _refuse(result) if result.residual_over_noise > settings.refused else _conclude(result)
+    return _refuse(result) if result.residual_over_noise > settings.verdicts.refused else _conclude(result)
 
 
 def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[LawStep[JointFit], ...]:
@@ -157,7 +157,7 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
 
 def _widened(result: PaperIdentification) -> PaperIdentification:
     """Widen the covariance by what the model lacks, which is no noise, and carry it to the mass."""
-    factor = max(1.0, result.residual_over_noise / result.settings.doubted)
+    factor = max(1.0, result.residual_over_noise / result.settings.verdicts.doubtful)
     joint = replace(result.joint, covariance=result.joint.covariance * factor**2)
     if result.added_mass is None:
         return replace(result, joint=joint)

@@ -77,7 +77,7 @@ class PaperIdentification:
     @property
     def is_refused(self) -> bool:
         """Whether no number of the joint fit is told."""
-        return self.method != "paper" and self.residual_over_noise > self.settings.refused
+        return self.method != "paper" and self.residual_over_noise > self.settings.verdicts.refused
 
     @property
     def residual_over_noise(self) -> float:

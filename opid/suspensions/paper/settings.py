@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from opid.suspensions.settings import IntervalSettings, RunSettings, Verdicts
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,8 @@ class PaperSettings:
         largest_mass_fraction: a peak shift that asks for a larger change of the mass than this belongs to two machines.
         least_remainder: a run that keeps a smaller fraction of the sprung mass is a slip of the pen.
         mass_seen_above: 1/M2 must stand this many standard deviations from zero.
+        verdicts: house-wide thresholds on the residual over the noise.
         least_noise: no model of a strut is better than this fraction of the motion, however quiet the sensor.
-        noted: residual over noise from which a warning is given; below, the model explains the runs.
-        doubted: residual over noise above which what the model lacks rules the answer: the intervals are widened.
-        refused: residual over noise above which no number is given.
         few_averages: independent averages below which the coherence is near 1 by construction.
         equal_gains: no two sensors have gains more equal than this, and a gain error passes for a ground spring.
         gain_like: a ground spring below this fraction of K2 is what a gain error of a per cent or two looks like.
@@ -89,17 +89,15 @@ class PaperSettings:
     # mass
     start_mass_over_change: float = 8.0
     largest_mass_fraction: float = 0.5
-    least_remainder: float = 0.2
+    least_remainder: float = IntervalSettings.least_remainder
     mass_seen_above: float = 4.0
-    # verdicts
-    least_noise: float = 0.003
-    noted: float = 1.5
-    doubted: float = 3.0
-    refused: float = 20.0
+    # what is told
+    verdicts: Verdicts = field(default_factory=Verdicts)
+    least_noise: float = RunSettings.least_noise_fraction
     few_averages: float = 4.0
-    equal_gains: float = 0.001
+    equal_gains: float = IntervalSettings.equal_gains
     gain_like: float = 0.05
-    negligible_ground: float = 0.002
+    negligible_ground: float = IntervalSettings.negligible_ground
     straight_above: float = 2.0
     loose_mass: float = 0.02
 

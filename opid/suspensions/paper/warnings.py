@@ -29,14 +29,14 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
 
 
 def _residual(result: PaperIdentification) -> Iterator[str]:
-    unexplained, settings = result.residual_over_noise, result.settings
-    if unexplained > settings.doubted:
+    unexplained, verdicts = result.residual_over_noise, result.settings.verdicts
+    if unexplained > verdicts.doubtful:
         yield (
             f"the model explains the runs only to {unexplained:.1f} times the sensor noise: the law lacks a term, the "
             "slow motion below the high-pass matters, or a sensor is at fault; the intervals are widened by "
-            f"{unexplained / settings.doubted:.1f}"
+            f"{unexplained / verdicts.doubtful:.1f}"
         )
-    elif unexplained > settings.noted:
+    elif unexplained > verdicts.noted:
         yield (
             f"the residual is {unexplained:.1f} times the sensor noise: most of it is the slow motion that the "
             "integration cannot give to the law"
