@@ -22,6 +22,6 @@ for n, ground in ((1, False), (1, True), (2, False)):
         fs=512.0,
         noise=Noise(0.0, 0.01),
         start=np.zeros((rows, n)),
-        start_std=np.full((rows, n), 1e-3),
+        start_covariance=1e-6 * np.eye(rows * n),
         ground=ground,
     )

@@ -251,6 +251,12 @@ def test_bad_arguments_are_named(study):
         identify(study, method="clasical")
     with pytest.raises(InputError, match="did you mean 'cubic_stiffness'"):
         identify(study, law="cubic_stifness")
+    with pytest.raises(InputError, match="give a Study, as read_study or study_of_gear makes one"):
+        identify("study.toml")
+    with pytest.raises(InputError, match="give two numbers, the lowest and the highest line"):
+        identify(study, band_hz=(0.3,))
+    with pytest.raises(InputError, match="the band 300 to 400 Hz lies above .* give a band below it"):
+        identify(study, band_hz=(300.0, 400.0))
     assert set(METHODS) == {"classical", "model", "paper"}
 
 

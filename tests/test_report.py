@@ -186,7 +186,7 @@ def test_the_law_of_json_gives_the_force_of_json(document):
 def test_without_a_mass_json_has_nulls_and_a_reason(one_run):
     document = result_json(one_run)
     assert document["parameters"]["sprung_mass_kg"] == {"value": None, "std": None, "interval95": None}
-    assert "same sprung mass" in document["not_determined"]
+    assert "ratios to the mass alone" in document["not_determined"]
     assert document["law"]["per_mass"] is True
     assert document["restoring_force"]["units"]["force"] == "m/s^2"
     assert document["ratios"]["stiffness_per_mass"]["value"] == pytest.approx(3.9e5 / 1850, rel=0.01)
@@ -250,7 +250,7 @@ def test_text_says_another_true_law(identified):
 
 def test_text_without_a_mass_says_why_and_gives_ratios(one_run, identified):
     text = result_text(one_run, identified.truth)
-    assert "Not determined: all runs have the same sprung mass" in text
+    assert "Not determined: one run gives ratios to the mass alone" in text
     table = {row.label: row.cells for row in gear_rows(one_run, identified.truth)}
     assert table["sprung mass M2"][0] == "-"
     assert table["amplitude"][2] == "N/kg"
@@ -340,7 +340,7 @@ def test_a_reason_and_missing_values_are_on_the_page(one_run, tmp_path, monkeypa
     write_report(one_run, tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Not determined:</strong>" in html
-    assert "same sprung mass" in html
+    assert "one run gives ratios to the mass alone" in html
 
 
 def test_every_kind_of_result_has_text_page_and_json(identified, one_run, by_paper, refused, tmp_path, monkeypatch):

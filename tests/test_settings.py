@@ -11,6 +11,7 @@ from law_runs import study_of
 from opid.errors import InputError
 from opid.suspensions import settings
 from opid.suspensions.bench.settings import BenchSettings
+from opid.suspensions.flights.settings import FlightSettings
 from opid.suspensions.identification import identify
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.settings import RegressionSettings, RunSettings, Settings, Verdicts
@@ -68,8 +69,8 @@ def parts_of(record):
 
 
 def test_every_record_of_the_wing_can_be_passed_and_is_printed():
-    """It is part of the settings of the estimator, of the paper's chain or of the bench, which their results hold."""
-    reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings()]
+    """It is part of the settings of the estimator, of the paper's chain, of the bench or of flights, in their results."""
+    reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings(), FlightSettings()]
     while waiting:
         record = waiting.pop()
         reached.add(type(record))

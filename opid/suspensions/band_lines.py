@@ -57,6 +57,11 @@ def band_lines(
     if not 0 < band_hz[0] < band_hz[1]:
         raise InputError(f"band_hz is ({band_hz[0]:g}, {band_hz[1]:g}): give 0 < low < high, Hz")
     low, high = float(band_hz[0]), min(float(band_hz[1]), settings.highest_fraction * fs)
+    if low >= high:
+        raise InputError(
+            f"the band {band_hz[0]:g} to {band_hz[1]:g} Hz lies above {high:g} Hz, {settings.highest_fraction:g} of the "
+            f"rate of {fs:g} Hz, where the filters of loggers begin: give a band below it"
+        )
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
     if keep.size < settings.least_lines:
         raise InputError(

@@ -90,6 +90,10 @@ def identify(
             run of less than 10 s, or interfaces that make no rigid body where one is asked for.
         NotDeterminedError: no structure can be fitted at all.
     """
+    if not isinstance(study, Study):
+        raise InputError(f"study is {study!r}: give a Study, as read_study or study_of_gear makes one")
+    if band_hz is not None and len(band_hz) != 2:
+        raise InputError(f"band_hz is {band_hz!r}: give two numbers, the lowest and the highest line in Hz")
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
     if method_of_law not in METHODS_OF_LAW:

@@ -77,15 +77,16 @@ def why_no_mass(choice: Choice) -> str | None:
 
 
 def _why_no_scale(study: Study) -> str:
+    if len(study.runs) == 1:
+        key = "mass_change_kg" if study.is_one_gear else "loading"
+        return (
+            "one run gives ratios to the mass alone: record a second one with a known mass more or less, and give its "
+            f"`{key}`"
+        )
     if study.is_one_gear:
         return (
             "all runs have the same sprung mass (mass_change_kg), so only ratios to the mass are determined: add a run "
             "at another mass"
-        )
-    if len(study.runs) == 1:
-        return (
-            "one run gives ratios to the mass alone: record a second one with a known mass more or less, and give its "
-            "`loading`"
         )
     return (
         "all runs have the same loading: only ratios to the mass can be told; give `loading` to the runs that carried "
