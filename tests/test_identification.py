@@ -255,7 +255,7 @@ def test_bad_arguments_are_named(study):
         identify("study.toml")
     with pytest.raises(InputError, match="give two numbers, the lowest and the highest line"):
         identify(study, band_hz=(0.3,))
-    with pytest.raises(InputError, match="the band 300 to 400 Hz lies above .* give a band below it"):
+    with pytest.raises(InputError, match=r"the band 300 to 400 Hz lies above .* give a band below it"):
         identify(study, band_hz=(300.0, 400.0))
     assert set(METHODS) == {"classical", "model", "paper"}
 

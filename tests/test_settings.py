@@ -69,7 +69,7 @@ def parts_of(record):
 
 
 def test_every_record_of_the_wing_can_be_passed_and_is_printed():
-    """It is part of the settings of the estimator, of the paper's chain, of the bench or of flights, in their results."""
+    """It is part of the settings of the estimator, the paper's chain, the bench or flights, which results hold."""
     reached, waiting = set(), [Settings(), PaperSettings(), BenchSettings(), FlightSettings()]
     while waiting:
         record = waiting.pop()

@@ -59,8 +59,8 @@ def band_lines(
     low, high = float(band_hz[0]), min(float(band_hz[1]), settings.highest_fraction * fs)
     if low >= high:
         raise InputError(
-            f"the band {band_hz[0]:g} to {band_hz[1]:g} Hz lies above {high:g} Hz, {settings.highest_fraction:g} of the "
-            f"rate of {fs:g} Hz, where the filters of loggers begin: give a band below it"
+            f"the band {band_hz[0]:g} to {band_hz[1]:g} Hz lies above {high:g} Hz, {settings.highest_fraction:g} of "
+            f"the rate of {fs:g} Hz, where the filters of loggers begin: give a band below it"
         )
     keep = np.flatnonzero((frequency_hz >= low) & (frequency_hz <= high) & (frequency_hz > 0))
     if keep.size < settings.least_lines:
