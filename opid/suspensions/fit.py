@@ -299,6 +299,35 @@ def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | N
     return float(np.sqrt(cost / n_data))
 
 
+def fits_of_each_run(fit: Fit) -> list[Fit]:
+    """Return fits of the same model to each run alone, at a coarse rate; runs that cannot be fitted are left out."""
+    model, found = fit.model, []
+    shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(len(model.runs), -1)
+    if model.mass_free:
+        shared = np.delete(shared, model.names.index("inverse_mass"))
+    for run, begun in zip(model.runs, own, strict=True):
+        alone = replace(model, runs=(run,), mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta)).coarse
+        try:
+            theta = np.concatenate([shared, begun])
+            found.append(fit_model(alone, theta, least_promise=model.settings.fit.promise_from_afar))
+        except NO_FIT:
+            continue
+    return found
+
+
+def runs_contradict_each_other(fit: Fit) -> bool:
+    """Return whether runs of one loading are each explained much better alone: no law and no sensor mends that.
+
+    Args:
+        fit: of all runs.
+    """
+    model, known = fit.model, fit.model.settings.faults
+    if model.mass_free or len(model.runs) < 2 or fit.ratio <= model.settings.verdicts.doubtful:
+        return False
+    ratios = [each.ratio for each in fits_of_each_run(fit)]
+    return len(ratios) == len(model.runs) and max(ratios) < known.alone_fraction * fit.ratio
+
+
 def loading_changes(loadings: Sequence[FloatArray]) -> bool:
     """Return whether the loading of a run is another than that of the first.
 

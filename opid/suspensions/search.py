@@ -16,7 +16,16 @@ from opid.mechanics.laws import LINEAR
 from opid.signals.recording import FloatArray
 from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.faults import Demand, let_in
-from opid.suspensions.fit import NO_FIT, Fit, fastest_rate, first_vector, fit_model, refit, with_laws
+from opid.suspensions.fit import (
+    NO_FIT,
+    Fit,
+    fastest_rate,
+    first_vector,
+    fit_model,
+    refit,
+    runs_contradict_each_other,
+    with_laws,
+)
 from opid.suspensions.law_search import (
     LawStep,
     add_neighbours,
@@ -131,6 +140,8 @@ class _Search:
         for way in ways:
             if best is not None and (best.fit.ratio <= explained or (n_starts >= n_sure and is_hopeless(best.fit))):
                 break
+            if best is not None and runs_contradict_each_other(best.fit):
+                break
             n_starts += 1
             try:
                 found = way()
@@ -160,6 +171,9 @@ class _Search:
             begun = _begun(model, fit.theta, noisier)
             again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
             fit = min(fit, again, key=lambda each: each.bic)
+        if runs_contradict_each_other(fit):
+            # a law of many terms would hide it
+            return Found(fit, (LawStep(fit, True, "given" if self.question.law_is_given else "equation"),))
         demands: tuple[Demand, ...] = ()
         more: tuple[Demand, ...] = ()
         if faults_first:
@@ -209,7 +223,7 @@ class _Search:
 
     def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
         """The fit with what the runs demand, and without what they demanded before and no longer do."""
-        if not self.question.faults:
+        if not self.question.faults or runs_contradict_each_other(fit):
             return fit, ()
         return let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
 
@@ -218,7 +232,7 @@ class _Search:
         fit, ladder, demands = found.fit, found.ladder, found.demands
         whole, promise = replace(fit.model, runs=runs), fit.model.settings.fit.promise_from_afar
         is_coarse = fit.model.runs is not runs
-        if is_hopeless(fit):
+        if is_hopeless(fit) or runs_contradict_each_other(fit):
             return replace(found, fit=fit_model(whole, fit.theta, least_promise=promise)) if is_coarse else found
         fit, late = fit_model(whole, fit.theta), bool(demands)
         for _ in range(2):

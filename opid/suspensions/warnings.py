@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import NO_FIT, Fit, fit_model
+from opid.suspensions.fit import Fit, fits_of_each_run
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import Evidence, InterfaceEstimate
 from opid.suspensions.settings import Verdicts, WarningSettings
@@ -165,20 +165,11 @@ def _why_gear_refused(study: Study, part: Fitted) -> str | None:
 
 def natural_frequencies(fit: Fit) -> list[float]:
     """Return the natural frequency of one gear in each run, fitted to that run alone, Hz."""
-    model, found = fit.model, []
-    n_own = 2 * model.body.n_interfaces
-    shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(-1, n_own)
-    if model.mass_free:
-        shared = np.delete(shared, model.names.index("inverse_mass"))
-    for run, begun in zip(model.runs, own, strict=True):
-        alone = replace(model, runs=(run,), mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta)).coarse
-        try:
-            one = fit_model(alone, np.concatenate([shared, begun]), least_promise=model.settings.fit.promise_from_afar)
-        except NO_FIT:
-            continue
-        square = one.theta[0] + one.value(model.groups[0].called(GROUND))
-        share = 1 + model.inverse_mass(fit.theta) * float(run.loading[0, 0])
-        found.append(float(np.sqrt(max(square / share, 0.0))) / (2 * np.pi))
+    found, mu = [], fit.model.inverse_mass(fit.theta)
+    for one in fits_of_each_run(fit):
+        square = one.theta[0] + one.value(fit.model.groups[0].called(GROUND))
+        fraction = 1 + mu * float(one.model.runs[0].loading[0, 0])
+        found.append(float(np.sqrt(max(square / fraction, 0.0))) / (2 * np.pi))
     return found or [0.0]
 
 
