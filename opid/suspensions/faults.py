@@ -244,7 +244,8 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
         if fit.ratio > refused and score < search.good_fraction * fit.n_data:
             continue
         if hypothesis.ground and start is not None:
-            score = max(score, float(np.max((start.ground_stiffness / start.ground_std) ** 2)))
+            is_large = np.abs(start.ground_stiffness) > known.ground_fraction * np.abs(start.stiffness_beside_ground)
+            score = max(score, float(np.max(is_large * (start.ground_stiffness / start.ground_std) ** 2)))
         found.append((score, hypothesis))
     found = sorted((entry for entry in found if entry[0] > known.least_score), key=lambda entry: -entry[0])
     return [hypothesis for _, hypothesis in found[: known.looked_at]]

@@ -242,6 +242,8 @@ class FaultSettings:
         least_gain: no gain is looked for below this: a reading is divided by its gain.
         alone_fraction: runs said to be alike contradict each other where each alone leaves less than this fraction of
             what all together leave: a mass change that nobody stated, which faults of sensors would be let in for.
+        ground_fraction: the equation speaks for a ground spring above this fraction of the stiffness: below, the noise
+            biases it as much.
         plausible_std: a fault that lies farther from what such sensors do stands in for something else.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
         nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
@@ -262,6 +264,7 @@ class FaultSettings:
     slight_corner_hz: float = 2e-4
     least_gain: float = 0.2
     alone_fraction: float = 0.5
+    ground_fraction: float = 0.005
     plausible_std: float = 5.0
     helps_fraction: float = 0.3
     nearly_explained: float = 2.0
