@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
+from opid.signals import text_lines
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import open_log, read_log
 
@@ -220,6 +221,21 @@ def test_a_bad_file_is_refused_with_place_and_remedy(lvm, text, words):
     with pytest.raises(InputError, match=words) as caught:
         read_log(lvm(text))
     assert "run.lvm" in str(caught.value)
+
+
+@pytest.mark.parametrize("text", [file_header(), GOOD.replace("Channels\t2", "Channels\ttwo")])
+def test_a_refused_file_is_closed_while_the_error_is_still_held(lvm, monkeypatch, text):
+    opened = []
+
+    def remember(path):
+        opened.append(path.open("rb"))
+        return opened[-1]
+
+    monkeypatch.setattr(text_lines, "_opened", remember)
+    with pytest.raises(InputError) as caught:
+        open_log(lvm(text))
+    assert opened, caught.value
+    assert all(file.closed for file in opened)
 
 
 def test_nothing_is_unpickled_or_written_beside_the_file(lvm, tmp_path):

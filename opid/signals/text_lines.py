@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import gzip
 import io
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import IO
 
@@ -21,7 +21,9 @@ _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BO
 _LATIN = "°²³µ".encode("latin-1")
 
 
-def lines_of(path: Path, encoding: str | None = None, *, bytes_at_once: int = BYTES_AT_ONCE) -> Iterator[list[str]]:
+def lines_of(
+    path: Path, encoding: str | None = None, *, bytes_at_once: int = BYTES_AT_ONCE
+) -> Generator[list[str], None, None]:
     r"""Yield the lines of a text, block by block, without their ends (\n, \r\n or \r).
 
     Args:

@@ -7,6 +7,7 @@ After "Specification for the LabVIEW Measurement File (.lvm)", National Instrume
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from itertools import chain
@@ -83,12 +84,12 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
     Raises:
         InputError: the first fault found, with file, line and remedy.
     """
-    numbered = _numbered_lines(path, settings.encoding, _HEAD_BYTES)
-    file = _file_header(path, numbered, settings)
-    segment = _segment_header(file, numbered)
-    if segment is None:
-        raise InputError(f"{path} has no segment of data below its header: it is cut off; export the log again")
-    first = next(numbered, (0, ""))[1].split(file.separator)
+    with _numbered_lines(path, settings.encoding, _HEAD_BYTES) as numbered:
+        file = _file_header(path, numbered, settings)
+        segment = _segment_header(file, numbered)
+        if segment is None:
+            raise InputError(f"{path} has no segment of data below its header: it is cut off; export the log again")
+        first = next(numbered, (0, ""))[1].split(file.separator)
     clocks, zero = _on_one_axis(file, segment, _clocks(file, segment), first, settings)
     tracks = tuple(_track(file, segment, clock, settings, len(clocks)) for clock in clocks)
     return Log(path, "LabVIEW LVM", tracks, zero)
@@ -97,8 +98,11 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
 # ---- headers -------------------------------------------------------------------------------------
 
 
-def _numbered_lines(path: Path, encoding: str | None, bytes_at_once: int) -> Iterator[tuple[int, str]]:
-    return enumerate(chain.from_iterable(lines_of(path, encoding, bytes_at_once=bytes_at_once)), start=1)
+@contextmanager
+def _numbered_lines(path: Path, encoding: str | None, bytes_at_once: int) -> Iterator[Iterator[tuple[int, str]]]:
+    """Number the lines of the file from 1; the file is closed at the end, also where its text is refused."""
+    with closing(lines_of(path, encoding, bytes_at_once=bytes_at_once)) as blocks:
+        yield enumerate(chain.from_iterable(blocks), start=1)
 
 
 def _header_lines(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
@@ -221,28 +225,28 @@ def _track(file: _File, segment: _Segment, clock: _Clock, settings: LogSettings,
 
 def _pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
     """Segment, number of the first line and lines of samples, some at a time."""
-    numbered = _numbered_lines(file.path, file.encoding, BYTES_AT_ONCE)
-    for _ in _header_lines(file.path, numbered):
-        pass
-    blank = file.separator + " "
-    names: tuple[str, ...] | None = None
-    while (segment := _segment_header(file, numbered)) is not None:
-        if names not in (None, segment.names):
-            raise InputError(
-                f"{file.path} line {segment.line}: this segment has other channels than the first: "
-                "write them to a file of their own"
-            )
-        names = segment.names
-        first, lines = segment.line + 1, []
-        for number, line in numbered:
-            if not line.strip(blank):
-                break
-            lines.append(line)
-            if len(lines) == _LINES_AT_ONCE:
+    with _numbered_lines(file.path, file.encoding, BYTES_AT_ONCE) as numbered:
+        for _ in _header_lines(file.path, numbered):
+            pass
+        blank = file.separator + " "
+        names: tuple[str, ...] | None = None
+        while (segment := _segment_header(file, numbered)) is not None:
+            if names not in (None, segment.names):
+                raise InputError(
+                    f"{file.path} line {segment.line}: this segment has other channels than the first: "
+                    "write them to a file of their own"
+                )
+            names = segment.names
+            first, lines = segment.line + 1, []
+            for number, line in numbered:
+                if not line.strip(blank):
+                    break
+                lines.append(line)
+                if len(lines) == _LINES_AT_ONCE:
+                    yield segment, first, lines
+                    first, lines = number + 1, []
+            if lines:
                 yield segment, first, lines
-                first, lines = number + 1, []
-        if lines:
-            yield segment, first, lines
 
 
 def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool) -> Iterator[Block]:
