@@ -51,9 +51,8 @@ class DrivenLaws:
             found[name] = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
         if fit.ratio > fit.model.settings.verdicts.refused:
             # no law mends what a wrong structure leaves
-            least = min(each.left_by_all() for each in found.values())
-            if least > (1 - self.settings.good_fraction) * float(errors.stacked @ errors.stacked):
-                return {}
+            promised = sum(each.most_promised() for each in found.values())
+            return found if promised > self.settings.good_fraction else {}
         return found
 
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:

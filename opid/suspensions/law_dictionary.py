@@ -105,10 +105,9 @@ class LawDictionary:
         weights = -self._inverse(chosen) @ self.along[chosen]
         return self.total + float(self.along[chosen] @ weights), weights / self.size[chosen]
 
-    def left_by_all(self) -> float:
-        """Return the squared error that all candidates together would leave: no law of these kinds does better."""
-        chosen = [k for columns in (*self.fitted.values(), *self.offered.values()) for k in columns]
-        return self.left(chosen)[0]
+    def most_promised(self) -> float:
+        """Return the fraction of the squared error that the best proposal would explain."""
+        return 1.0 - float(np.exp(min((each.bic for each in self.proposals()), default=0.0) / self.n_data))
 
     def proposal(self, names: Sequence[str]) -> Proposal:
         """Return what the law of some kinds would reach, and its start values."""

@@ -9,7 +9,7 @@ A gear alone is a body with one interface, M2 its mass: nothing here knows how m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -338,37 +338,41 @@ class Model:
         std = (grid[1] - grid[0]) / 2 * rms
         for place in range(len(self.runs)):
             cells = [np.array([z, v]) * rms for z in grid for v in grid]
+            cost_of_start = self._start_costs(theta, place, std)
             for seconds, n_kept in known.start_rounds:
-                costs = [self._start_cost(theta, place, cell, std, seconds) for cell in cells]
+                costs = [cost_of_start(cell, seconds) for cell in cells]
                 cells = [cells[k] for k in np.argsort(costs, kind="stable")[:n_kept]]
             found[self.n_shared + 2 * place :][:2] = cells[0]
         return found
 
-    def _start_cost(
-        self, theta: FloatArray, place: int, cell: FloatArray, cell_std: FloatArray, seconds: float
-    ) -> float:
-        """What the first seconds of a run speak against a start."""
+    def _start_costs(self, theta: FloatArray, place: int, cell_std: FloatArray) -> Callable[[FloatArray, float], float]:
+        """What the first seconds of a run speak against a start: a function of the start and the seconds."""
         run, (below, above) = self.runs[place], self.corrected(theta, place)
-        n = min(run.n_samples, round(seconds * run.fs))
-        start, covariance = self._at_start(theta, place)
-        start[:2, 0] = cell
+        slots, accelerance = self.interfaces(theta)[0], self.mobility(theta, place).accelerance
+        noise, (usual, covariance) = self._noise(theta, run), self._at_start(theta, place)
         np.fill_diagonal(covariance[:2, :2], cell_std**2)
-        try:
-            begun = predict(
-                self.interfaces(theta)[0],
-                self.mobility(theta, place).accelerance,
-                below.value[: 2 * n - 1],
-                above.value[:n],
-                fs=run.fs,
-                noise=self._noise(theta, run),
-                start=start,
-                start_covariance=covariance,
-                ground=self.ground,
-                sensitivity=False,
-            )
-        except UnboundedResponseError:
-            return np.inf
-        return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
+
+        def cost(cell: FloatArray, seconds: float) -> float:
+            n, start = min(run.n_samples, round(seconds * run.fs)), usual.copy()
+            start[:2, 0] = cell
+            try:
+                begun = predict(
+                    slots,
+                    accelerance,
+                    below.value[: 2 * n - 1],
+                    above.value[:n],
+                    fs=run.fs,
+                    noise=noise,
+                    start=start,
+                    start_covariance=covariance,
+                    ground=self.ground,
+                    sensitivity=False,
+                )
+            except UnboundedResponseError:
+                return np.inf
+            return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
+
+        return cost
 
     def _at_start(self, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
         """State of all slots at the first sample of a run, and its covariance: what is fitted is known exactly."""

@@ -230,10 +230,12 @@ class _Search:
     def with_all_readings(self, found: Found, runs: tuple[DrivenRun, ...]) -> Found:
         """A fit at a coarse rate, and the laws that were tried, with all readings."""
         fit, ladder, demands = found.fit, found.ladder, found.demands
-        whole, promise = replace(fit.model, runs=runs), fit.model.settings.fit.promise_from_afar
+        whole, known = replace(fit.model, runs=runs), fit.model.settings.fit
         is_coarse = fit.model.runs is not runs
         if is_hopeless(fit) or runs_contradict_each_other(fit):
-            return replace(found, fit=fit_model(whole, fit.theta, least_promise=promise)) if is_coarse else found
+            most, promise = known.most_hopeless_evaluations, known.promise_from_afar
+            near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
+            return replace(found, fit=near)
         fit, late = fit_model(whole, fit.theta), bool(demands)
         for _ in range(2):
             # what only all readings together show

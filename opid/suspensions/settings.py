@@ -111,6 +111,7 @@ class FitSettings:
         start_rounds: ... all of which are predicted for the first of these times, s, then the best so many for longer.
         most_evaluations: predictions of all runs in a fit from start values.
         most_refit_evaluations: in a fit that begins near its end.
+        most_hopeless_evaluations: with all readings, in a fit that is refused: only how much it leaves is told.
         least_promise: a fit ends when the next step promises less of the squared error over its variance.
         promise_in_search: the same while laws are searched, and in fits of all runs but one.
         promise_from_afar: the same while the noise is exaggerated.
@@ -130,6 +131,7 @@ class FitSettings:
     start_rounds: tuple[tuple[float, int], ...] = ((0.5, 16), (2.0, 1))
     most_evaluations: int = 50
     most_refit_evaluations: int = 15
+    most_hopeless_evaluations: int = 2
     least_promise: float = 1e-2
     promise_in_search: float = 1.0
     promise_from_afar: float = 10.0
@@ -165,8 +167,9 @@ class SearchSettings:
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
         alike_bic: criteria that are closer do not tell two laws apart.
-        good_fraction: where a fit would be refused, laws or faults are tried only if all candidates together promise to
-            explain this fraction of the squared error, to first order: none mends what a wrong structure leaves.
+        good_fraction: where a fit would be refused, laws or faults are tried only if the best of them promise to
+            explain this fraction of the squared error, to first order: none mends what a wrong structure leaves. Of
+            aircraft that bend, the best laws promise 1 to 6 %.
         scale_fractions: between which fractions of the range in which a scale can be seen, in its logarithm, scales are
             tried: at its lower end friction is a step, at its upper end a straight line.
         lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms.
