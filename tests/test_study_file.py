@@ -431,6 +431,7 @@ BODY_FAULTS = [
         "[sensors.sprung]\ngain_tolerance = 0.1\n[structure]",
         r"\[sensors.sprung\] is no table of the study of a body: .* \[channels.NAME\]; known are 'leak', .*'r_up'",
     ),
+    ("[[interfaces]]", "[[interfacs]]", r"key 'interfacs' .did you mean 'interfaces'..$"),
     ("[structure]", "[sensors.r_up]\ngain_tolerance = 0.1\n[structure]", r"write \[channels.r_up\]: what is known"),
     ("[structure]", "[sensors.rup]\ngain_tolerance = 0.1\n[structure]", r"\[channels.NAME\]; did you mean 'r_up'"),
     ('unsprung = "n_low"', 'unsprng = "n_low"', r"^[^;]*unknown key 'unsprng' .did you mean 'unsprung'..$"),

@@ -103,7 +103,7 @@ _OF_A_SENSOR = "[channels.NAME] of a sensor of an interface or of the body"
 
 
 def is_body_study(document: Mapping[str, Any]) -> bool:
-    """Return whether a study file is about a body on several suspensions: it has [[interfaces]].
+    """Return whether a study file is about a body on several suspensions: it has [[interfaces]], misspelt perhaps.
 
     Args:
         document: what the file holds.
@@ -111,7 +111,7 @@ def is_body_study(document: Mapping[str, Any]) -> bool:
     >>> is_body_study({"interfaces": []}), is_body_study({"channels": {}})
     (True, False)
     """
-    return "interfaces" in document
+    return "interfaces" in {*document, *misspelt(document, _STUDY)}
 
 
 def document_faults(document: Document) -> Iterator[str]:
