@@ -563,5 +563,5 @@ def test_a_file_that_is_no_truth_is_refused(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_truth(path)
-    with pytest.raises(InputError, match=r"cannot read the truth .*missing.json: .*wrote beside the study, or leave it"):
+    with pytest.raises(InputError, match=r"cannot read the truth .*missing.json: .*beside the study, or leave it"):
         read_truth(tmp_path / "missing.json")

@@ -35,7 +35,7 @@ UNIT_TOLERANCE = 1.5
 and four times less than what lies between a sound ratio and the nearest one that is told."""
 
 UNIT_PHASE = 0.5
-"""Phase up to which two sensors move together, rad: near a resonance, or at the corner of an AC coupling, it is more."""
+"""Phase up to which two sensors move together, rad: near a resonance or the corner of an AC coupling it is more."""
 
 UNIT_COHERENCE = 0.9
 UNIT_LINES = 9
