@@ -190,7 +190,7 @@ def _draw(ax: Axes, mark: _Mark, low: float, high: float) -> None:
         return
     edge, arrow, side, align = (low, "<", 1, "left") if value < low else (high, ">", -1, "right")
     ax.plot([edge], [row], marker=arrow, markersize=3.5, clip_on=False, linestyle="none", color=mark.color)
-    inward = offset_copy(ax.transData, ax.get_figure(), x=7 * side, units="points")
+    inward = offset_copy(ax.transData, ax.get_figure(root=True), x=7 * side, units="points")
     ax.plot([edge], [row], marker=mark.marker, markersize=4.5, linestyle="none", transform=inward, **style)
     beside: dict[str, Any] = {"textcoords": "offset points", "va": "center", "ha": align, "fontsize": 7.5}
     ax.annotate(_short(value), (edge, row), (12 * side, 0), **beside)
