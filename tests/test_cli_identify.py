@@ -124,7 +124,7 @@ def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
         ((), "Missing argument"),
         (("a.toml", "--lwa", "linear"), "Did you mean"),
         (("a.csv", *CHANNELS, "--mass-change", "light"), "'light' is not a valid float"),
-        (("a.toml", "--truth", "none.json"), "cannot read none.json"),
+        (("a.toml", "--truth", "none.json"), "cannot read the truth none.json"),
     ],
 )
 def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):

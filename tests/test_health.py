@@ -1,12 +1,15 @@
 """What is wrong with a recording: seeded faults are found, sound signals are left in peace."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.signals.health import check_pair, inspect, looks_unsprung, without_spikes
+from opid.mechanics.landing_gear import LandingGear, taxi_run
+from opid.mechanics.sensors import Sensor
+from opid.signals.health import check_levels, check_pair, inspect, looks_unsprung, without_spikes
 from opid.signals.log import Log, LoggedChannel, Track, in_blocks
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
@@ -276,6 +279,62 @@ def test_a_nearly_mute_side_is_told():
     (finding,) = check_pair(SOUND, hiss, fs=FS, names=NAMES)
     assert finding.channel == "upper_z"
     assert "noise alone" in finding.message
+
+
+@pytest.fixture(scope="module")
+def taxi():
+    """The accelerations of a gear and of its airframe over 25 s."""
+    log = taxi_run(LandingGear(), rng=np.random.default_rng(0), duration_s=25, fs=128).recording
+    return log.channel("lower_z"), log.channel("upper_z")
+
+
+@pytest.mark.parametrize(
+    ("apart", "larger", "smaller"), [(9.80665, "g", "m/s^2"), (1e3, "m/s^2", "mm/s^2"), (9806.65, "g", "mm/s^2")]
+)
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_side_in_another_unit_is_refused_and_the_units_are_named(taxi, side, apart, larger, smaller):
+    large, small = NAMES[side], NAMES[1 - side]
+    words = (
+        f"^{large!r} moves .* times as much as {small!r} from 0.3 to 0.8 Hz.*: either {large!r} is written in "
+        rf"{re.escape(smaller)} and was read as {re.escape(larger)}, or {small!r} is written in {re.escape(larger)} "
+    )
+    pair = [samples * (apart if k == side else 1.0) for k, samples in enumerate(taxi)]
+    with pytest.raises(InputError, match=words):
+        check_pair(*pair, fs=128.0, names=NAMES)
+    # whichever of the two it is that is wrong
+    pair = [samples / (1.0 if k == side else apart) for k, samples in enumerate(taxi)]
+    with pytest.raises(InputError, match=words):
+        check_pair(*pair, fs=128.0, names=NAMES)
+
+
+@pytest.mark.parametrize("corners_hz", [(0.0, 0.0), (0.33, 0.33), (0.33, 0.0), (0.0, 0.5), (3.0, 0.0), (0.0, 3.0)])
+@pytest.mark.parametrize("gain", [0.3, 1.0, 3.0])
+def test_no_suspension_coupling_or_false_gain_is_taken_for_a_unit(corners_hz, gain):
+    below, above = (Sensor(corner_hz=corner) for corner in corners_hz)
+    for seed, stiffness in enumerate((1.5e5, 6e5)):
+        gear = LandingGear(suspension_stiffness_n_per_m=stiffness)
+        rng = np.random.default_rng(seed)
+        log = taxi_run(gear, rng=rng, duration_s=20, fs=128, lower_sensor=below, upper_sensor=above).recording
+        found = check_pair(log.channel("lower_z"), gain * log.channel("upper_z"), fs=128.0, names=NAMES)
+        assert all("exchange sprung and unsprung" in each.message for each in found)
+
+
+def test_unrelated_signals_and_short_ones_tell_nothing_of_units(taxi):
+    noise = np.random.default_rng(0).standard_normal((2, 12800))
+    assert check_pair(9.8 * noise[0], noise[1], fs=128.0, names=NAMES) == ()
+    lower, upper = (samples[:1280] for samples in taxi)
+    assert check_pair(9.80665 * lower, upper, fs=128.0, names=NAMES) == ()
+
+
+@pytest.mark.parametrize(
+    ("factor", "mean", "words"),
+    [(1.0, 0.0, None), (1e3, 0.0, "are they written in mm/s"), (0.1, 1.01, "gravity in g"), (1.0, 9.81, None)],
+)
+def test_levels_that_no_vehicle_has_are_asked_about(taxi, factor, mean, words):
+    log = recording_from_arrays([factor * samples + mean for samples in taxi], NAMES, fs=128.0)
+    found = [finding.message for finding in check_levels(log, NAMES)]
+    assert len(found) == (words is not None)
+    assert all(words in message for message in found)
 
 
 def test_one_signal_twice_is_refused():

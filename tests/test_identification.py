@@ -172,6 +172,30 @@ def test_swapped_and_mute_channels_are_refused(study):
         identify(gear_study(Run("heavy", mute)))
 
 
+@pytest.mark.parametrize("factor", [1.0, 9.80665])
+def test_a_run_in_another_unit_than_the_others_is_told(study, factor):
+    """Both of its channels agree, and only the law contradicts it."""
+    heavy, light = study.runs
+    log = light.recording
+    strong = recording_from_arrays(factor * log.samples.T, log.names, fs=log.fs)
+    result = identify(gear_study(heavy, Run("light", strong, light.mass_change_kg)), law="arctan_velocity")
+    told = [warning for warning in result.warnings if "another unit than stated" in warning]
+    assert len(told) == (factor > 1)
+    assert all("every channel of run 'light'" in each and "g is 9.807 m/s^2" in each for each in told)
+
+
+@pytest.mark.parametrize("method", ["model", "classical"])
+def test_a_band_that_the_rate_does_not_hold_is_told(study, method):
+    """At 256 Hz the lines end at 102.4 Hz."""
+    law = "arctan_velocity"
+    (told,) = (
+        each for each in identify(study, law=law, method=method, band_hz=(0.5, 120)).warnings if "sampled" in each
+    )
+    assert "sampled at 256 Hz" in told
+    assert "up to 102.4 Hz instead of 120 Hz, for the filters of loggers begin at 0.4 of the rate" in told
+    assert not any("sampled" in each for each in identify(study, law=law, method=method, band_hz=(0.5, 100)).warnings)
+
+
 def test_an_implausible_mass_change_is_seen(study):
     # grams for kilograms
     with pytest.raises(InputError, match="more than any gear carries"):

@@ -14,6 +14,7 @@ import opid.mechanics
 from opid.errors import InputError
 from opid.mechanics.kernels import force_kernel, law_arrays
 from opid.mechanics.laws import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
+from opid.suspensions.law_search import library
 
 NAMES = list(LAWS)
 SUMS = ["arctan_velocity+cubic_stiffness", "arctan_mixed+quadratic_damping+signed_power_stiffness"]
@@ -170,6 +171,7 @@ def test_a_law_goes_to_json_and_back(name):
         (lambda: law("cubic_stiffness+cubic_damping", cubic_stiffness=3.0), "give a dict"),
         (lambda: Term("cubic_stiffness", (1.0, 2.0)), "it takes stiffness_n_per_m3"),
         (lambda: Term("cubic", (1.0,)), "no law 'cubic'"),
+        (lambda: default_law("cubic_stifness"), "no law 'cubic_stifness': did you mean 'cubic_stiffness'.$"),
         (lambda: default_law("arctan_velocity").with_vector([1.0]), "has 2 parameter"),
         (
             lambda: default_law("coulomb_friction") + law("coulomb_friction", amplitude_n=1, scale_m_per_s=1),
@@ -247,3 +249,11 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     choice = package / "mechanics" / "kernels" / "choice.py"
     choice.write_text(choice.read_text() + "\n")
     assert force_and_hits() == ["16.0", "0"]
+
+
+def test_an_unknown_law_names_those_that_are_searched_apart_from_those_that_are_only_known():
+    with pytest.raises(InputError) as caught:
+        default_law("foo")
+    searched, others = str(caught.value).split("; fitted only where they are named are ")
+    assert {name for name in LAWS if f"'{name}'" in searched} == set(library())
+    assert {name for name in LAWS if f"'{name}'" in others} == set(LAWS) - set(library())

@@ -155,6 +155,27 @@ def test_estimates_mark_the_truth_and_write_what_lies_beyond(identified):
     assert bool(beyond) == bool(mass.texts)
 
 
+def test_a_mark_beyond_the_frame_keeps_its_shape(identified):
+    grid = plots.estimates(identified.result, truth=identified.truth)
+    drawn = [line.get_marker() for ax in grid[0] for line in ax.lines]
+    beyond = [marker for marker in drawn if marker in ("<", ">")]
+    pairs = [marker for marker in drawn if marker in ("D", "s", "p")]
+    # of each pair of peaks M2, K2/M2 and K3/M2 twice, beyond the frame or not
+    assert beyond
+    assert len(pairs) == 6 * min(3, len(identified.result.paper_chain.pairs))
+    assert len(beyond) == sum(len(ax.texts) for ax in grid[0])
+
+
+def test_a_slice_shows_no_straight_part_that_nothing_tells_from_its_arctangent(identified):
+    run = identified.result.paper_chain.runs[0]
+    grid = plots.slices(run)
+    told = [fit.verdicts[0].distinguishable for fit in run.slice_fits]
+    assert told == [False, True]
+    for ax, curve, is_told in zip(grid[0], run.slices, told, strict=True):
+        assert ("its straight part" in [line.get_label() for line in ax.lines]) is is_told
+        assert ax.get_ylim()[1] < 3 * max(np.abs(each.force_per_mass).max() for each in run.slices), curve.along
+
+
 def test_estimates_show_no_mass_that_the_result_refuses(identified):
     result = identified.result
     refused = replace(result, parameters={name: Estimate() for name in result.parameters})

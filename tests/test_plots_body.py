@@ -112,7 +112,7 @@ def test_every_amplitude_has_a_panel_and_a_gear_without_it_a_dash(result):
     assert grid.shape == (2, 3)
     assert [ax.axison for ax in grid.ravel()] == [True] * 4 + [False] * 2
     last = grid[1, 0]
-    assert (last.get_title(loc="left"), last.get_ylabel()) == ("Cubic stiffness", "[N/m³]")
+    assert (last.get_title(loc="left"), last.get_ylabel()) == ("Cubic stiffness", "stiffness [N/m³]")
     assert sum(text.get_text() == "–" for text in last.texts) == 2
     assert not any(line.get_color() == GREEN for line in last.lines)  # the truth has no such term
     assert sum(line.get_color() == GREEN for line in grid[0, 0].lines) == 3
@@ -123,6 +123,9 @@ def test_suspensions_that_share_a_law_share_a_row(result):
     shared = (nose, replace(left, shared_with=("right",)), replace(right, shared_with=("left",)))
     grid = plots.suspension_forces(replace(result, interfaces=shared))
     assert [row[0].get_title(loc="left") for row in grid] == ["nose", "left, right"]
+    assert [row[1].get_title(loc="left") for row in grid] == [
+        f"law: {each.law.name.replace('_', ' ').replace('+', ' + ')}" for each in (nose, left)
+    ]
     curves = {line.get_label(): line for line in grid[0, 0].lines}
     velocity = curves["nonlinear part f"].get_xdata()
     expected = 1e-3 * (nose.damping.value * velocity + nose.law.force(0 * velocity, velocity))

@@ -545,11 +545,11 @@ def test_truth_has_the_names_of_the_result(field_test):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "is no truth"),
-        ("[1]", "is no truth"),
-        ("not JSON", "is no truth"),
-        ('{"schema": "opid.identification/1"}', "'opid.truth/1' is needed"),
-        ('{"schema": "opid.truth/1", "parameters": {}}', "is no truth"),
+        ("{}", "it has no 'schema'"),
+        ("[1]", "a value in it is not what such a file holds"),
+        ("not JSON", r"is no truth of a simulated field test, it is no JSON .line 1: .*give the truth.json that"),
+        ('{"schema": "opid.identification/1"}', "'opid.truth/1' is needed: it is no truth of a simulated field test"),
+        ('{"schema": "opid.truth/1", "parameters": {}}', "it has no 'sprung_mass_kg'"),
         (
             '{"schema": "opid.truth/1", "parameters": {"sprung_mass_kg": 1, "suspension_stiffness_n_per_m": 1, '
             '"suspension_damping_n_s_per_m": 1, "ground_stiffness_n_per_m": 0}, "law": {"name": "cubc_stiffness", '
@@ -563,5 +563,5 @@ def test_a_file_that_is_no_truth_is_refused(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_truth(path)
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match=r"cannot read the truth .*missing.json: .*beside the study, or leave it"):
         read_truth(tmp_path / "missing.json")

@@ -378,7 +378,8 @@ GEAR_FAULTS = [
     ("-220.5", "true", "is True, give a number"),
     ("-220.5", "nan", "the mass change is nan kg"),
     ('"a taxi test"', "7", "'title' in the study is 7, give text in quotes"),
-    ("[channels]", "[chanels]", "lacks 'channels'"),
+    ("[channels]", "[chanels]", r"^[^;]*the study has an unknown key 'chanels' .did you mean 'channels'..$"),
+    ("mass_change_kg = -220.5", "mas_change_kg = -220.5", r"^[^;]*'mas_change_kg' .did you mean 'mass_change_kg'..$"),
     ("[channels]", "[structure]\nkind = 'single'\n[channels]", r"the study has 'structure', which belongs to a body"),
     ("start_s", "loading = [[1, 2, 3]]\nstart_s", r"\[\[runs\]\] has 'loading', which belongs to a body on several"),
     ('log = "heavy.csv"\n', "", "run 'heavy' has no 'log', and .channels.upper_z. no 'file'"),
@@ -395,6 +396,7 @@ GEAR_FAULTS = [
 ]
 SENSOR_FAULTS = [
     ("[sensors.sprung]", "[sensors.sprong]", r"\[sensors\] has an unknown key 'sprong' .did you mean 'sprung'"),
+    ("[sensors.sprung]", "[sensors.upper_z]", r"^[^;]*upper_z. is called by its channel, write \[sensors.sprung\]$"),
     ("gain_tolerance", "gain_tolerence", r"\[sensors.sprung\] has an unknown key .* mean 'gain_tolerance'"),
     ("0.02", '"2 %"', r"'gain_tolerance' in \[sensors.sprung\] is '2 %', give a number"),
     ("into", "to", r"\[\[sensors.leak\]\] number 1 has an unknown key 'to'"),
@@ -427,8 +429,12 @@ BODY_FAULTS = [
     (
         "[structure]",
         "[sensors.sprung]\ngain_tolerance = 0.1\n[structure]",
-        r"\[sensors.sprung\] belongs to the study of",
+        r"\[sensors.sprung\] is no table of the study of a body: .* \[channels.NAME\]; known are 'leak', .*'r_up'",
     ),
+    ("[[interfaces]]", "[[interfacs]]", r"key 'interfacs' .did you mean 'interfaces'..$"),
+    ("[structure]", "[sensors.r_up]\ngain_tolerance = 0.1\n[structure]", r"write \[channels.r_up\]: what is known"),
+    ("[structure]", "[sensors.rup]\ngain_tolerance = 0.1\n[structure]", r"\[channels.NAME\]; did you mean 'r_up'"),
+    ('unsprung = "n_low"', 'unsprng = "n_low"', r"^[^;]*unknown key 'unsprng' .did you mean 'unsprung'..$"),
     ("[[body_sensors]]", "[[sensors]]", "TOML|call further sensors on the body"),
     (
         "l_up = {",
@@ -469,7 +475,7 @@ def test_a_study_of_nothing(read, text, words):
 
 def test_everything_wrong_is_said_at_once(read):
     with pytest.raises(InputError, match=r"3 faults: \(1\) .*'tittle'.*\(2\) .*'nme'.*\(3\) .*lacks 'name'"):
-        read(GEAR.replace("title", "tittle").replace('name = "heavy"', 'nme = "heavy"'))
+        read(GEAR.replace("title", "tittle").replace('name = "heavy"', 'nme = "heavy"').replace('name = "light"', ""))
     text = BODY
     for old, new, _ in (BODY_FAULTS[k] for k in (0, 2, 3, 4, 5)):
         text = text.replace(old, new, 1)

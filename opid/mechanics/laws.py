@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, meant_by, nearest
 from opid.mechanics.kinds import LAWS, ForceAndDerivatives, Kind, Parameter
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,7 @@ class Term:
 
     def __post_init__(self) -> None:
         if self.name not in LAWS:
-            raise InputError(f"there is no law {self.name!r}: {nearest(self.name, [*LAWS, 'linear'])}")
+            raise InputError(_no_such_law(self.name))
         try:
             object.__setattr__(self, "values", tuple(float(value) for value in self.values))
         except (TypeError, ValueError):
@@ -222,6 +222,19 @@ def default_law(name: str) -> Law:
     return Law(tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _kind_names(name)))
 
 
+def _no_such_law(name: str) -> str:
+    """Why a name is refused: with the kinds that a search tries, and those that it leaves to who asks for them."""
+    known = [*LAWS, "linear"]
+    if meant_by(name, known):
+        return f"there is no law {name!r}: {nearest(name, known)}"
+    searched = [repr(kind) for kind, each in LAWS.items() if each.searched and not each.bench_only]
+    others = [repr(kind) for kind in LAWS if repr(kind) not in searched]
+    return (
+        f"there is no law {name!r}: a search tries {', '.join(searched)}; fitted only where they are named are "
+        f"{', '.join(others)}; 'linear' is a spring and a damper without a law"
+    )
+
+
 def _kind_names(name: str) -> list[str]:
     names = [part.strip() for part in name.split("+")]
     if names == ["linear"]:
@@ -230,7 +243,7 @@ def _kind_names(name: str) -> list[str]:
         if part == "linear":
             raise InputError(f"the law {name!r} adds 'linear': the linear part is always there, leave it out")
         if part not in LAWS:
-            raise InputError(f"there is no law {part!r}: {nearest(part, [*LAWS, 'linear'])}")
+            raise InputError(_no_such_law(part))
         if names.count(part) > 1:
             raise InputError(f"the law {name!r} has {part!r} twice: name each kind once")
     return names

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.transforms import offset_copy
 
 from opid.estimate import Estimate
 from opid.plots.laws import model_ladder
@@ -19,7 +20,7 @@ from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 __all__ = ["estimates", "law_ladder"]
 
 # one for each pair of peaks that is shown
-_PAIR_MARKERS = ("D", "s", "^")
+_PAIR_MARKERS = ("D", "s", "p")
 
 
 def law_ladder(result: AnyIdentification, ax: Any = None) -> Axes:
@@ -60,8 +61,8 @@ _COLUMNS = ("M₂ [kg]", "K₂/M₂ [1/s²]", "C₂/M₂ [1/s]", "K₃/M₂ [1/s
 def estimates(result: AnyIdentification, axes: Any = None, *, truth: Mapping[str, Any] | None = None) -> np.ndarray:
     """Draw mass and ratios to it as every method of the chain finds them, with 95 % intervals.
 
-    A value beyond the frame is written at its edge. The peak formula has one mark for each of the strongest matched
-    pairs, hollow where the match is not credible.
+    A value beyond the frame is written beside its mark at the edge, with an arrow. The peak formula has one mark for
+    each of the strongest matched pairs, hollow where the match is not credible.
 
     Args:
         result: the identification.
@@ -187,9 +188,12 @@ def _draw(ax: Axes, mark: _Mark, low: float, high: float) -> None:
             ax.plot(mark.estimate.interval95, [row, row], color=mark.color, linewidth=2)
         ax.plot([value], [row], marker=mark.marker, markersize=4.5, linestyle="none", **style)
         return
-    edge, marker, side, align = (low, "<", 6, "left") if value < low else (high, ">", -6, "right")
-    ax.plot([edge], [row], marker=marker, markersize=5, clip_on=False, linestyle="none", **style)
-    ax.annotate(_short(value), (edge, row), (side, 0), textcoords="offset points", va="center", ha=align, fontsize=7.5)
+    edge, arrow, side, align = (low, "<", 1, "left") if value < low else (high, ">", -1, "right")
+    ax.plot([edge], [row], marker=arrow, markersize=3.5, clip_on=False, linestyle="none", color=mark.color)
+    inward = offset_copy(ax.transData, ax.get_figure(root=True), x=7 * side, units="points")
+    ax.plot([edge], [row], marker=mark.marker, markersize=4.5, linestyle="none", transform=inward, **style)
+    beside: dict[str, Any] = {"textcoords": "offset points", "va": "center", "ha": align, "fontsize": 7.5}
+    ax.annotate(_short(value), (edge, row), (12 * side, 0), **beside)
 
 
 def _short(value: float) -> str:
@@ -217,5 +221,5 @@ def _legend(figure: Any, chain: PaperChain, *, has_mass: bool, has_truth: bool) 
         look: dict[str, Any] = {"marker": marker, "linestyle": "none", "markersize": 5, "markerfacecolor": face}
         handles.append(Line2D([], [], color=GREY, label=label + doubt, **look))
     if has_truth:
-        handles.append(Line2D([], [], color=GREEN, linewidth=4, alpha=0.35, label="truth"))
+        handles.append(Line2D([], [], color=GREEN, linewidth=4, alpha=0.35, label="truth (of a run: in its colour)"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), fontsize=8.5)

@@ -252,7 +252,7 @@ class _Quantity:
     """One panel: what every suspension has of it, and the truth."""
 
     title: str
-    unit: str
+    label: str
     scale: float
     estimates: tuple[Estimate, ...]
     true: tuple[float | None, ...]
@@ -268,7 +268,7 @@ def _quantities(result: Identification, truth: Truth | None) -> Iterator[_Quanti
         suffix = "n_per_m" if key == "stiffness" else "n_s_per_m"
         true = tuple(None if each is None else share * each[f"{key}_{suffix}"] for each in known)
         values = tuple(getattr(each, key) for each in result.interfaces)
-        shown = (f"{title} / M", per_mass, 1.0) if result.per_mass else (title, unit, 1e-3)
+        shown = (f"{title} / M", f"[{pretty(per_mass)}]", 1.0) if result.per_mass else (title, f"[{unit}]", 1e-3)
         yield _Quantity(*shown, values, true)
     amplitudes = {
         (term.name, parameter.name): parameter.unit
@@ -282,7 +282,8 @@ def _quantities(result: Identification, truth: Truth | None) -> Iterator[_Quanti
         laws = [{} if each is None else each["law"]["parameters"].get(kind, {}) for each in known]
         true = tuple(share * law[parameter] if parameter in law else None for law in laws)
         per = f"{unit}/kg" if result.per_mass else unit
-        yield _Quantity(kind.replace("_", " ").capitalize(), per, 1.0, values, true)
+        what = parameter.partition("_")[0]
+        yield _Quantity(kind.replace("_", " ").capitalize(), f"{what} [{pretty(per)}]", 1.0, values, true)
 
 
 def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
@@ -311,7 +312,7 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
     ax.margins(y=0.25)
     ax.grid(False, axis="x")
     ax.set_title(quantity.title)
-    ax.set_ylabel(f"[{pretty(quantity.unit)}]" if quantity.unit else "")
+    ax.set_ylabel(quantity.label)
     if all(value is None for value in (*quantity.true, *(estimate.value for estimate in quantity.estimates))):
         ax.set_yticks([])
 

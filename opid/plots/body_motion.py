@@ -203,7 +203,7 @@ def _forces(row: np.ndarray, result: Identification, interface: InterfaceEstimat
     row[0].set_ylabel(f"force{' / M' * result.per_mass} [{unit}]")
     law = interface.law.name.replace("_", " ").replace("+", " + ")
     row[0].set_title(", ".join(together))
-    row[1].set_title(law, fontweight="normal")
+    row[1].set_title(f"law: {law}", fontweight="normal")
 
 
 def _loudest(run: RunResidual) -> float:

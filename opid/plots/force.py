@@ -88,7 +88,7 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
     edges = (1e3 * binned.travel_edges, binned.velocity_edges)
     limit = float(np.nanmax(np.abs(binned.mean)))
     with house_style():
-        grid = panels(axes, 1, 2, height_in=3.5, sharex=True, sharey=True)
+        grid = panels(axes, 1, 2, height_in=4.2, sharex=True, sharey=True)
         force_ax, count_ax = grid[0]
         color = force_ax.pcolormesh(*edges, binned.mean.T, cmap=SURFACE_MAP, vmin=-limit, vmax=limit)
         travel, velocity = binned.centres
@@ -96,10 +96,11 @@ def restoring_force_map(run: RunEvidence, axes: Any = None) -> np.ndarray:
             1e3 * travel, velocity, np.ma.masked_invalid(binned.mean), levels=9, colors=INK, linewidths=0.6
         )
         force_ax.clabel(levels, fontsize=7, fmt="%g")
-        force_ax.figure.colorbar(color, ax=force_ax, label=_FORCE)
+        # below: beside the map, the words would pass for those of the next one
+        force_ax.figure.colorbar(color, ax=force_ax, label=_FORCE, location="bottom")
         counts = np.ma.masked_equal(binned.counts, 0)
         color = count_ax.pcolormesh(*edges, counts.T, cmap=COUNT_MAP, norm=LogNorm(1, max(2.0, float(counts.max()))))
-        count_ax.figure.colorbar(color, ax=count_ax, label="samples in the cell")
+        count_ax.figure.colorbar(color, ax=count_ax, label="samples in the cell", location="bottom")
         force_ax.set_title(f"Mean force, {run_title(run)}")
         count_ax.set_title(f"Samples; {binned.coverage:.0%} of the cells hold ≥ {binned.min_count}")
         for ax in grid[0]:
@@ -143,7 +144,11 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
     position = scale * curve.position[shown]
     above.plot(position, curve.force_per_mass[shown], color=PALE, label=f"measured, {other}", **dots)
-    above.plot(scale * line, straight, color=RUN_COLORS[0], linewidth=1.1, linestyle="--", label="its straight part")
+    # where stiffness and arctangent stand for each other, either alone may be hundreds of times the force
+    if fit.verdicts[0].distinguishable:
+        above.plot(
+            scale * line, straight, color=RUN_COLORS[0], linewidth=1.1, linestyle="--", label="its straight part"
+        )
     above.plot(scale * line, straight + arctangent, color=RUN_COLORS[1], label="slope + arctangent")
     above.set_title("Stiffness curve" if along_travel else "Damping curve")
     above.text(0.97, 0.05, _verdict(curve, fit), ha="right", va="bottom", fontsize=8.5, transform=above.transAxes)

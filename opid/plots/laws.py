@@ -53,7 +53,7 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
         if (low > 0 and high / low > 3) or min(step.fit.noise_m_per_s2 for step in steps) * 3e3 < high:
             ax.set_xscale("log")
             low, high = ax.get_xlim()
-            ax.set_xlim(low, high * (high / low) ** 0.35)
+            ax.set_xlim(low, high * (high / low) ** 0.45)
             plain_numbers(ax.xaxis)
         else:
             ax.set_xlim(low, high + 0.35 * (high - low))
@@ -130,7 +130,7 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             ax.plot(x, section.mean, color=INK, marker="o", markersize=3.5, linestyle="none", label="measured")
             ax.plot(x, section.law, color=RUN_COLORS[1], linewidth=1.8, label="law")
             ax.set_xlabel(label)
-        grid[0, 0].set_ylabel("force per mass less K z + C z′ [m/s²]")
+        grid[0, 0].set_ylabel("force per mass less (K z + C z′) [m/s²]")
         grid[0, 0].set_title(surface.law_name.replace("_", " ").replace("+", " + "))
         grid[0, 0].legend(loc="upper left")
     return grid

@@ -29,12 +29,27 @@ def read_truth_file(
     try:
         truth = json.loads(Path(path).read_text(encoding="utf-8"))
         if truth["schema"] != schema:
-            raise InputError(f"{path} has the schema {truth['schema']!r} where {schema!r} is needed")
+            raise InputError(
+                f"{path} has the schema {truth['schema']!r} where {schema!r} is needed: it is no truth of {what}; give "
+                f"the truth.json that `{command}` wrote beside the study"
+            )
         check(truth)
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
+        raise InputError(
+            f"cannot read the truth {path}: {error.strerror or error}: give the truth.json that `{command}` wrote "
+            "beside the study, or leave it out"
+        ) from error
     except InputError:
         raise
     except (ValueError, TypeError, LookupError, AttributeError) as error:
-        raise InputError(f"{path} is no truth of {what}: give the truth.json of `{command}`") from error
+        why = (
+            f"it is no JSON (line {error.lineno}: {error.msg})"
+            if isinstance(error, json.JSONDecodeError)
+            else f"it has no {error.args[0]!r}"
+            if isinstance(error, KeyError)
+            else "a value in it is not what such a file holds"
+        )
+        raise InputError(
+            f"{path} is no truth of {what}, {why}: give the truth.json that `{command}` wrote beside the study"
+        ) from error
     return truth

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import ComplexArray
 from opid.signals.spectrum_health import HIGH_FREQUENCY_HZ
 from opid.signals.spikes import without_spikes
+from opid.signals.units import STANDARD_GRAVITY
 
 MUTE_RATIO = 1e-3
 """A sensor of a pair this much quieter than the other is mute: no suspension takes 60 dB off the rms."""
@@ -24,6 +25,27 @@ QUIET_RATIO = 0.02
 SWAP_RATIO = 0.9
 """How much quieter than the airframe the spindle may be above 5 Hz before the two look swapped: a strut
 locked by friction makes them nearly equal."""
+
+CARRIED_HZ = ((0.3, 0.5), (0.5, 0.8))
+"""Where a suspension of 1.4 Hz or more carries its body along, and moves it 0.7 to 1.3 times as much as the wheel, AC
+coupling and a spring to the ground included."""
+
+UNIT_TOLERANCE = 1.5
+"""How far a ratio may lie from that of two units, as a factor: more than a suspension and an AC coupling make of it,
+and four times less than what lies between a sound ratio and the nearest one that is told."""
+
+UNIT_PHASE = 0.5
+"""Phase up to which two sensors move together, rad: near a resonance or the corner of an AC coupling it is more."""
+
+UNIT_COHERENCE = 0.9
+UNIT_LINES = 9
+"""Lines in all of `CARRIED_HZ`, those of 20 s: of fewer, unrelated signals may look coherent."""
+
+LARGEST_RMS = 100.0
+"""A body that is shaken with more than 10 g rms is no vehicle and no building, m/s^2."""
+
+REST_TOLERANCE = 0.05
+"""How far from 1 the mean of an upright sensor in g may lie, as `inspect` takes it for gravity."""
 
 MOST_CROSSED = 8
 """Accelerations of one clock whose cross-spectra are formed: 28 pairs."""
@@ -224,7 +246,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         names: of the unsprung and the sprung channel, for the messages.
 
     Raises:
-        InputError: a mute channel, or twice the same one.
+        InputError: twice the same channel, one in another unit than stated, or a mute one.
 
     >>> rng = np.random.default_rng(0)
     >>> wheel = rng.standard_normal(4096)
@@ -237,6 +259,9 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if np.array_equal(lower, upper):
         raise InputError(f"the channels {names[0]!r} and {names[1]!r} are the same signal: name two sensors")
+    told = _units_told_apart(lower, upper, fs=fs, names=names)
+    if told:
+        raise InputError(told)
     pair = (lower, upper)
     rms = [float(np.std(samples)) for samples in pair]
     for name, samples, own, other in zip(names, pair, rms, rms[::-1], strict=True):
@@ -260,6 +285,84 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         )
         findings.append(Finding("fault", names[0], message))
     return tuple(findings)
+
+
+def units_apart(ratios: Iterable[float]) -> tuple[str, str, float] | None:
+    """Return the larger unit, the smaller one and their ratio if every ratio of accelerations lies near it.
+
+    Args:
+        ratios: of one acceleration to another, above 1 or, of all, below it.
+
+    >>> units_apart([10.2, 11.9]), units_apart([0.001]), units_apart([1.2])
+    (('g', 'm/s^2', 9.80665), ('m/s^2', 'mm/s^2', 1000.0), None)
+    """
+    logs = np.log(np.maximum(list(ratios), 1e-300))
+    for larger, smaller, apart in (
+        ("g", "m/s^2", STANDARD_GRAVITY),
+        ("m/s^2", "mm/s^2", 1e3),
+        ("g", "mm/s^2", 1e3 * STANDARD_GRAVITY),
+    ):
+        if any(np.abs(sign * logs - np.log(apart)).max() < np.log(UNIT_TOLERANCE) for sign in (1, -1)):
+            return larger, smaller, apart
+    return None
+
+
+def _units_told_apart(lower: FloatArray, upper: FloatArray, *, fs: float, names: tuple[str, str]) -> str | None:
+    """What tells that one of two channels is in another unit: slow motion is the same above and below a suspension."""
+    window = np.hanning(lower.size + 1)[:-1]
+    below, above = (np.fft.rfft((samples - samples.mean()) * window) for samples in (lower, upper))
+    frequency_hz, gains, n_lines = np.fft.rfftfreq(lower.size, 1 / fs), [], 0
+    for low_hz, high_hz in CARRIED_HZ:
+        inside = (frequency_hz >= low_hz) & (frequency_hz < high_hz)
+        cross = complex(np.vdot(below[inside], above[inside]))
+        own, other = (float(np.sum(np.abs(side[inside]) ** 2)) for side in (below, above))
+        if abs(cross) ** 2 <= UNIT_COHERENCE * own * other or abs(np.angle(cross)) > UNIT_PHASE:
+            return None
+        gains.append(abs(cross) / own)
+        n_lines += int(inside.sum())
+    found = units_apart(gains) if n_lines >= UNIT_LINES else None
+    if found is None:
+        return None
+    larger, smaller, apart = found
+    too_large, too_small = names[::-1] if gains[0] > 1 else names
+    ratio = gains[0] if gains[0] > 1 else 1 / gains[0]
+    return (
+        f"{too_large!r} moves {ratio:.3g} times as much as {too_small!r} from {CARRIED_HZ[0][0]:g} to "
+        f"{CARRIED_HZ[-1][1]:g} Hz, where a suspension carries its body along and both move alike, and {larger} is "
+        f"{apart:.4g} {smaller}: either {too_large!r} is written in {smaller} and was read as {larger}, or "
+        f"{too_small!r} is written in {larger} and was read as {smaller}; give the right `unit` in the table of that "
+        "channel in the study file ([channels.NAME]; [runs.channels.NAME] for this run alone), or in the log's header"
+    )
+
+
+def check_levels(recording: Recording, names: Sequence[str]) -> Iterator[Finding]:
+    """Yield why all sensors of a recording may be in another unit than stated: no ratio between them tells.
+
+    Args:
+        recording: the log.
+        names: of the accelerations, m/s^2.
+
+    >>> from opid.signals.recording import recording_from_arrays
+    >>> shaken = 500 * np.random.default_rng(0).standard_normal((2, 512))
+    >>> [finding.severity for finding in check_levels(recording_from_arrays(shaken, ["a", "b"], fs=512.0), ["a", "b"])]
+    ['warning']
+    """
+    channels = [recording.channel(name) for name in names]
+    unit = "give the right `unit` in [channels.NAME] of the study file, or in the log's header"
+    if all(np.std(samples) > LARGEST_RMS for samples in channels):
+        yield Finding(
+            "warning",
+            "",
+            f"every channel has more than {LARGEST_RMS:g} m/s^2 rms, which no vehicle or building has in operation: "
+            f"are they written in mm/s^2, or in m/s^2 and were read as g? Then {unit}",
+        )
+    elif all(abs(abs(np.mean(samples)) - 1) < REST_TOLERANCE for samples in channels):
+        yield Finding(
+            "warning",
+            "",
+            "the mean of every channel is 1 m/s^2, which would be gravity in g: if they are written in g and were read "
+            f"as m/s^2, {unit}",
+        )
 
 
 def _is_mute(samples: FloatArray) -> bool:

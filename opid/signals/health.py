@@ -9,7 +9,7 @@ from itertools import accumulate, chain
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.across_channels import MOST_CROSSED, check_pair, looks_unsprung
+from opid.signals.across_channels import MOST_CROSSED, check_levels, check_pair, looks_unsprung
 from opid.signals.channel_figures import Checks, TrackFigures, track_figures
 from opid.signals.channel_findings import NoUnit, channel_findings, unit_findings
 from opid.signals.channel_health import FLAT_S, LevelCheck, RunCheck
@@ -27,6 +27,7 @@ __all__ = [
     "Finding",
     "Health",
     "Severity",
+    "check_levels",
     "check_pair",
     "inspect",
     "looks_unsprung",

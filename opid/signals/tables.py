@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, meant_by, nearest
 from opid.signals.log_settings import ChannelSettings, LogSettings
 
 Document = dict[str, Any]
@@ -109,9 +109,24 @@ def table_faults(where: str, table: object, keys: Mapping[str, Key]) -> Iterator
         # a TOML boolean is an int to Python
         elif not isinstance(value, keys[name].kind) or isinstance(value, bool):
             yield f"{name!r} in {where} is {value!r}, give {keys[name].what}"
+    meant = misspelt(table, keys)
     for name, key in keys.items():
-        if key.required and name not in table:
+        if key.required and name not in table and name not in meant:
             yield f"{where} lacks {name!r}, give {key.what}"
+
+
+def misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
+    """Return the keys that are missing because another one was written in their place: one fault, told once.
+
+    Args:
+        table: what stands there.
+        keys: what may.
+
+    >>> misspelt({"mas": 1.0, "x": 2.0}, ["mass", "length"])
+    {'mass'}
+    """
+    known = list(keys)
+    return {meant for name in table if name not in known for meant in meant_by(name, known)[:1]}
 
 
 def refuse(faults: list[str], source: Path | None) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws import default_law
-from opid.signals.health import check_pair, inspect, without_spikes
+from opid.signals.health import check_levels, check_pair, inspect, without_spikes
 from opid.signals.health_result import Finding
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
@@ -174,6 +174,7 @@ def _findings(study: Study, run: Run) -> list[Finding]:
         if finding.severity == "fault" and study.is_one_gear:
             raise InputError(f"run {run.name!r}: {finding.message}")
     used = {*study.channels("unsprung"), *study.channels("sprung")}
+    found += check_levels(run.recording, sorted(used))
     health = inspect(run.recording, thorough=False)
     # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
     return [*found, *(f for f in health.findings if f.severity != "note" and f.channel in used)]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from opid.errors import InputError, nearest
-from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, table_faults
+from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, misspelt, table_faults
 from opid.suspensions.sensor_facts import SIDES, SensorFacts
 from opid.suspensions.study import KINDS, PointMass
 
@@ -103,7 +103,7 @@ _OF_A_SENSOR = "[channels.NAME] of a sensor of an interface or of the body"
 
 
 def is_body_study(document: Mapping[str, Any]) -> bool:
-    """Return whether a study file is about a body on several suspensions: it has [[interfaces]].
+    """Return whether a study file is about a body on several suspensions: it has [[interfaces]], misspelt perhaps.
 
     Args:
         document: what the file holds.
@@ -111,7 +111,7 @@ def is_body_study(document: Mapping[str, Any]) -> bool:
     >>> is_body_study({"interfaces": []}), is_body_study({"channels": {}})
     (True, False)
     """
-    return "interfaces" in document
+    return "interfaces" in {*document, *misspelt(document, _STUDY)}
 
 
 def document_faults(document: Document) -> Iterator[str]:
@@ -130,7 +130,7 @@ def _body_faults(document: Document) -> Iterator[str]:
     if isinstance(document.get("sensors"), list):
         yield "[[sensors]] is no table of the study of a body, call further sensors on the body [[body_sensors]]"
     elif isinstance(document.get("sensors"), dict):
-        yield from _body_sensor_faults(document["sensors"])
+        yield from _body_sensor_faults(document["sensors"], _sensors_named(document))
     elif "sensors" in document:
         yield f"'sensors' in the study is {document['sensors']!r}, give tables [[sensors.leak]]"
     if isinstance(document.get("channels"), dict):
@@ -197,15 +197,16 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
     return tuple(loading)
 
 
-def _body_sensor_faults(sensors: Mapping[str, Any]) -> Iterator[str]:
+def _body_sensor_faults(sensors: Mapping[str, Any], names: Sequence[str]) -> Iterator[str]:
+    right = "what is known of a sensor of a body stands in the table of its channel"
     for key in sensors:
-        if key in SIDES:
-            yield (
-                f"[sensors.{key}] belongs to the study of one gear, state what is known of a sensor in the table of "
-                "its channel, [channels.NAME]"
-            )
+        if key in names:
+            yield f"[sensors.{key}] is no table of the study of a body, write [channels.{key}]: {right}"
         elif key != "leak":
-            yield f"[sensors] has an unknown key {key!r}: {nearest(key, ('leak',))}"
+            yield (
+                f"[sensors.{key}] is no table of the study of a body: {right}, [channels.NAME]; "
+                f"{nearest(key, ('leak', *names))}"
+            )
     leaks = sensors.get("leak", [])
     if not isinstance(leaks, list):
         yield "'leak' in [sensors] is no list, give one table [[sensors.leak]] for each recorded axis that leaks in"
@@ -228,11 +229,12 @@ def _interface_faults(number: int, entry: Any) -> Iterator[str]:
     yield from table_faults(where, entry, _INTERFACE)
     if not isinstance(entry, dict):
         return
-    if "sprung" not in entry and "unsprung" not in entry:
+    there = {*entry, *misspelt(entry, _INTERFACE)}
+    if "sprung" not in there and "unsprung" not in there:
         yield f"{where} has neither 'sprung' nor 'unsprung', give the channels above and below the suspension"
-    elif "sprung" not in entry:
+    elif "sprung" not in there:
         yield f"{where} has 'unsprung' without 'sprung', give the channel on the body above the suspension, too"
-    elif "unsprung" not in entry:
+    elif "unsprung" not in there:
         yield (
             f"{where} has 'sprung' without 'unsprung', give the channel below the suspension, too "
             "(a sensor on the body alone belongs in [[body_sensors]])"
@@ -320,7 +322,8 @@ def _gear_faults(document: Document) -> Iterator[str]:
                 yield from _channel_faults("runs.channels", entry["channels"])
                 yield from _useless_facts("runs.channels", entry["channels"], ())
     if isinstance(document.get("sensors"), dict):
-        yield from _sensor_faults(document["sensors"])
+        channels = document.get("channels")
+        yield from _sensor_faults(document["sensors"], channels if isinstance(channels, dict) else {})
 
 
 def _without(table: object, names: Sequence[str]) -> object:
@@ -378,8 +381,12 @@ def _useless_facts(
                 yield f"{key!r} stands in [{where}.{name}], give it in {right}"
 
 
-def _sensor_faults(sensors: Mapping[str, Any]) -> Iterator[str]:
-    yield from table_faults("[sensors]", sensors, _SENSORS)
+def _sensor_faults(sensors: Mapping[str, Any], channels: Mapping[str, Any]) -> Iterator[str]:
+    called = {entry.get("channel") if isinstance(entry, dict) else entry: side for side, entry in channels.items()}
+    by_channel = [name for name in sensors if name not in _SENSORS and called.get(name) in SIDES]
+    for name in by_channel:
+        yield f"[sensors.{name}] is called by its channel, write [sensors.{called[name]}]"
+    yield from table_faults("[sensors]", _without(sensors, by_channel), _SENSORS)
     for side in SIDES:
         if isinstance(sensors.get(side), dict):
             yield from table_faults(f"[sensors.{side}]", sensors[side], _SENSOR)

@@ -9,6 +9,7 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
+from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, fits_of_each_run
@@ -264,6 +265,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
             "channel)"
         )
     yield from _of_the_record(choice)
+    yield from _of_the_levels(choice)
     yield from _of_the_residual(answer) if choice.study.is_one_gear else _of_the_structure(answer)
     # of a structure that is refused, faults and places are no more than what the search came to
     told = [] if answer.is_refused else choice.parts
@@ -297,11 +299,33 @@ def _of_the_record(choice: Choice) -> Iterator[str]:
             "their quietest spectra, a bound from above: state `noise_m_per_s2` if you know it"
         )
     highest = settings.highest_fraction
-    if highest * study.fs < settings.band_hz[1] and not study.is_one_gear:
+    if highest * study.fs < settings.band_hz[1]:
         yield (
-            f"the runs are sampled at {study.fs:g} Hz, and compared up to {highest * study.fs:g} Hz: what moves "
-            f"faster is not in them, or folded; record at {settings.band_hz[1] / highest:g} Hz or more"
+            f"the runs are sampled at {study.fs:g} Hz, and compared up to {highest * study.fs:.4g} Hz instead of "
+            f"{settings.band_hz[1]:g} Hz, for the filters of loggers begin at {highest:g} of the rate: what moves "
+            f"faster is not in them, or folded; record at {settings.band_hz[1] / highest:.4g} Hz or more, or give a "
+            "band that ends below"
         )
+
+
+def _of_the_levels(choice: Choice) -> Iterator[str]:
+    """Runs that no model explains together, and one of which is as much stronger than the first as units are apart."""
+    study = choice.study
+    if choice.lack <= choice.verdicts.explained:
+        return
+    names = (*study.channels("unsprung"), *study.channels("sprung"))
+    first, *others = study.runs
+    for run in others:
+        ratios = [float(np.std(run.recording.channel(name)) / np.std(first.recording.channel(name))) for name in names]
+        found = units_apart(ratios)
+        if found:
+            larger, smaller, apart = found
+            mean = float(np.exp(np.mean(np.log(ratios))))
+            yield (
+                f"every channel of run {run.name!r} is {mean:.3g} times as strong as in run {first.name!r}, and "
+                f"{larger} is {apart:.4g} {smaller}: unless road or speed differ as much, one of the two logs is in "
+                "another unit than stated; give the right `unit` in [runs.channels.NAME], or in the log's header"
+            )
 
 
 def _of_the_residual(answer: Answer) -> Iterator[str]:

@@ -21,6 +21,14 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
             if finding.severity != "note":
                 channel = f", {finding.channel!r}" if finding.channel else ""
                 yield f"run {run.name!r}{channel}: {finding.message}"
+    settings, fs = result.settings, result.study.fs
+    high_hz = settings.band_at(fs)[1]
+    if high_hz < settings.band_hz[1]:
+        yield (
+            f"the runs are sampled at {fs:g} Hz, and used up to {high_hz:.4g} Hz instead of {settings.band_hz[1]:g} "
+            f"Hz, for the filters of loggers begin at {settings.highest_fraction_of_rate:g} of the rate: record "
+            "faster, or give a band that ends below"
+        )
     yield from _residual(result)
     yield from _averages(result)
     yield from _ground(result)
