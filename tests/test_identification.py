@@ -226,7 +226,7 @@ def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
         assert "(5.0 standard deviations off): check the data sheet, or state a wider tolerance" in sentence
         assert result.evidence[0].fit.value(f"corner_{side}_hz") < 0.005
     mass = result.parameters.sprung_mass_kg
-    assert abs(mass.value - TRUTH["sprung_mass_kg"]) < 4 * mass.std
+    assert abs(mass.value - TRUTH.sprung_mass_kg) < 4 * mass.std
     assert mass.std < 3
 
 
