@@ -194,9 +194,9 @@ def figures(aircraft: Airframe, found: AircraftIdentification) -> Figures:
     out: Figures = {"residual": found.residual_over_noise, "rigid": float(found.structure == "rigid_body")}
     out["recommended"] = float(any(each.recommended and each.kind == "rigid_body" for each in found.candidates))
     truths = {
-        "mass": (found.parameters["sprung_mass_kg"], aircraft.mass_kg),
-        "Ixx": (found.parameters["roll_inertia_kg_m2"], aircraft.ixx_kg_m2),
-        "Iyy": (found.parameters["pitch_inertia_kg_m2"], aircraft.iyy_kg_m2),
+        "mass": (found.parameters.sprung_mass_kg, aircraft.mass_kg),
+        "Ixx": (found.parameters.roll_inertia_kg_m2, aircraft.ixx_kg_m2),
+        "Iyy": (found.parameters.pitch_inertia_kg_m2, aircraft.iyy_kg_m2),
     }
     right = True
     for gear, each in zip(aircraft.gears, found.interfaces, strict=True):
@@ -212,9 +212,7 @@ def figures(aircraft: Airframe, found: AircraftIdentification) -> Figures:
         out[name] = 100 * abs(estimate.value / truth - 1) if estimate.value is not None else np.nan
         out[f"holds {name}"] = float(estimate.holds(truth)) if estimate.interval95 else np.nan
     truth = aircraft.x_cg_m
-    out["holds x_cg"] = (
-        float(found.parameters["x_cg_m"].holds(truth)) if found.parameters["x_cg_m"].interval95 else np.nan
-    )
+    out["holds x_cg"] = float(found.parameters.x_cg_m.holds(truth)) if found.parameters.x_cg_m.interval95 else np.nan
     for each in found.candidates:
         out[f"explains {each.kind} {', '.join(each.interfaces)}"] = float(each.explains)
         if each.kind != "rigid_body":
@@ -241,7 +239,7 @@ def paper(aircraft: Airframe, study: AnyStudy) -> Figures:
     out: Figures = {}
     for method in ("paper", "classical"):
         found = identify(alone, method=method)
-        mass = found.parameters["sprung_mass_kg"].value
+        mass = found.parameters.sprung_mass_kg.value
         out[f"third by {method}"] = np.nan if mass is None else mass / third
     return out
 

@@ -13,7 +13,7 @@ from opid.signals.recording import Recording
 from opid.suspensions.identification import identify as identify_study
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.result import PaperIdentification
-from opid.suspensions.result import GEAR_PARAMETERS, Identification
+from opid.suspensions.result import Identification
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 
@@ -23,7 +23,7 @@ AircraftIdentification = Identification
 GearStudy = Study
 GearRun = Run
 
-__all__ = ["GEAR_PARAMETERS", "aircraft_study", "gear_study", "identify"]
+__all__ = ["aircraft_study", "gear_study", "identify"]
 
 
 def gear_study(

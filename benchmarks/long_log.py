@@ -162,7 +162,7 @@ def identify(paths: list[Path], n: int) -> str:
     from opid.suspensions.identification import identify
 
     result = identify(study_of(paths))
-    mass = result.parameters["sprung_mass_kg"]
+    mass = result.parameters.sprung_mass_kg
     return f"mass {result.not_determined if mass.value is None else f'{mass.value:.0f} kg'} (true 1850 kg)"
 
 

@@ -51,7 +51,7 @@ def outcome(world: str, seed: int) -> Outcome:
         said = f"{type(error).__name__}: {error}"
         return Outcome(time.process_time() - begun, np.nan, said, True, None, np.nan, "-")
     busy_s = time.process_time() - begun
-    mass, residual, law = found.parameters["sprung_mass_kg"], residual_over_noise(found), found.law.name
+    mass, residual, law = found.parameters.sprung_mass_kg, residual_over_noise(found), found.law.name
     if mass.value is None:
         return Outcome(busy_s, residual, found.not_determined or "no mass", True, None, np.nan, law)
     if mass.interval95 is None:

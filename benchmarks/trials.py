@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from estimator import (
-    GEAR_PARAMETERS,
     GearIdentification,
     GearStudy,
     gear_study,
@@ -23,7 +22,12 @@ from plain_chain import PlainAnswer, least_squares, sparse_regression
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 
-SHORT = dict(zip(GEAR_PARAMETERS, ("M2", "K2", "C2", "K3"), strict=True))
+SHORT = {
+    "sprung_mass_kg": "M2",
+    "suspension_stiffness_n_per_m": "K2",
+    "suspension_damping_n_s_per_m": "C2",
+    "ground_stiffness_n_per_m": "K3",
+}
 PLAIN = ("least squares", "pysindy")
 METHODS = ("model", "classical", *PLAIN)
 CRASHED = "crashed"
@@ -171,7 +175,7 @@ def _of_plain(case: Case, seed: int, truth: dict[str, float], found: PlainAnswer
 
 
 def _of_opid(case: Case, seed: int, truth: dict[str, float], found: GearIdentification, spent: Clock) -> Trial:
-    estimates = {short: found.parameters[name] for name, short in SHORT.items()}
+    estimates = {SHORT[name]: estimate for name, estimate in found.parameters.items()}
     if estimates["M2"].value is not None:
         estimates |= _law_values(found.law_estimates)
 

@@ -38,7 +38,7 @@ def main() -> None:
     result = opid.identify(study)
 
     print(opid.result_text(result))
-    low_high = result.parameters["sprung_mass_kg"].interval95
+    low_high = result.parameters.sprung_mass_kg.interval95
     if low_high is not None:
         print(f"The sprung mass lies between {low_high[0]:.0f} and {low_high[1]:.0f} kg (95 %).")
     print(f"Report: {opid.write_report(result, options.out)}")

@@ -55,7 +55,7 @@ def main() -> None:
         for name, run, change in (("heavy", heavy, 0.0), ("light", light, MASS_CHANGE_KG))
     )
     result = opid.identify(opid.study_of_gear("two runs", sprung="above", unsprung="below", runs=runs))
-    mass = result.parameters["sprung_mass_kg"]
+    mass = result.parameters.sprung_mass_kg
     print(f"driven model: mass {mass.value:.1f} +- {mass.std:.1f} kg, law {result.law.name}")
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,50 @@ class Estimate:
             return cls(value)
         return cls(value, float(std), (value - 1.96 * float(std), value + 1.96 * float(std)))
 
+    def without_interval(self) -> Estimate:
+        """Return the value alone."""
+        return Estimate(self.value)
+
     def holds(self, truth: float) -> bool:
         """Whether the interval holds `truth`; False without an interval."""
         return self.interval95 is not None and self.interval95[0] <= truth <= self.interval95[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """A record with estimates in its fields, or in records, tuples and tables in its fields.
+
+    >>> @dataclass(frozen=True)
+    ... class Slopes(Estimates):
+    ...     stiffness_n_per_m: Estimate = Estimate()
+    ...     damping_n_s_per_m: Estimate = Estimate()
+    >>> found = Slopes(Estimate.normal(4e5, 1e3))
+    >>> [(name, estimate.std) for name, estimate in found.items()]
+    [('stiffness_n_per_m', 1000.0), ('damping_n_s_per_m', None)]
+    >>> found.with_estimates(Estimate.without_interval).stiffness_n_per_m
+    Estimate(value=400000.0, std=None, interval95=None)
+    """
+
+    def items(self) -> Iterator[tuple[str, Estimate]]:
+        """Yield name and estimate of each field that is one, in their order."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, Estimate):
+                yield field.name, value
+
+    def with_estimates(self, change: Callable[[Estimate], Estimate], *, only: Collection[str] | None = None) -> Self:
+        """Return it with every estimate changed, or those of the fields `only`."""
+        names = [field.name for field in fields(self) if only is None or field.name in only]
+        return replace(self, **{name: _changed(getattr(self, name), change) for name in names})
+
+
+def _changed(value: Any, change: Callable[[Estimate], Estimate]) -> Any:
+    if isinstance(value, Estimate):
+        return change(value)
+    if isinstance(value, Estimates):
+        return value.with_estimates(change)
+    if isinstance(value, tuple):
+        return tuple(_changed(each, change) for each in value)
+    if isinstance(value, Mapping):
+        return {name: _changed(each, change) for name, each in value.items()}
+    return value

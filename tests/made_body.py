@@ -12,7 +12,15 @@ from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.law_search import library
-from opid.suspensions.result import Candidate, Identification, InterfaceEstimate, Options, RunResidual
+from opid.suspensions.result import (
+    BodyParameters,
+    BodyRatios,
+    Candidate,
+    Identification,
+    InterfaceEstimate,
+    Options,
+    RunResidual,
+)
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
 
@@ -44,19 +52,19 @@ def small_body(**changes):
     result = Identification(
         study=_study(airframe),
         structure="rigid_body",
-        parameters={
-            "sprung_mass_kg": Estimate.normal(5403.1, 4.9),
-            "roll_inertia_kg_m2": Estimate.normal(15960.0, 41.0),
-            "pitch_inertia_kg_m2": Estimate.normal(27080.0, 62.0),
-            "x_cg_m": Estimate.normal(0.6013, 0.0011),
-            "y_cg_m": Estimate.normal(-0.0004, 0.0009),
-        },
-        ratios={
-            "roll_radius_m": Estimate.normal(1.7187, 0.0021),
-            "pitch_radius_m": Estimate.normal(2.2387, 0.0024),
-            "x_cg_m": Estimate.normal(0.6013, 0.0011),
-            "y_cg_m": Estimate.normal(-0.0004, 0.0009),
-        },
+        parameters=BodyParameters(
+            sprung_mass_kg=Estimate.normal(5403.1, 4.9),
+            roll_inertia_kg_m2=Estimate.normal(15960.0, 41.0),
+            pitch_inertia_kg_m2=Estimate.normal(27080.0, 62.0),
+            x_cg_m=Estimate.normal(0.6013, 0.0011),
+            y_cg_m=Estimate.normal(-0.0004, 0.0009),
+        ),
+        ratios=BodyRatios(
+            roll_radius_m=Estimate.normal(1.7187, 0.0021),
+            pitch_radius_m=Estimate.normal(2.2387, 0.0024),
+            x_cg_m=Estimate.normal(0.6013, 0.0011),
+            y_cg_m=Estimate.normal(-0.0004, 0.0009),
+        ),
         per_mass=False,
         interfaces=interfaces,
         place_corrections={"sensor_x_m[left]": Estimate.normal(0.006, 0.004)},
@@ -98,7 +106,7 @@ def body_without_mass():
     )
     return replace(
         whole,
-        parameters=dict.fromkeys(whole.parameters, Estimate()),
+        parameters=BodyParameters(),
         per_mass=True,
         interfaces=interfaces,
         runs=whole.runs[:1],

@@ -84,8 +84,7 @@ def test_the_true_law_is_found(truth, correlation):
     assert found.law.name == truth.name
     assert found.not_determined is None
     assert not found.memory.seen
-    for name, true in zip(found.parameters, (STIFFNESS, DAMPING, OFFSET), strict=True):
-        estimate = found.parameters[name]
+    for (_, estimate), true in zip(found.parameters.items(), (STIFFNESS, DAMPING, OFFSET), strict=True):
         assert abs(estimate.value - true) < 4 * estimate.std
     np.testing.assert_allclose(found.law.vector, truth.vector, rtol=0.25)
     # what is left is the noise, and stretches that were left out are predicted almost as well
@@ -98,7 +97,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     held = []
     for seed in range(24):
         found = law_of_bench(simulated(truth, seed, n=1500, correlation=0.8), candidates=(truth.name,))
-        estimates = [*found.parameters.values(), *found.law_estimates[truth.name].values()]
+        estimates = [*vars(found.parameters).values(), *found.law_estimates[truth.name].values()]
         true = [STIFFNESS, DAMPING, OFFSET, *truth.vector]
         held += [estimate.holds(value) for estimate, value in zip(estimates, true, strict=True)]
     # 120 intervals of 95 %: three standard deviations below
@@ -174,9 +173,9 @@ def test_a_long_record_is_thinned_for_the_search_and_fitted_whole():
     found = law_of_bench(bench_of(z, v, force), candidates=("cubic_stiffness",))
     assert found.n_search_samples <= 5000
     assert found.residual.size == t.size
-    assert found.parameters["stiffness_n_per_m"].holds(STIFFNESS)
+    assert found.parameters.stiffness_n_per_m.holds(STIFFNESS)
     # the interval is that of all samples: 30 N over the root of sum z^2
-    assert found.parameters["stiffness_n_per_m"].std == pytest.approx(30 / np.sqrt(np.sum(z**2)), rel=0.2)
+    assert found.parameters.stiffness_n_per_m.std == pytest.approx(30 / np.sqrt(np.sum(z**2)), rel=0.2)
 
 
 def test_the_columns_of_candidates_foretell_what_a_fit_will_leave():

@@ -132,7 +132,7 @@ def test_a_gain_of_one_sensor_of_an_aircraft_that_is_stated_is_found():
     interfaces = [replace(each, facts=loose) if each.name == "left" else each for each in given.interfaces]
     exact = replace(given.structure, position_tolerance_m=0.0)
     found = identify(replace(given, interfaces=interfaces, structure=exact), law=LAW)
-    fit, mass = found.evidence[0].fit, found.parameters["sprung_mass_kg"]
+    fit, mass = found.evidence[0].fit, found.parameters.sprung_mass_kg
     assert found.residual_over_noise < 1.05
     assert fit.value("gain_sprung[left]") == pytest.approx(1.03, abs=0.002)
     assert abs(mass.value - aircraft().mass_kg) < 4 * mass.std < 0.02 * mass.value
@@ -149,7 +149,7 @@ def test_a_fault_of_one_sensor_of_an_aircraft_is_found(fault):
         assert abs(demand.value - expected[demand.name]) < 4 * demand.std
     assert found.not_determined is None
     assert found.residual_over_noise < 1.1
-    mass = found.parameters["sprung_mass_kg"]
+    mass = found.parameters.sprung_mass_kg
     assert abs(mass.value - aircraft().mass_kg) < 4 * mass.std < 0.05 * mass.value
     assert any("the runs demand" in warning and "nobody stated" in warning for warning in found.warnings)
 
@@ -168,5 +168,5 @@ def test_a_stated_coupling_with_a_wide_tolerance_brings_no_ground_spring():
     found = identify(study_of(seed=6, duration_s=40, sensors=SensorPair(stated, stated), **sensors))
     assert found.law.name == LAW
     assert found.evidence[0].demands == ()
-    assert found.parameters["sprung_mass_kg"].holds(MASS_KG)
+    assert found.parameters.sprung_mass_kg.holds(MASS_KG)
     assert found.residual_over_noise < 1.05

@@ -256,8 +256,8 @@ def test_the_origin_of_coordinates_changes_nothing(found):
     here, there = (each.known.of_rigid_body()[0] for each in (found, moved))
     for name, estimate in here.items():
         expected = estimate.value + dict(zip(("x_cg_m", "y_cg_m"), shift, strict=True)).get(name, 0.0)
-        assert abs(there[name].value - expected) < 0.1 * estimate.std, name
-    assert abs(here["sprung_mass_kg"].value - aircraft().mass_kg) < 4 * here["sprung_mass_kg"].std
+        assert abs(getattr(there, name).value - expected) < 0.1 * estimate.std, name
+    assert abs(here.sprung_mass_kg.value - aircraft().mass_kg) < 4 * here.sprung_mass_kg.std
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ from opid.mechanics.laws import default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import METHODS, identify
-from opid.suspensions.result import GEAR_PARAMETERS
+from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
 
-TRUTH = dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
+TRUTH = LandingGear()
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +35,11 @@ def result(study):
 def test_every_parameter_is_within_its_interval_or_near(result):
     assert result.method == "model"
     assert result.not_determined is None
-    for name, truth in TRUTH.items():
-        estimate = result.parameters[name]
+    for name, estimate in result.parameters.items():
         # a ground spring that the runs do not demand is zero, not uncertain
-        assert abs(estimate.value - truth) <= 4 * (estimate.std or 0.0)
+        assert abs(estimate.value - getattr(TRUTH, name)) <= 4 * (estimate.std or 0.0)
         assert estimate.interval95 is None or estimate.interval95[0] < estimate.value < estimate.interval95[1]
-    assert result.parameters["sprung_mass_kg"].std < 4
+    assert result.parameters.sprung_mass_kg.std < 4
     assert result.law.name == "arctan_velocity"
     friction = result.law_estimates["arctan_velocity"]
     assert abs(friction["amplitude_n"].value - 400) < 4 * friction["amplitude_n"].std
@@ -56,15 +55,15 @@ def test_the_restoring_force_is_the_true_one_where_the_runs_went(result):
 
 
 def test_ratios_are_those_of_the_parameters(result):
-    mass = result.parameters["sprung_mass_kg"].value
+    mass = result.parameters.sprung_mass_kg.value
     np.testing.assert_allclose(
-        result.ratios["stiffness_per_mass"].value * mass, result.parameters["suspension_stiffness_n_per_m"].value
+        result.ratios.stiffness_per_mass.value * mass, result.parameters.suspension_stiffness_n_per_m.value
     )
-    np.testing.assert_allclose(result.ratios["natural_frequency_hz"].value, 2.311, rtol=0.01)
-    np.testing.assert_allclose(result.ratios["damping_ratio"].value, 0.1117, rtol=0.02)
+    np.testing.assert_allclose(result.ratios.natural_frequency_hz.value, 2.311, rtol=0.01)
+    np.testing.assert_allclose(result.ratios.damping_ratio.value, 0.1117, rtol=0.02)
     # a ratio is known far better than the mass
-    relative = result.ratios["stiffness_per_mass"].std / result.ratios["stiffness_per_mass"].value
-    assert relative < result.parameters["sprung_mass_kg"].std / mass
+    relative = result.ratios.stiffness_per_mass.std / result.ratios.stiffness_per_mass.value
+    assert relative < result.parameters.sprung_mass_kg.std / mass
 
 
 def test_the_same_study_gives_the_same_answer_to_the_last_digit(study, result):
@@ -86,9 +85,8 @@ def test_channel_order_and_time_shift_change_nothing(study, result):
 
 def test_the_order_of_the_runs_changes_little(study, result):
     again = identify(gear_study(*study.runs[::-1]))
-    for name in GEAR_PARAMETERS:
-        change = abs(again.parameters[name].value - result.parameters[name].value)
-        assert change <= 0.2 * (result.parameters[name].std or 0.0)
+    for (_, after), (_, before) in zip(again.parameters.items(), result.parameters.items(), strict=True):
+        assert abs(after.value - before.value) <= 0.2 * (before.std or 0.0)
 
 
 def test_three_runs_are_better_than_two():
@@ -102,15 +100,15 @@ def test_three_runs_are_better_than_two():
         for change in (0.0, -110.0, -220.0, -330.0)
     ]
     pair, all_four = (identify(gear_study(*chosen)) for chosen in (runs[:2], runs))
-    assert all_four.parameters["sprung_mass_kg"].std < 0.6 * pair.parameters["sprung_mass_kg"].std
-    assert abs(all_four.parameters["sprung_mass_kg"].value - 1850) < 4 * all_four.parameters["sprung_mass_kg"].std
+    assert all_four.parameters.sprung_mass_kg.std < 0.6 * pair.parameters.sprung_mass_kg.std
+    assert abs(all_four.parameters.sprung_mass_kg.value - 1850) < 4 * all_four.parameters.sprung_mass_kg.std
 
 
 def test_equal_masses_give_ratios_only():
     result = identify(study_of(seed=1, mass_removed_kg=0.0, change_kg=0.0))
     assert "only ratios to the mass" in result.not_determined
-    assert all(result.parameters[name].value is None for name in GEAR_PARAMETERS)
-    np.testing.assert_allclose(result.ratios["stiffness_per_mass"].value, 3.9e5 / 1850, rtol=0.01)
+    assert result.parameters == GearParameters()
+    np.testing.assert_allclose(result.ratios.stiffness_per_mass.value, 3.9e5 / 1850, rtol=0.01)
     assert result.restoring_force.per_mass
     np.testing.assert_allclose(result.law.vector, [400 / 1850, 0.02], rtol=0.05)
 
@@ -126,7 +124,7 @@ def test_equal_masses_that_were_not_equal_say_so(name, given):
     assert "they do not even behave alike (natural frequencies 2." in result.not_determined
     assert result.evidence[0].demands == ()
     assert "check mass_change_kg" in result.not_determined
-    assert all(each.value is None for each in (*result.parameters.values(), *result.ratios.values()))
+    assert (result.parameters, result.ratios) == (GearParameters(), GearRatios())
 
 
 def test_a_second_run_of_ten_seconds_is_enough_for_every_step(study):
@@ -134,7 +132,7 @@ def test_a_second_run_of_ten_seconds_is_enough_for_every_step(study):
     short = study.runs[1].recording.section(start_s=study.runs[1].recording.time_s[-1] - 10.0)
     shortened = gear_study(study.runs[0], Run("light", short, study.runs[1].mass_change_kg))
     result = identify(shortened, law="arctan_velocity")
-    low, high = result.parameters["sprung_mass_kg"].interval95
+    low, high = result.parameters.sprung_mass_kg.interval95
     assert low < 1850.0 < high
 
 
@@ -149,17 +147,17 @@ def test_a_clipped_channel_is_named_in_the_warnings(study):
 def test_a_mass_change_that_did_not_happen_gives_no_mass():
     result = identify(study_of(seed=1, mass_removed_kg=0.0, change_kg=-220.0))
     assert result.not_determined is not None
-    assert result.parameters["sprung_mass_kg"].value is None
-    assert result.ratios["stiffness_per_mass"].value is not None
+    assert result.parameters.sprung_mass_kg.value is None
+    assert result.ratios.stiffness_per_mass.value is not None
 
 
 def test_the_driven_model_with_a_wrong_law_says_so_and_its_intervals_hold_the_truth(study):
     result = identify(study, law="linear")
     assert result.residual_over_noise > 10
     assert any("times the noise of the sensors" in warning for warning in result.warnings)
-    for name in ("sprung_mass_kg", "suspension_stiffness_n_per_m"):
-        estimate = result.parameters[name]
-        assert estimate.value is None or estimate.holds(TRUTH[name])
+    mass, stiffness = result.parameters.sprung_mass_kg, result.parameters.suspension_stiffness_n_per_m
+    assert mass.value is None or mass.holds(TRUTH.sprung_mass_kg)
+    assert stiffness.value is None or stiffness.holds(TRUTH.suspension_stiffness_n_per_m)
 
 
 def test_swapped_and_mute_channels_are_refused(study):
@@ -223,7 +221,7 @@ def test_single_spikes_change_the_mass_by_less_than_its_deviation(study, channel
     assert spiked.mended_spikes == ((6, 0) if channel == "lower_z" else (0, 6))
     assert any("6 spike(s) of one sample were mended" in warning for warning in spiked.warnings)
     assert not any("spike" in warning for warning in clean.warnings)
-    before, after = (each.parameters["sprung_mass_kg"] for each in (clean, spiked))
+    before, after = (each.parameters.sprung_mass_kg for each in (clean, spiked))
     assert abs(after.value - before.value) < after.std < 4 * before.std
 
 
@@ -251,8 +249,8 @@ def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
         assert sentence.startswith(stated)
         assert "(5.0 standard deviations off): check the data sheet, or state a wider tolerance" in sentence
         assert result.evidence[0].fit.value(f"corner_{side}_hz") < 0.005
-    mass = result.parameters["sprung_mass_kg"]
-    assert abs(mass.value - TRUTH["sprung_mass_kg"]) < 4 * mass.std
+    mass = result.parameters.sprung_mass_kg
+    assert abs(mass.value - TRUTH.sprung_mass_kg) < 4 * mass.std
     assert mass.std < 3
 
 
@@ -294,14 +292,13 @@ def test_the_driven_model_finds_the_gain_error_itself():
     (demand,) = result.evidence[0].demands
     assert demand.name == "gain_sprung"
     assert abs(demand.value - 1.01) < 4 * demand.std
-    for name, truth in TRUTH.items():
-        estimate = result.parameters[name]
-        assert abs(estimate.value - truth) <= 4 * (estimate.std or 0.0)
+    for name, estimate in result.parameters.items():
+        assert abs(estimate.value - getattr(TRUTH, name)) <= 4 * (estimate.std or 0.0)
 
 
 def test_a_real_ground_spring_is_found_and_doubted():
     result = identify(study_of(LandingGear(ground_stiffness_n_per_m=1.67e5)), law="arctan_velocity")
-    ground = result.parameters["ground_stiffness_n_per_m"]
+    ground = result.parameters.ground_stiffness_n_per_m
     np.testing.assert_allclose(ground.value, 1.67e5, rtol=0.02)
     assert abs(ground.value - 1.67e5) < 4 * ground.std
     assert any("K3" in warning for warning in result.warnings)
@@ -311,10 +308,10 @@ def test_a_straight_arctangent_gets_no_interval_and_neither_does_what_it_trades_
     straight = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.5)
     result = identify(study_of(LandingGear(law=straight)), law="arctan_velocity")
     assert any("cannot be told from damping" in warning for warning in result.warnings)
-    assert result.parameters["suspension_damping_n_s_per_m"].interval95 is None
+    assert result.parameters.suspension_damping_n_s_per_m.interval95 is None
     assert all(each.interval95 is None for each in result.law_estimates["arctan_velocity"].values())
     # the sum of the two is determined all the same, and so is everything else
-    slope = result.parameters["suspension_damping_n_s_per_m"].value + float(result.law.gradient(0.0, 0.0)[1])
+    slope = result.parameters.suspension_damping_n_s_per_m.value + float(result.law.gradient(0.0, 0.0)[1])
     np.testing.assert_allclose(slope, 6e3 + float(straight.gradient(0.0, 0.0)[1]), rtol=0.03)
-    mass = result.parameters["sprung_mass_kg"]
+    mass = result.parameters.sprung_mass_kg
     assert abs(mass.value - 1850) < 4 * mass.std

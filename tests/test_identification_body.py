@@ -19,7 +19,7 @@ from opid.suspensions import driven_laws, identification
 from opid.suspensions import warnings as doubts
 from opid.suspensions.candidates import Fitted, groups_of
 from opid.suspensions.identification import identify
-from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS
+from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import (
     BodySensor,
@@ -69,11 +69,11 @@ def test_its_numbers_are_those_of_the_aircraft(compared):
     assert compared.not_determined is None
     assert compared.warnings == ()
     assert not compared.per_mass
-    assert near(compared.parameters["sprung_mass_kg"], true.mass_kg)
-    assert near(compared.parameters["roll_inertia_kg_m2"], true.ixx_kg_m2)
-    assert near(compared.parameters["pitch_inertia_kg_m2"], true.iyy_kg_m2)
-    assert near(compared.parameters["x_cg_m"], true.x_cg_m)
-    assert set(compared.ratios) == set(BODY_RATIOS)
+    assert near(compared.parameters.sprung_mass_kg, true.mass_kg)
+    assert near(compared.parameters.roll_inertia_kg_m2, true.ixx_kg_m2)
+    assert near(compared.parameters.pitch_inertia_kg_m2, true.iyy_kg_m2)
+    assert near(compared.parameters.x_cg_m, true.x_cg_m)
+    assert isinstance(compared.ratios, BodyRatios)
     assert compared.noise_m_per_s2 == NOISE
     for each, gear in zip(compared.interfaces, true.gears, strict=True):
         assert each.name == gear.name
@@ -106,9 +106,9 @@ def test_gears_that_stand_alone_are_told_from_an_aircraft():
     assert all(each.explains for each in candidates(found, "single"))
     assert not any(each.explains for each in candidates(found, "rigid_body"))
     # three gears under masses of their own; of a rigid body there is nothing
-    assert near(found.parameters["sprung_mass_kg"], 3 * GEAR.sprung_mass_kg)
-    assert found.parameters["roll_inertia_kg_m2"] == Estimate()
-    assert found.ratios["x_cg_m"] == Estimate()
+    assert near(found.parameters.sprung_mass_kg, 3 * GEAR.sprung_mass_kg)
+    assert found.parameters.roll_inertia_kg_m2 == Estimate()
+    assert found.ratios.x_cg_m == Estimate()
     assert [run.residual.shape[0] for run in found.runs] == [3, 3]
 
 
@@ -118,11 +118,10 @@ def test_one_loading_gives_ratios_and_a_sentence(compared):
     assert found.not_determined.startswith(
         "one run gives ratios to the mass alone: record a second one with a known mass"
     )
-    assert set(found.parameters) == set(BODY_PARAMETERS)
-    assert all(each == Estimate() for each in found.parameters.values())
+    assert found.parameters == BodyParameters()
     assert found.per_mass
-    assert near(found.ratios["pitch_radius_m"], math.sqrt(true.iyy_kg_m2 / true.mass_kg))
-    assert near(found.ratios["x_cg_m"], true.x_cg_m)
+    assert near(found.ratios.pitch_radius_m, math.sqrt(true.iyy_kg_m2 / true.mass_kg))
+    assert near(found.ratios.x_cg_m, true.x_cg_m)
     for each, gear in zip(found.interfaces, true.gears, strict=True):
         assert near(each.stiffness, gear.suspension_stiffness_n_per_m / true.mass_kg)
     assert found.candidates[0].left_out_over_noise is None
@@ -166,7 +165,7 @@ def test_a_loading_that_moves_nothing_does_not_give_the_mass():
     assert found.structure == "rigid_body"
     assert found.residual_over_noise < 1.2
     assert "the change of loading ('light' +0 kg, 'heavy' +1 kg) moves too little" in found.not_determined
-    assert all(each == Estimate() for each in found.parameters.values())
+    assert found.parameters == BodyParameters()
     assert found.candidates[0].sprung_mass_kg == Estimate()
     check_ratios(found)
 
@@ -175,8 +174,8 @@ def check_ratios(found):
     """What is told without the mass: places, radii, and suspensions per kg."""
     true = aircraft()
     assert found.per_mass
-    assert near(found.ratios["x_cg_m"], true.x_cg_m)
-    assert near(found.ratios["pitch_radius_m"], math.sqrt(true.iyy_kg_m2 / true.mass_kg))
+    assert near(found.ratios.x_cg_m, true.x_cg_m)
+    assert near(found.ratios.pitch_radius_m, math.sqrt(true.iyy_kg_m2 / true.mass_kg))
     for each, gear in zip(found.interfaces, true.gears, strict=True):
         assert near(each.stiffness, gear.suspension_stiffness_n_per_m / true.mass_kg)
         amplitude = each.law_estimates[LAW]["amplitude_n"]
@@ -195,7 +194,7 @@ def test_a_loading_of_the_wrong_sign_gives_no_negative_springs():
         "the mass would be negative: check the sign of the loading ('light' +0 kg, 'heavy' -500 kg), or whether two "
         "runs are exchanged"
     )
-    assert all(each == Estimate() for each in found.parameters.values())
+    assert found.parameters == BodyParameters()
     assert not found.candidates[0].recommended
     assert found.candidates[0].sprung_mass_kg == Estimate()
     assert found.candidates[0].why.endswith("but its mass would be negative")
@@ -242,17 +241,17 @@ def test_a_body_that_does_not_roll_does_not_tell_its_inertia_in_roll():
     true = aircraft()
     assert found.not_determined is None
     assert found.residual_over_noise < 1.2
-    assert found.parameters["roll_inertia_kg_m2"] == found.ratios["roll_radius_m"] == Estimate()
+    assert found.parameters.roll_inertia_kg_m2 == found.ratios.roll_radius_m == Estimate()
     (sentence,) = found.warnings
     assert sentence.startswith("these runs do not tell the inertia in roll: the body hardly moves in it")
     assert "let left and right run over different ground, load one side" in sentence
-    assert near(found.parameters["sprung_mass_kg"], true.mass_kg)
-    assert near(found.parameters["pitch_inertia_kg_m2"], true.iyy_kg_m2)
+    assert near(found.parameters.sprung_mass_kg, true.mass_kg)
+    assert near(found.parameters.pitch_inertia_kg_m2, true.iyy_kg_m2)
 
 
 def test_inertias_that_rough_places_hide_are_told():
     found = identify(study(runs=short_runs()[:1], position_tolerance_m=0.6), law=LAW)
-    assert found.ratios["roll_radius_m"] == Estimate()
+    assert found.ratios.roll_radius_m == Estimate()
     assert any("measure the coordinates better" in sentence for sentence in found.warnings)
 
 
@@ -266,7 +265,7 @@ def test_runs_that_do_not_go_together_are_not_recommended(monkeypatch):
     assert "leaves 0.997 times the noise, but 1.50 in runs that the others predict" in found.warnings[0]
     assert found.warnings[1].startswith("runs that the others predict leave 1.50 times the noise: a loading may have")
     assert found.warnings[2].startswith("the intervals are withheld: what the structure leaves is no noise")
-    mass = found.parameters["sprung_mass_kg"]
+    mass = found.parameters.sprung_mass_kg
     assert mass.value == pytest.approx(aircraft().mass_kg, rel=0.02)
     assert mass.interval95 is None
 
@@ -274,7 +273,7 @@ def test_runs_that_do_not_go_together_are_not_recommended(monkeypatch):
 def test_a_refit_that_fails_does_not_throw_the_fit_away(monkeypatch):
     monkeypatch.setattr(driven_laws, "left_out_ratio", lambda fit: None)
     found = identify(study(), law=LAW)
-    assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
+    assert near(found.parameters.sprung_mass_kg, aircraft().mass_kg)
     assert found.candidates[0].left_out_over_noise is None
     assert found.candidates[0].recommended
     assert "the model cannot follow the runs without one of them" in found.warnings[0]
@@ -286,7 +285,7 @@ def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
     assert not any(each.recommended for each in found.candidates)
     assert "no structure explains these runs" in found.warnings[0]
     assert "a bending airframe" in found.warnings[0]
-    assert all(each.interval95 is None for each in found.parameters.values())
+    assert all(each.interval95 is None for _, each in found.parameters.items())
     assert all(each.stiffness.interval95 is None for each in found.interfaces)
 
 
@@ -314,7 +313,7 @@ def test_groups_share_and_places_are_corrected_within_their_tolerance():
     assert near(left.stiffness, aircraft().gears[1].suspension_stiffness_n_per_m)
     assert len(found.place_corrections) == 12
     assert all(each.std < 0.0101 for each in found.place_corrections.values())
-    assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
+    assert near(found.parameters.sprung_mass_kg, aircraft().mass_kg)
     assert found.places["left"] == (0.0, 1.6, 0.265, 1.4)
 
 
@@ -329,7 +328,7 @@ def test_a_further_sensor_on_the_body_is_predicted_too():
         runs.append(replace(run, recording=Recording(samples, fs=run.recording.fs, channels=channels)))
     given = replace(study(runs=tuple(runs)), sensors=(BodySensor("again", 0.25, 1.4),))
     found = identify(given, law=LAW)
-    assert near(found.parameters["sprung_mass_kg"], aircraft().mass_kg)
+    assert near(found.parameters.sprung_mass_kg, aircraft().mass_kg)
     assert found.runs[0].residual.shape[0] == 4
     assert len(found.interfaces) == 3
 
@@ -362,7 +361,7 @@ def test_a_gear_that_cannot_be_fitted_leaves_no_mass_of_the_whole(monkeypatch):
     monkeypatch.setattr(identification, "fit_alone", fails_at_the_nose)
     found = identify(study("single", runs=gears_apart()), law=LAW)
     assert found.not_determined == "nose cannot be fitted (it grows), so there is no mass of the whole"
-    assert found.parameters["sprung_mass_kg"] == Estimate()
+    assert found.parameters.sprung_mass_kg == Estimate()
     assert "each gear alone cannot be fitted" in found.why
     assert [each.name for each in found.interfaces] == ["left", "right"]
     assert found.interfaces[0].stiffness.interval95 is not None
@@ -391,7 +390,7 @@ def test_two_interfaces_on_one_line_are_compared_as_gears_alone():
     found = identify(two_gears(right_loaded=True), law=LAW)
     assert {each.kind for each in found.candidates} == {"single", "pair"}
     assert found.structure == "single"
-    assert near(found.parameters["sprung_mass_kg"], 2 * GEAR.sprung_mass_kg)
+    assert near(found.parameters.sprung_mass_kg, 2 * GEAR.sprung_mass_kg)
     assert all(near(each.sprung_mass_kg, GEAR.sprung_mass_kg) for each in candidates(found, "single"))
     assert any(sentence.startswith("one rigid body was not tried") for sentence in found.warnings)
 
@@ -403,7 +402,7 @@ def test_a_load_over_one_gear_says_nothing_of_the_other():
     assert right.sprung_mass_kg == Estimate()
     assert right.explains
     assert found.not_determined.startswith("the loading ('light' +0 kg, 'heavy' +200 kg) does not rest on right")
-    assert found.parameters["sprung_mass_kg"] == Estimate()
+    assert found.parameters.sprung_mass_kg == Estimate()
     assert found.per_mass
     for each in found.interfaces:
         # the same noise twice on the right: its interval is too narrow
@@ -435,7 +434,7 @@ def test_a_single_gear_of_a_rolling_aircraft_gets_no_mass_and_is_told_that_it_ma
     assert found.residual_over_noise > 3
     assert "this gear may not be alone on its body, which rolls and pitches on others" in found.not_determined
     assert "describe all of them in [[interfaces]]" in found.not_determined
-    assert all(each == Estimate() for each in found.parameters.values())
+    assert found.parameters == GearParameters()
     assert any("a gear on a body that rolls or pitches is no gear alone" in each for each in found.warnings)
     # forces are per kg here, and so is every number in a sentence
     assert all("N/m per kg" in each for each in found.warnings if "K3 = " in each)
@@ -452,7 +451,7 @@ def test_ground_springs_of_an_aircraft_that_are_ruled_out_are_zero(compared):
 def test_ground_springs_of_an_aircraft_are_found_with_its_mass_and_laws():
     found = identify(study(runs=short_runs(ground_n_per_m=1e5)), law=LAW)
     assert found.not_determined is None
-    assert found.parameters["sprung_mass_kg"].holds(aircraft().mass_kg)
+    assert found.parameters.sprung_mass_kg.holds(aircraft().mass_kg)
     for each, gear in zip(found.interfaces, aircraft().gears, strict=True):
         assert each.law.name == gear.law.name
         assert each.ground_stiffness.holds(1e5)

@@ -101,15 +101,12 @@ def test_deviations_are_those_of_draws_from_the_covariance(fit, known):
         (stiffness, k / mu),
         (damping, c / mu),
         (known.mass, 1 / mu),
-        (ratios["natural_frequency_hz"], np.sqrt(k) / (2 * np.pi)),
-        (ratios["damping_ratio"], c / (2 * np.sqrt(k))),
+        (ratios.natural_frequency_hz, np.sqrt(k) / (2 * np.pi)),
+        (ratios.damping_ratio, c / (2 * np.sqrt(k))),
     ):
         assert estimate.std == pytest.approx(values.std(), rel=0.05)
         assert estimate.value == pytest.approx(values.mean(), abs=0.2 * estimate.std)
-    assert (
-        abs(ratios["damping_ratio"].value - DAMPING / (2 * np.sqrt(STIFFNESS * MASS_KG)))
-        < 4 * ratios["damping_ratio"].std
-    )
+    assert abs(ratios.damping_ratio.value - DAMPING / (2 * np.sqrt(STIFFNESS * MASS_KG))) < 4 * ratios.damping_ratio.std
 
 
 def test_no_ground_spring_is_zero_as_well_as_it_would_be_known(known):

@@ -15,7 +15,7 @@ from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import identify
 from opid.suspensions.model import Model
-from opid.suspensions.result import GEAR_PARAMETERS
+from opid.suspensions.result import GearParameters
 from opid.suspensions.study import Run, study_of_gear
 from opid.suspensions.study_file import write_study
 
@@ -165,14 +165,15 @@ def evaluations(monkeypatch, study, **settings):
 
 
 def says_nothing(result):
-    return all(result.parameters[name].value is None for name in GEAR_PARAMETERS)
+    return result.parameters == GearParameters()
 
 
 def never_confidently_wrong(result, most=4.0):
     """Either no mass and stiffness at all, or a warning, and the truth within what is stated."""
     if result.not_determined is not None:
         return says_nothing(result)
-    pairs = zip(map(result.parameters.get, GEAR_PARAMETERS[:2]), (MASS_KG, 3.9e5), strict=True)
+    mass, stiffness = result.parameters.sprung_mass_kg, result.parameters.suspension_stiffness_n_per_m
+    pairs = (mass, MASS_KG), (stiffness, 3.9e5)
     near = all(abs(estimate.value - true) < most * estimate.std for estimate, true in pairs)
     return near and any("times the noise of the sensors" in warning for warning in result.warnings)
 
@@ -184,7 +185,7 @@ def test_one_gear_of_a_rolling_aircraft_gets_no_number(seed):
     assert "this gear is not alone on its body, which rolls and pitches on others" in result.not_determined
     assert "describe all of them in [[interfaces]]" in result.not_determined
     assert says_nothing(result)
-    assert all(estimate.value is None for estimate in result.ratios.values())
+    assert all(estimate.value is None for _, estimate in result.ratios.items())
     assert result.residual_over_noise > 20
     assert any("a gear on a body that rolls or pitches" in warning for warning in result.warnings)
     # what it would have said: far off, and sure of it
@@ -207,9 +208,9 @@ def test_the_same_aircraft_on_one_road_under_both_wheels_is_identified():
     """It heaves only, and each gear carries half of it."""
     result = identify(rolling(0, coherent=True), law="arctan_velocity")
     assert result.not_determined is None
-    for name, true in zip(GEAR_PARAMETERS[:3], (MASS_KG, 3.9e5, 6e3), strict=True):
-        assert abs(result.parameters[name].value - true) < 4 * result.parameters[name].std
-    assert result.parameters["sprung_mass_kg"].std < 0.003 * MASS_KG
+    for (_, estimate), true in zip(result.parameters.items(), (MASS_KG, 3.9e5, 6e3), strict=False):
+        assert abs(estimate.value - true) < 4 * estimate.std
+    assert result.parameters.sprung_mass_kg.std < 0.003 * MASS_KG
     assert result.evidence[0].whiteness.white
     assert result.warnings == ()
 
@@ -219,7 +220,7 @@ def test_an_unrecorded_leak_widens_the_interval_until_it_holds_the_mass(seed):
     leaking = Sensor(cross_axis=0.03)
     result = identify(taxi(seed, lower_sensor=leaking, upper_sensor=leaking), law="arctan_velocity")
     assert never_confidently_wrong(result)
-    assert result.parameters["sprung_mass_kg"].holds(MASS_KG)
+    assert result.parameters.sprung_mass_kg.holds(MASS_KG)
     assert not result.evidence[0].whiteness.white
 
 
@@ -261,7 +262,7 @@ def test_one_run_alone_gives_ratios():
     result = identify(alone, law="arctan_velocity")
     assert "one run gives ratios to the mass alone" in result.not_determined
     assert says_nothing(result)
-    for name, true in (("stiffness_per_mass", 3.9e5 / MASS_KG), ("damping_per_mass", 6e3 / MASS_KG)):
-        estimate = result.ratios[name]
+    ratios = result.ratios
+    for estimate, true in ((ratios.stiffness_per_mass, 3.9e5 / MASS_KG), (ratios.damping_per_mass, 6e3 / MASS_KG)):
         assert abs(estimate.value - true) < 4 * estimate.std
         assert estimate.std < 0.01 * true

@@ -10,12 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from opid import plots
-from opid.estimate import Estimate
 from opid.mechanics.laws import Law
 from opid.plots.spectra import _noise_lines
 from opid.plots.style import every, panels, pretty
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.identification import identify
+from opid.suspensions.result import GearParameters
 from opid.suspensions.study import study_of_gear
 from opid.suspensions.study_file import read_study
 
@@ -125,7 +125,7 @@ def test_the_fitted_transmissibility_ends_at_one_and_peaks_at_resonance(identifi
     (fitted,) = (line for line in grid[0, 0].lines if line.get_label() == "fitted suspension")
     assert fitted.get_ydata()[0] == pytest.approx(1, abs=0.02)
     peak_hz = fitted.get_xdata()[np.argmax(fitted.get_ydata())]
-    assert peak_hz == pytest.approx(identified.result.ratios["natural_frequency_hz"].value, rel=0.05)
+    assert peak_hz == pytest.approx(identified.result.ratios.natural_frequency_hz.value, rel=0.05)
     assert any("averages" in text.get_text() for text in grid[0, 0].get_legend().get_texts())
 
 
@@ -178,7 +178,7 @@ def test_a_slice_shows_no_straight_part_that_nothing_tells_from_its_arctangent(i
 
 def test_estimates_show_no_mass_that_the_result_refuses(identified):
     result = identified.result
-    refused = replace(result, parameters={name: Estimate() for name in result.parameters})
+    refused = replace(result, parameters=GearParameters())
     for each, expected in ((result, True), (refused, False)):
         figure = plots.figure_of(plots.estimates(each))
         assert ("all runs" in [text.get_text() for text in figure.legends[0].get_texts()]) is expected

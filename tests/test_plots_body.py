@@ -13,6 +13,7 @@ from opid.mechanics.laws import law
 from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.plots.body_motion import sensor_names
 from opid.plots.style import GREEN, VERMILION
+from opid.suspensions.result import BodyParameters, BodyRatios
 
 TRUE = {
     "parameters": {"sprung_mass_kg": 5400.0, "x_cg_m": 0.6, "y_cg_m": 0.0},
@@ -76,13 +77,13 @@ def test_axes_that_are_given_are_drawn_on(result):
 def test_left_is_left_and_the_centre_of_gravity_is_as_long_as_its_interval(result):
     ax = plots.plan_view(result)
     assert ax.get_xlim()[0] > ax.get_xlim()[1]
-    low, high = result.parameters["x_cg_m"].interval95
+    low, high = result.parameters.x_cg_m.interval95
     assert any(np.allclose(line.get_ydata(), [low, high]) for line in ax.lines if line.get_color() == VERMILION)
     assert any(text.get_text() == "+500 kg" for text in ax.texts)
     squares = [line for line in ax.lines if line.get_marker() == "s"]
     assert [(line.get_xdata()[0], line.get_ydata()[0]) for line in squares] == [(LOADING[0].y_m, LOADING[0].x_m)]
     # without a value there is no cross, and the figure stands
-    lost = replace(result, parameters={}, ratios={})
+    lost = replace(result, parameters=BodyParameters(), ratios=BodyRatios())
     assert not any(line.get_marker() == "x" for line in plots.plan_view(lost).lines)
 
 

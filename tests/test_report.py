@@ -6,7 +6,7 @@ import math
 import re
 import subprocess
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -38,7 +38,7 @@ from opid.signals import files
 from opid.signals.health import inspect
 from opid.signals.logs import read_log
 from opid.suspensions.identification import identify
-from opid.suspensions.result import GEAR_PARAMETERS, Identification
+from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
@@ -124,7 +124,7 @@ def titled(result, title):
 def test_json_has_the_promised_keys(document):
     assert set(document) == OLD_KEYS | NEW_KEYS
     assert document["schema"] == "opid.identification/1"
-    assert set(document["parameters"]) == set(GEAR_PARAMETERS)
+    assert set(document["parameters"]) == {each.name for each in fields(GearParameters)}
     for estimate in [*document["parameters"].values(), *document["ratios"].values()]:
         assert set(estimate) == {"value", "std", "interval95"}
         # a ground spring that the runs do not demand is zero, and has no interval
@@ -195,7 +195,7 @@ def test_without_a_mass_json_has_nulls_and_a_reason(one_run):
 def test_json_has_null_where_a_number_is_not_finite(identified):
     broken = replace(
         identified.result,
-        parameters={"sprung_mass_kg": Estimate(math.nan, math.inf, (-math.inf, 1.0))},
+        parameters=GearParameters(Estimate(math.nan, math.inf, (-math.inf, 1.0))),
         mended_spikes=(np.int64(1), np.float64("nan")),
     )
     document = json.loads(json_text(result_json(broken)))
@@ -537,7 +537,12 @@ def test_a_file_in_the_way_is_named(tmp_path, inside):
 def test_truth_has_the_names_of_the_result(field_test):
     truth = read_truth(field_test / "truth.json")
     assert truth["schema"] == "opid.truth/1"
-    assert truth["parameters"] == dict(zip(GEAR_PARAMETERS, (1850.0, 3.9e5, 6e3, 0.0), strict=True))
+    assert truth["parameters"] == {
+        "sprung_mass_kg": 1850.0,
+        "suspension_stiffness_n_per_m": 3.9e5,
+        "suspension_damping_n_s_per_m": 6e3,
+        "ground_stiffness_n_per_m": 0.0,
+    }
     assert truth["law"]["name"] == "arctan_velocity"
     assert truth["mass_change_kg"] == -220.0
 

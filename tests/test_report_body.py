@@ -15,7 +15,7 @@ from opid.report.as_json import json_text
 from opid.report.body_pictures import body_pictures
 from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
 from opid.suspensions.identification import identify
-from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, GEAR_PARAMETERS, GEAR_RATIOS, SCHEMA, Candidate
+from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
 
 
 @pytest.fixture(scope="module")
@@ -103,8 +103,8 @@ def test_candidates_are_a_table_with_a_verdict():
 def test_result_json_keeps_the_schema_of_one_suspension():
     found = json.loads(json_text(result_json(small_body())))
     assert (found["schema"], found["method"], found["date"]) == (SCHEMA, "model", "2026-03-01")
-    assert set(found["parameters"]) == {*BODY_PARAMETERS, *GEAR_PARAMETERS}
-    assert set(found["ratios"]) == {*BODY_RATIOS, *GEAR_RATIOS}
+    assert set(found["parameters"]) == {each.name for each in (*fields(BodyParameters), *fields(GearParameters))}
+    assert set(found["ratios"]) == {each.name for each in (*fields(BodyRatios), *fields(GearRatios))}
     none = {"value": None, "std": None, "interval95": None}
     assert found["parameters"]["suspension_stiffness_n_per_m"] == found["ratios"]["damping_ratio"] == none
     assert found["parameters"]["sprung_mass_kg"]["value"] == 5403.1
@@ -194,7 +194,7 @@ def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypa
     empty = replace(
         whole,
         interfaces=interfaces,
-        ratios=dict.fromkeys(whole.ratios, none),
+        ratios=BodyRatios(),
         candidates=(),
         why="",
         warnings=(),

@@ -54,7 +54,7 @@ def test_a_stated_corner_of_a_pair_is_no_demand_of_the_runs(coupled):
     assert not any("AC coupling" in warning for warning in result.warnings)
     for side in ("unsprung", "sprung"):
         assert abs(evidence.fit.value(f"corner_{side}_hz") - 0.33) < 0.01
-    mass = result.parameters["sprung_mass_kg"]
+    mass = result.parameters.sprung_mass_kg
     assert abs(mass.value - 2 * MASS_KG) < 4 * mass.std
 
 
@@ -73,5 +73,5 @@ def test_a_stated_leak_into_one_gear_of_an_aircraft_is_taken_out():
     fit = result.evidence[1].fit
     assert [fault.side for fault in fit.model.faults] == ["unsprung", "sprung"]
     np.testing.assert_allclose([fit.value(fault.name) for fault in fit.model.faults], 0.03, atol=0.001)
-    mass = result.parameters["sprung_mass_kg"]
+    mass = result.parameters.sprung_mass_kg
     assert abs(mass.value - 2 * MASS_KG) < 4 * mass.std

@@ -16,6 +16,7 @@ from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
 from opid.suspensions.paper.chain import PaperChain, PeakPair
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.result import GearRatios
 
 __all__ = ["estimates", "law_ladder"]
 
@@ -140,8 +141,10 @@ def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], f
         std = dict(zip(joint.names, joint.std, strict=True))
         mass = Estimate() if added is None else Estimate.normal(added["sprung_mass_kg"], added.std[0])
         return mass, [Estimate.normal(joint[name], std.get(name)) for name in NAMES], joint["inverse_mass"]
-    mass = result.parameters["sprung_mass_kg"]
-    return mass, [result.ratios[name] for name in NAMES], 1 / mass.value if mass.value else 0.0
+    mass, ratios = result.parameters.sprung_mass_kg, result.ratios
+    assert isinstance(ratios, GearRatios)  # a body has no such chain
+    told = [ratios.stiffness_per_mass, ratios.damping_per_mass, ratios.ground_stiffness_per_mass]
+    return mass, told, 1 / mass.value if mass.value else 0.0
 
 
 def _shown_pairs(chain: PaperChain) -> list[PeakPair]:

@@ -61,7 +61,8 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     bench = result.bench
     shown = every(bench.force.size)
     scale, unit = _force_unit(bench.force)
-    slopes = [result.parameters[name].value or 0.0 for name in ("damping_n_s_per_m", "stiffness_n_per_m")]
+    found = result.parameters
+    slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.7)
         for ax, raw, drawn, slope, along in zip(

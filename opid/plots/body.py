@@ -25,7 +25,7 @@ from opid.plots.style import (
     pretty,
     run_colors,
 )
-from opid.suspensions.result import Candidate, Identification
+from opid.suspensions.result import BodyRatios, Candidate, Identification
 
 __all__ = ["plan_view", "structure_candidates", "suspension_parameters"]
 
@@ -184,7 +184,8 @@ def _loadings(ax: Axes, result: Identification) -> None:
 
 
 def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) -> None:
-    x, y = (_given(result, name) for name in ("x_cg_m", "y_cg_m"))
+    assert isinstance(result.ratios, BodyRatios)  # one gear has no centre of gravity
+    x, y = result.ratios.x_cg_m, result.ratios.y_cg_m
     if truth is not None:
         true = truth["parameters"]
         label = "centre of gravity, truth"
@@ -198,11 +199,6 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) ->
             ax.plot(*((held, ends) if along == "x" else (ends, held)), color=VERMILION, linewidth=2, zorder=4)
     told = f"centre of gravity\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m"
     ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=told, zorder=5)
-
-
-def _given(result: Identification, name: str) -> Estimate:
-    absolute = result.parameters.get(name, Estimate())
-    return absolute if absolute.value is not None else result.ratios.get(name, Estimate())
 
 
 # ---- structures ------------------------------------------------------------------------------------

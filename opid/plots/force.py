@@ -30,6 +30,7 @@ from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.nonlinearity import LawFit
 from opid.suspensions.paper.restoring_force import SliceCurve
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.result import Identification
 
 __all__ = ["law_curves", "restoring_force_map", "restoring_force_surface", "slices"]
 
@@ -184,11 +185,7 @@ def law_curves(result: AnyIdentification, axes: Any = None, *, truth: Mapping[st
     require_answer(result)
     visited = result.restoring_force
     travelled, moved = _motion(result)
-    if visited.per_mass:
-        stiffness, damping = (result.ratios[name].value for name in ("stiffness_per_mass", "damping_per_mass"))
-    else:
-        names = ("suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m")
-        stiffness, damping = (result.parameters[name].value for name in names)
+    stiffness, damping = _slopes(result)
     true_law = None
     if truth is not None and not visited.per_mass:
         true_law = law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
@@ -200,6 +197,16 @@ def law_curves(result: AnyIdentification, axes: Any = None, *, truth: Mapping[st
         _law(grid[0, 1], travel, 1e3, stiffness, result.law, true_law, "travel", rms[0])
         grid[0, 0].set_ylabel("force per sprung mass [m/s²]" if visited.per_mass else "force [N]")
     return grid
+
+
+def _slopes(result: AnyIdentification) -> tuple[float | None, float | None]:
+    """Stiffness and damping beside the law."""
+    if isinstance(result, Identification):
+        return result.interfaces[0].stiffness.value, result.interfaces[0].damping.value
+    if result.per_mass:
+        return result.ratios.stiffness_per_mass.value, result.ratios.damping_per_mass.value
+    parameters = result.parameters
+    return parameters.suspension_stiffness_n_per_m.value, parameters.suspension_damping_n_s_per_m.value
 
 
 def _motion(result: AnyIdentification) -> tuple[np.ndarray, np.ndarray]:

@@ -29,6 +29,7 @@ from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.paper.transmissibility import suspension_transmissibility
+from opid.suspensions.result import GearRatios
 
 __all__ = ["equation_residual", "transmissibilities"]
 
@@ -153,12 +154,13 @@ def _suspension(result: AnyIdentification) -> _Suspension | None:
     """What all runs tell of the linear suspension; None where it is refused or not told."""
     if isinstance(result, PaperIdentification):
         joint = result.joint
-        stiffness, damping, ground = (joint[name] for name in NAMES)
-        return None if result.is_refused else _Suspension(stiffness, damping, ground, joint["inverse_mass"])
-    told, mass = [result.ratios[name].value for name in NAMES], result.parameters["sprung_mass_kg"].value
-    if told[0] is None or told[1] is None:
+        return None if result.is_refused else _Suspension(*(joint[name] for name in (*NAMES, "inverse_mass")))
+    ratios, mass = result.ratios, result.parameters.sprung_mass_kg.value
+    assert isinstance(ratios, GearRatios)  # a body has no such chain
+    stiffness, damping = ratios.stiffness_per_mass.value, ratios.damping_per_mass.value
+    if stiffness is None or damping is None:
         return None
-    return _Suspension(told[0], told[1], told[2] or 0.0, 1 / mass if mass else 0.0)
+    return _Suspension(stiffness, damping, ratios.ground_stiffness_per_mass.value or 0.0, 1 / mass if mass else 0.0)
 
 
 def equation_residual(result: AnyIdentification, ax: Any = None) -> Axes:

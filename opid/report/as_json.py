@@ -26,12 +26,10 @@ from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import (
-    BODY_PARAMETERS,
-    BODY_RATIOS,
-    GEAR_PARAMETERS,
-    GEAR_RATIOS,
     SCHEMA,
     Evidence,
+    GearParameters,
+    GearRatios,
     Identification,
     InterfaceEstimate,
 )
@@ -150,8 +148,8 @@ def _tail(result: Identification | PaperIdentification) -> Json:
 
 def _of_gear(result: AnyIdentification) -> Json:
     return {
-        "parameters": _estimates(result.parameters),
-        "ratios": _estimates(result.ratios),
+        "parameters": asdict(result.parameters),
+        "ratios": asdict(result.ratios),
         "law": {
             "name": result.law.name,
             "latex": result.law.latex,
@@ -164,14 +162,12 @@ def _of_gear(result: AnyIdentification) -> Json:
 
 def _of_body(result: Identification) -> Json:
     """The names of one gear stand there, too, without values; the laws have them where all suspensions are alike."""
-    none, nothing = Estimate(), np.empty(0)
-    names = tuple(dict.fromkeys((*BODY_PARAMETERS, *GEAR_PARAMETERS)))
-    ratios = tuple(dict.fromkeys((*BODY_RATIOS, *GEAR_RATIOS)))
+    nothing, parameters = np.empty(0), asdict(result.parameters)
     laws = {interface.law.name: interface.law.latex for interface in result.interfaces}
     name, latex = next(iter(laws.items())) if len(laws) == 1 else (None, None)
     return {
-        "parameters": {name: asdict(result.parameters.get(name, none)) for name in names},
-        "ratios": {name: asdict(result.ratios.get(name, none)) for name in ratios},
+        "parameters": parameters | asdict(GearParameters()) | parameters,
+        "ratios": asdict(result.ratios) | asdict(GearRatios()),
         "law": {"name": name, "latex": latex, "per_mass": result.per_mass, "parameters": {}},
         "restoring_force": _force(VisitedForce(nothing, nothing, nothing, nothing, per_mass=result.per_mass)),
     }

@@ -55,7 +55,7 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
         {
             "schema": SCHEMA,
             "title": result.title,
-            "parameters": {name: asdict(estimate) for name, estimate in result.parameters.items()},
+            "parameters": asdict(result.parameters),
             "law": {
                 "name": result.law.name,
                 "latex": result.law.latex,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from opid.report.as_json import json_text, plain
 from opid.report.directory import made_directory
 from opid.report.truth_file import read_truth_file
 from opid.signals.files import written_whole
-from opid.suspensions.result import BODY_PARAMETERS
+from opid.suspensions.result import BodyParameters
 from opid.suspensions.study import (
     BodySensor,
     MeasuredInterface,
@@ -26,7 +27,6 @@ from opid.suspensions.study import (
 from opid.suspensions.study_file import write_study
 
 TRUTH_SCHEMA = "opid.body-truth/1"
-_FIELDS = dict(zip(BODY_PARAMETERS, ("mass_kg", "ixx_kg_m2", "iyy_kg_m2", "x_cg_m", "y_cg_m"), strict=True))
 _SLOPES = {
     "stiffness_n_per_m": "suspension_stiffness_n_per_m",
     "damping_n_s_per_m": "suspension_damping_n_s_per_m",
@@ -48,7 +48,13 @@ def body_truth_json(test: AircraftTest, *, settings: Mapping[str, Any] | None = 
     return plain(
         {
             "schema": TRUTH_SCHEMA,
-            "parameters": {name: getattr(airframe, field) for name, field in _FIELDS.items()},
+            "parameters": {
+                "sprung_mass_kg": airframe.mass_kg,
+                "roll_inertia_kg_m2": airframe.ixx_kg_m2,
+                "pitch_inertia_kg_m2": airframe.iyy_kg_m2,
+                "x_cg_m": airframe.x_cg_m,
+                "y_cg_m": airframe.y_cg_m,
+            },
             "interfaces": {
                 gear.name: {
                     "x_m": gear.x_m,
@@ -150,7 +156,7 @@ def read_body_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
 
     def check(truth: dict[str, Any]) -> None:
-        truth["parameters"] = {name: float(truth["parameters"][name]) for name in BODY_PARAMETERS}
+        truth["parameters"] = {each.name: float(truth["parameters"][each.name]) for each in fields(BodyParameters)}
         for gear in truth["interfaces"].values():
             gear |= {name: float(gear[name]) for name in _SLOPES}
             law_from_parameters(gear["law"]["name"], gear["law"]["parameters"])

@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from opid.estimate import Estimate
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
 from opid.report.gear_text import sensors_in_words
 from opid.suspensions.residual import over_noise
-from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, Candidate, Identification, InterfaceEstimate
+from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
 PARAMETER_LABELS = {
     "sprung_mass_kg": ("sprung mass M", "kg"),
@@ -62,20 +61,16 @@ def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
         truth: as in truth.json, or None.
     """
     true, told = truth["parameters"] if truth else {}, truth is not None
-    given = {name: result.parameters.get(name, Estimate()) for name in BODY_PARAMETERS}
+    given, of_loading = dict(result.parameters.items()), dict(result.ratios.items())
     table = [
         estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), told)
         for name, estimate in given.items()
         # what one loading alone gives stands below, and gears alone have no inertia
         if estimate.value is not None
         or name == "sprung_mass_kg"
-        or (name not in BODY_RATIOS and result.structure == "rigid_body")
+        or (name not in of_loading and result.structure == "rigid_body")
     ]
-    ratios = {
-        name: result.ratios.get(name, Estimate())
-        for name in BODY_RATIOS
-        if name not in given or given[name].value is None
-    }
+    ratios = {name: estimate for name, estimate in of_loading.items() if name not in given or given[name].value is None}
     if any(estimate.value is not None for estimate in ratios.values()):
         table.append(Row("What needs no known mass"))
         table += [
@@ -248,11 +243,11 @@ def units_of(result: Identification) -> tuple[str, str]:
 
 
 def true_ratio(name: str, true: Mapping[str, float]) -> float | None:
-    """Return what is true of one of `BODY_RATIOS`.
+    """Return what is true of one of the ratios of a body.
 
     Args:
         name: of the ratio.
-        true: of `BODY_PARAMETERS`; empty if nothing is known.
+        true: of its parameters; empty if nothing is known.
 
     >>> true_ratio("roll_radius_m", {"sprung_mass_kg": 100.0, "roll_inertia_kg_m2": 400.0})
     2.0

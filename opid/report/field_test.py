@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from opid.report.as_json import json_text, plain
 from opid.report.directory import made_directory
 from opid.report.truth_file import read_truth_file
 from opid.signals.files import written_whole
-from opid.suspensions.result import GEAR_PARAMETERS
+from opid.suspensions.result import GearParameters
 from opid.suspensions.study import Run, study_of_gear
 from opid.suspensions.study_file import write_study
 
@@ -34,7 +35,7 @@ def truth_json(test: TaxiTest, *, settings: Mapping[str, Any] | None = None) -> 
     return plain(
         {
             "schema": TRUTH_SCHEMA,
-            "parameters": {name: getattr(gear, name) for name in GEAR_PARAMETERS},
+            "parameters": {each.name: getattr(gear, each.name) for each in fields(GearParameters)},
             "law": {"name": gear.law.name, "parameters": gear.law.parameters},
             "mass_change_kg": test.mass_change_kg,
             "settings": dict(settings or {}),
@@ -79,7 +80,7 @@ def read_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
 
     def check(truth: dict[str, Any]) -> None:
-        truth["parameters"] = {name: float(truth["parameters"][name]) for name in GEAR_PARAMETERS}
+        truth["parameters"] = {each.name: float(truth["parameters"][each.name]) for each in fields(GearParameters)}
         law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
 
     return read_truth_file(

@@ -112,7 +112,7 @@ def _limits_of_model(result: Identification) -> str:
         f"{_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, the noise floor of the sensors is at most "
         f"{_mm_per_s2(evidence.noise)}; the prediction errors are {'white' if white else 'not white'}."
     )
-    if not any(estimate.interval95 for estimate in (*result.parameters.values(), *result.ratios.values())):
+    if not any(estimate.interval95 for _, estimate in (*result.parameters.items(), *result.ratios.items())):
         return predicted
     checked = evidence.bootstrap_over_white.get("inverse_mass")
     check = f" (resampled blocks of time give {checked:.2f} times that of the mass)" if checked and white else ""

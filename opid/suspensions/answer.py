@@ -7,78 +7,72 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, Estimates
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.residual import sensor_ratio, thinned
-from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, GEAR_PARAMETERS, Evidence, InterfaceEstimate
+from opid.suspensions.result import (
+    BodyParameters,
+    BodyRatios,
+    Evidence,
+    GearParameters,
+    GearRatios,
+    InterfaceEstimate,
+)
 from opid.suspensions.straight_terms import StraightTerm
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
+class Numbers(Estimates):
     """What an answer tells.
 
     Args:
-        parameters: one `Estimate` for each name in `GEAR_PARAMETERS` or `BODY_PARAMETERS`.
-        ratios: one `Estimate` for each name in `GEAR_RATIOS` or `BODY_RATIOS`.
+        parameters: absolute values.
+        ratios: what needs no known mass.
         interfaces: the suspensions, in the order of the study.
         corrections: {"x_m[left]": Estimate, ...} of coordinates.
     """
 
-    parameters: Mapping[str, Estimate]
-    ratios: Mapping[str, Estimate]
+    parameters: GearParameters | BodyParameters
+    ratios: GearRatios | BodyRatios
     interfaces: tuple[InterfaceEstimate, ...]
     corrections: Mapping[str, Estimate]
 
     def without_intervals(self) -> Numbers:
         """Return the values alone."""
-        interfaces = tuple(each.with_estimates(bare) for each in self.interfaces)
-        return Numbers(
-            _bare_table(self.parameters), _bare_table(self.ratios), interfaces, _bare_table(self.corrections)
-        )
+        return self.with_estimates(Estimate.without_interval)
 
     def without_scale(self) -> Numbers:
         """Return them without absolute values of the body."""
-        return replace(self, parameters=dict.fromkeys(self.parameters, Estimate()))
+        return self.with_estimates(_nothing, only={"parameters"})
 
     def without_motions(self, motions: Sequence[str]) -> Numbers:
         """Return them without the inertia of motions that the runs hardly tell."""
-        parameters, ratios = dict(self.parameters), dict(self.ratios)
-        for motion in motions:
-            parameters[f"{motion}_inertia_kg_m2"] = ratios[f"{motion}_radius_m"] = Estimate()
+        parameters = self.parameters.with_estimates(_nothing, only={f"{motion}_inertia_kg_m2" for motion in motions})
+        ratios = self.ratios.with_estimates(_nothing, only={f"{motion}_radius_m" for motion in motions})
         return replace(self, parameters=parameters, ratios=ratios)
 
     def without_values(self) -> Numbers:
         """Return nothing but the laws by name: every number would be a guess."""
-        parameters, ratios = (dict.fromkeys(table, Estimate()) for table in (self.parameters, self.ratios))
-        empty = (each.with_estimates(lambda _: Estimate()) for each in self.interfaces)
-        return Numbers(parameters, ratios, tuple(replace(each, law_estimates={}) for each in empty), {})
+        empty = self.with_estimates(_nothing)
+        interfaces = tuple(replace(each, law_estimates={}) for each in empty.interfaces)
+        return replace(empty, interfaces=interfaces, corrections={})
 
     def without_intervals_of(self, terms: Sequence[StraightTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
         """Return them without the intervals of what trades with straight terms."""
-        parameters, ratios, interfaces = dict(self.parameters), dict(self.ratios), list(self.interfaces)
+        parameters, ratios, interfaces = self.parameters, self.ratios, list(self.interfaces)
         for term in terms:
-            for name in term.trades_with:
-                for table in (parameters, ratios):
-                    if name in table:
-                        table[name] = bare(table[name])
+            parameters = parameters.with_estimates(Estimate.without_interval, only=term.trades_with)
+            ratios = ratios.with_estimates(Estimate.without_interval, only=term.trades_with)
             for k, each in enumerate(interfaces):
                 if each.name in names[term.group]:
-                    law = {**each.law_estimates, term.kind: _bare_table(each.law_estimates.get(term.kind, {}))}
-                    if term.is_damping:
-                        interfaces[k] = replace(each, law_estimates=law, damping=bare(each.damping))
-                    else:
-                        interfaces[k] = replace(each, law_estimates=law, stiffness=bare(each.stiffness))
+                    laws = term.without_interval(each.law_estimates)
+                    bare = each.with_estimates(Estimate.without_interval, only=term.trades_with)
+                    interfaces[k] = replace(bare, law_estimates=laws)
         return replace(self, parameters=parameters, ratios=ratios, interfaces=tuple(interfaces))
 
 
-def bare(estimate: Estimate) -> Estimate:
-    """Return the value alone."""
-    return Estimate(estimate.value)
-
-
-def _bare_table(table: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    return {name: bare(each) for name, each in table.items()}
+def _nothing(_: Estimate) -> Estimate:
+    return Estimate()
 
 
 def found_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: bool, ground: bool) -> Numbers:
@@ -93,18 +87,15 @@ def found_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: boo
         first, known = interfaces[0], parts[0].known
         std = evidence[0].ground.std_per_mass[0] if ground else None
         ratios = known.gear_ratios(known.ground(0, std, per_mass=True))
-        values = (Estimate(),) * len(GEAR_PARAMETERS)
+        gear = GearParameters()
         if not per_mass:
-            values = (known.mass, first.stiffness, first.damping, first.ground_stiffness)
-        return Numbers(dict(zip(GEAR_PARAMETERS, values, strict=True)), ratios, interfaces, {})
-    parameters, ratios = dict.fromkeys(BODY_PARAMETERS, Estimate()), dict.fromkeys(BODY_RATIOS, Estimate())
+            gear = GearParameters(known.mass, first.stiffness, first.damping, first.ground_stiffness)
+        return Numbers(gear, ratios, interfaces, {})
     if choice.kind == "rigid_body":
-        parameters, ratios = parts[0].known.of_rigid_body()
+        body, radii = parts[0].known.of_rigid_body()
     else:
-        parameters["sprung_mass_kg"] = _total(parts)
-    if per_mass:
-        parameters = dict.fromkeys(BODY_PARAMETERS, Estimate())
-    return Numbers(parameters, ratios, interfaces, _corrections(parts))
+        body, radii = BodyParameters(_total(parts)), BodyRatios()
+    return Numbers(BodyParameters() if per_mass else body, radii, interfaces, _corrections(parts))
 
 
 def _total(parts: Sequence[Fitted]) -> Estimate:

@@ -282,7 +282,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     answer = Answer(
         choice=choice,
         evidence=evidence,
-        mass=Estimate() if reason else numbers.parameters["sprung_mass_kg"],
+        mass=Estimate() if reason else numbers.parameters.sprung_mass_kg,
         first=told.interfaces[0],
         loose=loose,
         straight=straight,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -15,7 +15,7 @@ from opid.suspensions.covariance import score_products
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
-from opid.suspensions.result import BODY_PARAMETERS, BODY_RATIOS, GEAR_RATIOS
+from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
 
 def honest_covariance(fit: Fit) -> FloatArray:
@@ -182,50 +182,42 @@ class Parameters:
             return found
         return Estimate.normal(found.value or 0.0, float(np.hypot(found.std, equal * stiffness)))
 
-    def gear_ratios(self, ground: Estimate) -> dict[str, Estimate]:
+    def gear_ratios(self, ground: Estimate) -> GearRatios:
         """Return ratios to the mass, and frequency and damping ratio on a still wheel, of one gear.
 
         The stiffness of the spring to the ground over the mass is given.
         """
         fit, group = self.fit, self.fit.model.groups[0]
         k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
-        ratios = dict.fromkeys(GEAR_RATIOS, Estimate())
-        for place, name in ((0, "stiffness_per_mass"), (1, "damping_per_mass")):
-            ratios[name] = self.per_force(place, per_mass=True)
-        ratios["ground_stiffness_per_mass"] = ground
+        ratios = GearRatios(self.per_force(0, per_mass=True), self.per_force(1, per_mass=True), ground)
         total = k + fit.value(group.called(GROUND))
         if total <= 0:
             return ratios
         omega = float(np.sqrt(total))
         springs = (0, 2) if group.ground else (0,)
-        ratios["natural_frequency_hz"] = self.estimate(
-            omega / (2 * np.pi), dict.fromkeys(springs, 1 / (4 * np.pi * omega))
-        )
-        ratios["damping_ratio"] = self.estimate(
-            c / (2 * omega), {1: 1 / (2 * omega), **dict.fromkeys(springs, -c / (4 * omega**3))}
-        )
-        return ratios
+        frequency = self.estimate(omega / (2 * np.pi), dict.fromkeys(springs, 1 / (4 * np.pi * omega)))
+        zeta = self.estimate(c / (2 * omega), {1: 1 / (2 * omega), **dict.fromkeys(springs, -c / (4 * omega**3))})
+        return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
 
-    def of_rigid_body(self) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    def of_rigid_body(self) -> tuple[BodyParameters, BodyRatios]:
         """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass."""
-        x, y, rxx, ryy = (self.fit.value(name) for name in ("x_cg_m", "y_cg_m", "rxx_m2", "ryy_m2"))
-        parameters, ratios = dict.fromkeys(BODY_PARAMETERS, Estimate()), dict.fromkeys(BODY_RATIOS, Estimate())
-        ratios |= {name: self.estimate(self.fit.value(name), {name: 1.0}) for name in ("x_cg_m", "y_cg_m")}
-        mass_free = self.fit.model.mass_free
-        mu = self.fit.model.inverse_mass(self.fit.theta)
-        if mass_free:
-            parameters |= {"sprung_mass_kg": self.mass, "x_cg_m": ratios["x_cg_m"], "y_cg_m": ratios["y_cg_m"]}
-        # about the centre of gravity: the moment about the origin less the square of the offset
-        for motion, about, offset, moment, away in (
-            ("roll", "rxx_m2", "y_cg_m", rxx, y),
-            ("pitch", "ryy_m2", "x_cg_m", ryy, x),
-        ):
-            square = moment - away**2
-            if square > 0:
-                radius = float(np.sqrt(square))
-                ratios[f"{motion}_radius_m"] = self.estimate(radius, {about: 0.5 / radius, offset: -away / radius})
-            if mass_free:
-                parameters[f"{motion}_inertia_kg_m2"] = self.estimate(
-                    square / mu, {about: 1 / mu, offset: -2 * away / mu, "inverse_mass": -square / mu**2}
-                )
-        return parameters, ratios
+        x, y = (self.estimate(self.fit.value(name), {name: 1.0}) for name in ("x_cg_m", "y_cg_m"))
+        roll_radius, roll_inertia = self._about_the_cg("rxx_m2", "y_cg_m")
+        pitch_radius, pitch_inertia = self._about_the_cg("ryy_m2", "x_cg_m")
+        parameters = BodyParameters()
+        if self.fit.model.mass_free:
+            parameters = BodyParameters(self.mass, roll_inertia, pitch_inertia, x, y)
+        return parameters, BodyRatios(roll_radius, pitch_radius, x, y)
+
+    def _about_the_cg(self, about: str, offset: str) -> tuple[Estimate, Estimate]:
+        """Radius and inertia: the moment about the origin less the square of the offset."""
+        model, away, radius = self.fit.model, self.fit.value(offset), Estimate()
+        square = self.fit.value(about) - away**2
+        if square > 0:
+            root = float(np.sqrt(square))
+            radius = self.estimate(root, {about: 0.5 / root, offset: -away / root})
+        if not model.mass_free:
+            return radius, Estimate()
+        mu = model.inverse_mass(self.fit.theta)
+        gradient: dict[str | int, float] = {about: 1 / mu, offset: -2 * away / mu, "inverse_mass": -square / mu**2}
+        return radius, self.estimate(square / mu, gradient)

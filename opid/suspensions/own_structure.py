@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LINEAR, default_law
 from opid.mechanics.structure import Structure
 from opid.signals.recording import Recording
-from opid.suspensions.answer import bare
 from opid.suspensions.body import own_body
 from opid.suspensions.candidates import Fitted, Task, fitted
 from opid.suspensions.fit import Fit, fastest_rate
@@ -42,7 +41,7 @@ _SOFT, _LEAST_HOLD = 0.01, 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class StructureIdentification:
+class StructureIdentification(Estimates):
     """The result for a user's own structure.
 
     Args:
@@ -159,16 +158,8 @@ def _answer(
         if known.has_negative_mass
         else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit), verdicts)
     )
-    told = _masses(known, unknown_mass, per_mass=per_mass)
-    if not part.explains:
-        # the values alone, or nothing
-        change = bare if ratio <= verdicts.refused else lambda each: Estimate()
-        told = {name: change(each) for name, each in told.items()}
-        interfaces, joints = (
-            {name: spring.with_estimates(change) for name, spring in table.items()} for table in (interfaces, joints)
-        )
-    return StructureIdentification(
-        masses=told,
+    found = StructureIdentification(
+        masses=_masses(known, unknown_mass, per_mass=per_mass),
         interfaces=interfaces,
         joints=joints,
         per_mass=per_mass,
@@ -180,6 +171,10 @@ def _answer(
         not_determined=reason,
         fit=fit,
     )
+    if part.explains:
+        return found
+    # the values alone, or nothing
+    return found.with_estimates(Estimate.without_interval if ratio <= verdicts.refused else lambda each: Estimate())
 
 
 def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -> dict[str, Estimate]:

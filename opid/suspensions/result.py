@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LINEAR, Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import Demand
@@ -27,33 +27,83 @@ if TYPE_CHECKING:
     from opid.suspensions.paper.chain import PaperChain
 
 SCHEMA = "opid.identification/1"
+_NOTHING = Estimate()
 
-GEAR_PARAMETERS = (
-    "sprung_mass_kg",
-    "suspension_stiffness_n_per_m",
-    "suspension_damping_n_s_per_m",
-    "ground_stiffness_n_per_m",
-)
-"""Of one gear, in the reference run."""
 
-GEAR_RATIOS = (
-    "stiffness_per_mass",
-    "damping_per_mass",
-    "ground_stiffness_per_mass",
-    "natural_frequency_hz",
-    "damping_ratio",
-)
-"""Of one gear: 1/s^2, 1/s, 1/s^2, Hz, 1."""
+@dataclass(frozen=True)
+class GearParameters(Estimates):
+    """Absolute values of one gear in the reference run; nothing where they are not determined.
 
-BODY_PARAMETERS = ("sprung_mass_kg", "roll_inertia_kg_m2", "pitch_inertia_kg_m2", "x_cg_m", "y_cg_m")
-"""Of a rigid body: inertias about the centre of gravity."""
+    Args:
+        sprung_mass_kg: M2.
+        suspension_stiffness_n_per_m: K2.
+        suspension_damping_n_s_per_m: C2.
+        ground_stiffness_n_per_m: K3, of a spring from the sprung mass to the ground.
+    """
 
-BODY_RATIOS = ("roll_radius_m", "pitch_radius_m", "x_cg_m", "y_cg_m")
-"""What one loading alone gives: radii of gyration, and the centre of gravity."""
+    sprung_mass_kg: Estimate = _NOTHING
+    suspension_stiffness_n_per_m: Estimate = _NOTHING
+    suspension_damping_n_s_per_m: Estimate = _NOTHING
+    ground_stiffness_n_per_m: Estimate = _NOTHING
+
+
+@dataclass(frozen=True)
+class GearRatios(Estimates):
+    """Ratios of one gear to its mass, and its motion on a still wheel.
+
+    Args:
+        stiffness_per_mass: K2/M2, 1/s^2.
+        damping_per_mass: C2/M2, 1/s.
+        ground_stiffness_per_mass: K3/M2, 1/s^2.
+        natural_frequency_hz: of the sprung mass.
+        damping_ratio: of the sprung mass.
+    """
+
+    stiffness_per_mass: Estimate = _NOTHING
+    damping_per_mass: Estimate = _NOTHING
+    ground_stiffness_per_mass: Estimate = _NOTHING
+    natural_frequency_hz: Estimate = _NOTHING
+    damping_ratio: Estimate = _NOTHING
+
+
+@dataclass(frozen=True)
+class BodyParameters(Estimates):
+    """Absolute values of a body on several suspensions; nothing where they are not determined.
+
+    Args:
+        sprung_mass_kg: of the body.
+        roll_inertia_kg_m2: about the centre of gravity.
+        pitch_inertia_kg_m2: about the centre of gravity.
+        x_cg_m: centre of gravity.
+        y_cg_m: likewise.
+    """
+
+    sprung_mass_kg: Estimate = _NOTHING
+    roll_inertia_kg_m2: Estimate = _NOTHING
+    pitch_inertia_kg_m2: Estimate = _NOTHING
+    x_cg_m: Estimate = _NOTHING
+    y_cg_m: Estimate = _NOTHING
+
+
+@dataclass(frozen=True)
+class BodyRatios(Estimates):
+    """What one loading alone gives of a rigid body.
+
+    Args:
+        roll_radius_m: radius of gyration about the centre of gravity.
+        pitch_radius_m: likewise.
+        x_cg_m: centre of gravity.
+        y_cg_m: likewise.
+    """
+
+    roll_radius_m: Estimate = _NOTHING
+    pitch_radius_m: Estimate = _NOTHING
+    x_cg_m: Estimate = _NOTHING
+    y_cg_m: Estimate = _NOTHING
 
 
 @dataclass(frozen=True, eq=False)
-class SpringEstimate:
+class SpringEstimate(Estimates):
     """A suspension, or a joint inside of a structure.
 
     Args:
@@ -74,13 +124,6 @@ class SpringEstimate:
     law_estimates: Mapping[str, Mapping[str, Estimate]]
     travel: FloatArray
     velocity: FloatArray
-
-    def with_estimates(self, change: Callable[[Estimate], Estimate]) -> Self:
-        """Return it with every estimate changed."""
-        values = ((each.name, getattr(self, each.name)) for each in fields(self))
-        own = {name: change(value) for name, value in values if isinstance(value, Estimate)}
-        law = {kind: {name: change(each) for name, each in row.items()} for kind, row in self.law_estimates.items()}
-        return replace(self, law_estimates=law, **own)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +255,8 @@ class Identification:
     Args:
         study: that was identified.
         structure: kind of the structure that the numbers belong to.
-        parameters: one `Estimate` for each name in `GEAR_PARAMETERS` of one gear, in `BODY_PARAMETERS` of others.
-        ratios: one `Estimate` for each name in `GEAR_RATIOS` or `BODY_RATIOS`.
+        parameters: absolute values of one gear, or of a body on several suspensions.
+        ratios: what needs no known mass, likewise.
         per_mass: whether stiffness, damping and laws are per kg of the body (of what rests on that gear, for gears
             alone): the mass is not determined.
         interfaces: the suspensions, in the order of the study.
@@ -233,8 +276,8 @@ class Identification:
 
     study: Study
     structure: str
-    parameters: Mapping[str, Estimate]
-    ratios: Mapping[str, Estimate]
+    parameters: GearParameters | BodyParameters
+    ratios: GearRatios | BodyRatios
     per_mass: bool
     interfaces: tuple[InterfaceEstimate, ...]
     place_corrections: Mapping[str, Estimate]

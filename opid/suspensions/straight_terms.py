@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from opid.estimate import Estimate
 
 
 @dataclass(frozen=True)
@@ -30,10 +33,21 @@ class StraightTerm:
 
     @property
     def trades_with(self) -> tuple[str, ...]:
-        """Names of the parameters and ratios that the term cannot be told from."""
+        """Names of the estimates of a gear, and of an interface, that the term cannot be told from."""
         if self.is_damping:
-            return "suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio"
-        return "suspension_stiffness_n_per_m", "stiffness_per_mass", "natural_frequency_hz", "damping_ratio"
+            return "suspension_damping_n_s_per_m", "damping_per_mass", "damping_ratio", "damping"
+        return (
+            "suspension_stiffness_n_per_m",
+            "stiffness_per_mass",
+            "natural_frequency_hz",
+            "damping_ratio",
+            "stiffness",
+        )
+
+    def without_interval(self, laws: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Mapping[str, Estimate]]:
+        """Return the estimates of laws, those of the term without their intervals."""
+        mine = laws.get(self.kind, {})
+        return {**laws, self.kind: {name: estimate.without_interval() for name, estimate in mine.items()}}
 
     @property
     def warning(self) -> str:

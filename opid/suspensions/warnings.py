@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,14 @@ from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, fits_of_each_run
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
-from opid.suspensions.result import Evidence, InterfaceEstimate
+from opid.suspensions.result import (
+    BodyParameters,
+    BodyRatios,
+    Evidence,
+    GearParameters,
+    GearRatios,
+    InterfaceEstimate,
+)
 from opid.suspensions.settings import Verdicts, WarningSettings
 from opid.suspensions.straight_terms import StraightTerm
 from opid.suspensions.study import Run, Study, rigid_faults
@@ -203,7 +210,9 @@ def worst_sensor(study: Study, parts: Sequence[Fitted]) -> str:
     return f"; most at {name!r}: {over_noise(most)}, the others {others_leave}"
 
 
-def loose_motions(choice: Choice, parameters: Mapping[str, Estimate], ratios: Mapping[str, Estimate]) -> list[str]:
+def loose_motions(
+    choice: Choice, parameters: GearParameters | BodyParameters, ratios: GearRatios | BodyRatios
+) -> list[str]:
     """Return "roll", "pitch" or both: motions of a rigid body whose inertia the runs hardly tell.
 
     A motion that is noise alone gives an inertia that explains noise, with an interval as sharp as it is wrong.
@@ -211,10 +220,14 @@ def loose_motions(choice: Choice, parameters: Mapping[str, Estimate], ratios: Ma
     verdicts = choice.verdicts
     if choice.kind != "rigid_body" or choice.ratio > verdicts.doubtful:
         return []
+    assert isinstance(parameters, BodyParameters)
+    assert isinstance(ratios, BodyRatios)
     (part,) = choice.parts
     loose, moved = [], motion_over_noise(part.fit)
-    for motion in ("roll", "pitch"):
-        radius, inertia = ratios[f"{motion}_radius_m"], parameters[f"{motion}_inertia_kg_m2"]
+    for motion, radius, inertia in (
+        ("roll", ratios.roll_radius_m, parameters.roll_inertia_kg_m2),
+        ("pitch", ratios.pitch_radius_m, parameters.pitch_inertia_kg_m2),
+    ):
         # of the square, as of the inertia
         square = Estimate(radius.value, None if radius.std is None else 2 * radius.std)
         if (

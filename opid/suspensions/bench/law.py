@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
-from opid.estimate import Estimate
+from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LAWS, Law, default_law
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.memory import Memory, measure_memory
@@ -24,8 +24,16 @@ from opid.suspensions.law_search import LawStep, add_neighbours, chosen, search_
 from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
 
 SCHEMA = "opid.law/1"
-STRAIGHT = ("stiffness_n_per_m", "damping_n_s_per_m", "offset_n")
 Ladder = tuple[LawStep[BenchFit], ...]
+
+
+@dataclass(frozen=True)
+class StraightPart(Estimates):
+    """What a bench measures beside the nonlinear law: stiffness K, damping C and offset F0."""
+
+    stiffness_n_per_m: Estimate
+    damping_n_s_per_m: Estimate
+    offset_n: Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +43,7 @@ class BenchLaw:
     Args:
         bench: the record that it was fitted to.
         title: name of the record.
-        parameters: stiffness_n_per_m K, damping_n_s_per_m C and offset_n F0, one `Estimate` each.
+        parameters: stiffness, damping and offset beside the law.
         law: the nonlinear law f, N.
         law_estimates: {kind: {parameter: Estimate}}.
         residual: (n,) force minus fit, N.
@@ -54,7 +62,7 @@ class BenchLaw:
 
     bench: Bench
     title: str
-    parameters: Mapping[str, Estimate]
+    parameters: StraightPart
     law: Law
     law_estimates: Mapping[str, Mapping[str, Estimate]]
     residual: FloatArray
@@ -142,9 +150,9 @@ def law_of_bench(
     result = BenchLaw(
         bench=bench,
         title=title,
-        parameters=dict(zip(STRAIGHT, estimates, strict=False)),
+        parameters=StraightPart(*estimates[:3]),
         law=fit.law,
-        law_estimates=_law_estimates(fit, estimates[len(STRAIGHT) :]),
+        law_estimates=_law_estimates(fit, estimates[3:]),
         residual=fit.residual,
         r2=1 - float(fit.residual @ fit.residual) / float(amplitude @ amplitude),
         r2_left_out=r2_left_out,
@@ -197,14 +205,14 @@ def _estimates(
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
     # few cells: Student's interval instead of the normal one
     wide = float(special.stdtrit(max(int(cells[-1]) + 1 - values.size, 1), 0.975))
-    bound = (*(False,) * len(STRAIGHT), *fit.at_bound)
+    bound = (*(False,) * 3, *fit.at_bound)
     estimates = [
         Estimate(float(value))
         if at_bound or not np.isfinite(error)
         else Estimate(float(value), float(error), (float(value - wide * error), float(value + wide * error)))
         for value, error, at_bound in zip(values, std, bound, strict=True)
     ]
-    first = len(STRAIGHT)
+    first = 3  # behind stiffness, damping and offset
     for term in fit.law.terms:
         last = first + len(LAWS[term.name].parameters)
         if _has_long_scale(term.name):

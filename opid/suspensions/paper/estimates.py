@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.preparation import PreparedRun
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
+from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.straight_terms import StraightTerm
 
 
@@ -56,7 +57,7 @@ def gain_like_fraction(joint: JointFit, settings: PaperSettings) -> float:
     return fraction if is_seen and settings.negligible_ground < fraction < settings.gain_like else 0.0
 
 
-def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> dict[str, Estimate]:
+def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> GearParameters:
     """Return the absolute parameters with intervals.
 
     Args:
@@ -68,20 +69,20 @@ def parameters_of(added: AddedMass, *, gain: float, equal_gains: float) -> dict[
     # the same gain error that would explain the ground spring moved stiffness and damping by as much
     std[1:3] = np.hypot(std[1:3], gain * np.abs(added.value[1:3]))
     std[3] = np.hypot(std[3], max(equal_gains, gain) * added["suspension_stiffness_n_per_m"])
-    parameters = {name: Estimate.normal(added[name], std[i]) for i, name in enumerate(GEAR_PARAMETERS)}
+    parameters = GearParameters(*map(Estimate.normal, added.value[:4], std[:4]))
     if "ground_stiffness_per_mass" not in added.fit.names:
-        parameters["ground_stiffness_n_per_m"] = Estimate(0.0)
+        parameters = replace(parameters, ground_stiffness_n_per_m=Estimate(0.0))
     # the mass is 1/mu: its interval is the image of that of mu, longer upwards
     mu_std = added.fit.std[added.fit.names.index("inverse_mass")]
     if mu > 1.96 * mu_std:
         interval = (float(1 / (mu + 1.96 * mu_std)), float(1 / (mu - 1.96 * mu_std)))
-        parameters["sprung_mass_kg"] = Estimate(1 / mu, float(std[0]), interval)
+        parameters = replace(parameters, sprung_mass_kg=Estimate(1 / mu, float(std[0]), interval))
     return parameters
 
 
 def ratios_of(
     value: FloatArray, covariance: FloatArray, names: tuple[str, ...], *, gain: float, equal_gains: float
-) -> dict[str, Estimate]:
+) -> GearRatios:
     """Return ratios to the mass, natural frequency and damping ratio on a still wheel, by the delta method.
 
     Args:
@@ -95,11 +96,10 @@ def ratios_of(
     has_ground = NAMES[2] in names
     total = k + (value[2] if has_ground else 0.0)
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
-    ratios = {name: Estimate() for name in GEAR_RATIOS}
-    ratios["stiffness_per_mass"] = Estimate.normal(k, np.hypot(std[0], gain * k))
-    ratios["damping_per_mass"] = Estimate.normal(c, np.hypot(std[1], gain * c))
-    ratios["ground_stiffness_per_mass"] = (
-        Estimate.normal(value[2], np.hypot(std[2], max(equal_gains, gain) * k)) if has_ground else Estimate(0.0)
+    ratios = GearRatios(
+        Estimate.normal(k, np.hypot(std[0], gain * k)),
+        Estimate.normal(c, np.hypot(std[1], gain * c)),
+        Estimate.normal(value[2], np.hypot(std[2], max(equal_gains, gain) * k)) if has_ground else Estimate(0.0),
     )
     if total <= 0:
         return ratios
@@ -111,9 +111,11 @@ def ratios_of(
         gradients[:, 2] = gradients[:, 0]
     own = np.sqrt(np.maximum(np.diag(gradients @ covariance @ gradients.T), 0))
     frequency, zeta = omega / (2 * np.pi), c / (2 * omega)
-    ratios["natural_frequency_hz"] = Estimate.normal(frequency, np.hypot(own[0], gain / 2 * frequency))
-    ratios["damping_ratio"] = Estimate.normal(zeta, np.hypot(own[1], gain * zeta))
-    return ratios
+    return replace(
+        ratios,
+        natural_frequency_hz=Estimate.normal(frequency, np.hypot(own[0], gain / 2 * frequency)),
+        damping_ratio=Estimate.normal(zeta, np.hypot(own[1], gain * zeta)),
+    )
 
 
 def law_estimates_of(law: Law, std: FloatArray) -> Mapping[str, Mapping[str, Estimate]]:

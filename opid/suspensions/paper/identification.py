@@ -26,7 +26,7 @@ from opid.suspensions.paper.preparation import PreparedRun, prepare_runs
 from opid.suspensions.paper.result import METHODS, PaperIdentification, PaperMethod
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.warnings import warnings_of
-from opid.suspensions.result import GEAR_PARAMETERS, GEAR_RATIOS
+from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.study import Study
 from opid.suspensions.visited_force import VisitedForce, visited_force
 
@@ -107,8 +107,8 @@ def _without_numbers(
         method=method,
         title=study.title,
         date=study.date,
-        parameters={name: Estimate() for name in GEAR_PARAMETERS},
-        ratios={name: Estimate() for name in GEAR_RATIOS},
+        parameters=GearParameters(),
+        ratios=GearRatios(),
         law=joint.law,
         law_estimates={},
         restoring_force=VisitedForce(nothing, nothing, nothing, nothing, per_mass=True),
@@ -142,7 +142,7 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
     gain = gain_like_fraction(joint, settings)
     ratios = ratios_of(joint.value, joint.covariance, joint.names, gain=gain, equal_gains=settings.equal_gains)
     if added is None:
-        law, parameters = joint.law, dict(result.parameters)
+        law, parameters = joint.law, result.parameters
         law_std = np.array([joint.std[joint.names.index(f"law[{i}]")] for i in range(law.vector.size)])
         stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
     else:
@@ -167,12 +167,11 @@ def _widened(result: PaperIdentification) -> PaperIdentification:
 
 def _withheld(result: PaperIdentification) -> PaperIdentification:
     """Take away the intervals of what trades with a straight term, and keep the values."""
-    parameters, ratios, laws = dict(result.parameters), dict(result.ratios), dict(result.law_estimates)
+    parameters, ratios, laws = result.parameters, result.ratios, result.law_estimates
     for term in straight_terms(result.joint.law, result.chain.runs, straight_above=result.settings.straight_above):
-        for name in term.trades_with:
-            table = parameters if name in parameters else ratios
-            table[name] = Estimate(table[name].value)
-        laws[term.kind] = {name: Estimate(each.value) for name, each in laws[term.kind].items()}
+        parameters = parameters.with_estimates(Estimate.without_interval, only=term.trades_with)
+        ratios = ratios.with_estimates(Estimate.without_interval, only=term.trades_with)
+        laws = term.without_interval(laws)
     return replace(result, parameters=parameters, ratios=ratios, law_estimates=laws)
 
 
@@ -210,13 +209,12 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
         return replace(result, warnings=tuple(warnings), restoring_force=_force_of(result, 0.0, 0.0, per_mass=True))
     found, per_mass = pair.as_printed, pair.as_printed.sprung_mass_kg <= 0
     mass, stiffness, ground = found.sprung_mass_kg, found.stiffness_n_per_m, found.ground_stiffness_n_per_m
-    ratios = dict(result.ratios) | {NAMES[0]: Estimate(stiffness / mass), NAMES[2]: Estimate(ground / mass)}
+    ratios = GearRatios(Estimate(stiffness / mass), ground_stiffness_per_mass=Estimate(ground / mass))
     if per_mass:
         reason = f"the printed formula gives a sprung mass of {mass:.0f} kg: {pair.match.reason}"
         result = replace(result, not_determined=reason)
     else:
-        values = (Estimate(mass), Estimate(stiffness), Estimate(), Estimate(ground))
-        parameters = dict(zip(GEAR_PARAMETERS, values, strict=True))
+        parameters = GearParameters(Estimate(mass), Estimate(stiffness), Estimate(), Estimate(ground))
         result = replace(result, parameters=parameters, law=result.law.scaled(mass), not_determined=None)
     if not pair.match.credible:
         warnings.append(pair.match.reason)

@@ -14,7 +14,7 @@ from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.result import Identification
+from opid.suspensions.result import GearParameters, GearRatios, Identification
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
 from opid.suspensions.visited_force import VisitedForce
@@ -32,8 +32,8 @@ class PaperIdentification:
         method: "classical" (every step mended) or "paper" (the printed formula; no intervals).
         title: of the study.
         date: of the runs; None if it is not known.
-        parameters: one `Estimate` for each name in `GEAR_PARAMETERS`, of the reference run.
-        ratios: one `Estimate` for each name in `GEAR_RATIOS` (1/s^2, 1/s, 1/s^2, Hz, 1).
+        parameters: absolute values, of the reference run.
+        ratios: what needs no known mass.
         law: the nonlinear law in N, or per unit of mass (m/s^2) where the mass is not determined.
         law_estimates: {kind: {parameter: Estimate}} in the same unit; empty where no law is concluded.
         restoring_force: the identified force over the visited plane; empty where no number is given.
@@ -51,8 +51,8 @@ class PaperIdentification:
     method: PaperMethod
     title: str
     date: date | None
-    parameters: Mapping[str, Estimate]
-    ratios: Mapping[str, Estimate]
+    parameters: GearParameters
+    ratios: GearRatios
     law: Law
     law_estimates: Mapping[str, Mapping[str, Estimate]]
     restoring_force: VisitedForce

@@ -61,8 +61,8 @@ def _averages(result: PaperIdentification) -> Iterator[str]:
 
 
 def _ground(result: PaperIdentification) -> Iterator[str]:
-    ground = result.parameters["ground_stiffness_n_per_m"]
-    stiffness = result.parameters["suspension_stiffness_n_per_m"]
+    ground = result.parameters.ground_stiffness_n_per_m
+    stiffness = result.parameters.suspension_stiffness_n_per_m
     fraction = gain_like_fraction(result.joint, result.settings)
     if fraction:
         sign = np.sign(result.joint["ground_stiffness_per_mass"])
@@ -85,7 +85,7 @@ def _ground(result: PaperIdentification) -> Iterator[str]:
 
 
 def _mass_change(result: PaperIdentification) -> Iterator[str]:
-    mass = result.parameters["sprung_mass_kg"]
+    mass = result.parameters.sprung_mass_kg
     if mass.value is None or mass.std is None:
         return
     changes = [run.mass_change_kg for run in result.chain.runs]
