@@ -150,7 +150,7 @@ def test_a_table_at_fault_does_not_hide_what_is_wrong_elsewhere(place):
     # the structure is read where its table is sound, and backbones where it is not
     text = STUDY.replace("mode = 1", "mod = 1").replace('["c", "tip"]', '["c", "top"]')
     told = refused(place, text, "'mod'", "'top'")
-    assert "3 faults" in told
+    assert "2 faults" in told
     told = refused(place, STUDY.replace("sensors = [", "sensor = [").replace("first.csv", "last.csv"), "'sensor'")
     assert "there is no backbone" in told
     for odd in ('structure = 3\nform = "best"', "backbones = 3\nclasses = 4\nnoise = 5\nlog = 6\nsampling = 7"):

@@ -29,7 +29,13 @@ Ladder = tuple[LawStep[BenchFit], ...]
 
 @dataclass(frozen=True)
 class StraightPart(Estimates):
-    """What a bench measures beside the nonlinear law: stiffness K, damping C and offset F0."""
+    """What a bench measures beside the nonlinear law.
+
+    Args:
+        stiffness_n_per_m: K.
+        damping_n_s_per_m: C.
+        offset_n: F0.
+    """
 
     stiffness_n_per_m: Estimate
     damping_n_s_per_m: Estimate
