@@ -64,24 +64,24 @@ def test_derivatives_are_those_of_the_steps(name):
     start = np.array([[1e-3], [0.02], [1e-3], [0.01]])
     drive = _drive(_half(n))[:, None]
     share = 1 / 1850.0
-    base = np.array([3.9e5, 6e3, 1e5, *law.vector, share, 0.0, *start[:, 0]])
+    base = np.array([3.9e5, 6e3, 1e5, 0.002, *law.vector, share, 0.0, *start[:, 0]])
 
     def answer(p):
         n_law = law.vector.size
-        interface = Interface(p[0], p[1], p[2], law.with_vector(p[3 : 3 + n_law]))
+        interface = Interface(p[0], p[1], p[2], law.with_vector(p[4 : 4 + n_law]).resting_at(p[3]))
         return driven_response(
             [interface],
-            [[p[3 + n_law]]],
-            drive + p[4 + n_law],
+            [[p[4 + n_law]]],
+            drive + p[5 + n_law],
             fs=FS,
             accelerance_directions=[[[1.0]]],
             drive_directions=np.ones((2 * n - 1, 1, 1)),
-            start=p[5 + n_law :, None],
+            start=p[6 + n_law :, None],
         )
 
     exact = answer(base).sensitivity[:, 0]
     for i, value in enumerate(base):
-        step = 1e-5 * max(abs(value), 1e-2 if i > 3 + law.vector.size else 0.0)
+        step = 1e-5 * max(abs(value), 1e-2 if i > 4 + law.vector.size else 0.0)
         up, down = base.copy(), base.copy()
         up[i] += step
         down[i] -= step
@@ -115,10 +115,10 @@ def test_derivatives_of_two_coupled_interfaces_are_those_of_the_steps():
     start = [1e-3, -1e-3, 0.02, 0.01, 1e-3, 2e-3, 0.01, -0.03]
     base = np.array([2e5, 3e3, 1e5, 3e5, 2e3, 5e4, *law, 0.1, 0.2, *start])
     exact = _two_coupled(base, drive, n_law).sensitivity
-    # in the order of the response: each interface with its law, the mass, the drive, the start
-    gas = [3 + n_law + 3, 3 + n_law + 4]
-    places = [0, 1, 2, 3 + n_law, 4 + n_law, 5 + n_law, *range(3, 3 + n_law), *range(gas[1] + 1, exact.shape[2])]
-    assert exact.shape == (n, 2, base.size + len(gas))
+    # in the order of the response: each interface with its rest and its law, the mass, the drive, the start
+    second = 4 + n_law
+    places = [*range(3), *range(second, second + 3), *range(4, second), *range(second + 6, exact.shape[2])]
+    assert exact.shape == (n, 2, base.size + 2 + 2)
     for i, place in enumerate(places):
         step = np.zeros(base.size)
         step[i] = 1e-5 * max(abs(base[i]), 1e-3)

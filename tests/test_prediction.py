@@ -19,11 +19,16 @@ READING = np.array([[0.9, 0.35], [0.25, 1.1]]) / 1500
 BY_READING = np.array([[0.5, -0.2], [0.1, 0.3]]) / 1500
 
 
+def _resting(laws):
+    """Default laws, each resting elsewhere."""
+    return [default_law(name).resting_at(rest_m) for name, rest_m in zip(laws, (0.0035, -0.003), strict=True)]
+
+
 def _of(n, *, ground, laws=("linear", "linear")):
     """Interfaces, noise and signals of a small world with n interfaces."""
     rng = np.random.default_rng(n)
     stiffness, damping, springs = (3.9e5, 3e5), (6e3, 5e3), (1e5, 5e4) if ground else (0.0, 0.0)
-    interfaces = [Interface(*row) for row in zip(stiffness, damping, springs, map(default_law, laws), strict=True)][:n]
+    interfaces = [Interface(*row) for row in zip(stiffness, damping, springs, _resting(laws), strict=True)][:n]
     t = np.arange(2 * N - 1) / (2 * FS)
     drive = np.stack([np.sin(2 * np.pi * 1.9 * t), np.cos(2 * np.pi * 4.1 * t)], axis=1)[:, :n]
     rows = 6 if ground else 4
@@ -104,7 +109,7 @@ def _directions(n):
 
 def _vector(world):
     """The parameters in the order of the sensitivity; the shares of the directions are zero."""
-    own = [[i.stiffness, i.damping, i.ground_stiffness, *i.law.vector] for i in world["interfaces"]]
+    own = [[i.stiffness, i.damping, i.ground_stiffness, i.law.rest_m, *i.law.vector] for i in world["interfaces"]]
     return np.concatenate([*own, [0.0] * 4, world["start"][:-2].ravel()])
 
 
@@ -113,7 +118,7 @@ def _at(world, theta):
     n, place, interfaces = len(world["interfaces"]), 0, []
     for old in world["interfaces"]:
         own = theta[place : place + old.n_parameters]
-        interfaces.append(Interface(*own[:3], old.law.with_vector(own[3:])))
+        interfaces.append(Interface(*own[:3], old.law.with_vector(own[4:]).resting_at(own[3])))
         place += old.n_parameters
     by_mass, by_drive, by_measured = _directions(n).values()
     return world | {

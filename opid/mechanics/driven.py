@@ -19,10 +19,14 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.kernels import law_arrays, predictions
-from opid.mechanics.laws import LINEAR, FloatArray, Law, TermSet
+from opid.mechanics.laws import LINEAR, FloatArray, TermSet
 
 # half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
 _HALF_WIDTH = 32
+
+
+# parameters of an interface before those of its law: stiffness, damping, ground stiffness, where the law rests
+N_HEAD = 4
 
 
 class UnboundedResponseError(NotDeterminedError):
@@ -37,18 +41,18 @@ class Interface:
         stiffness: K, N/m.
         damping: C, N s/m.
         ground_stiffness: G, from the body to the ground at this place, N/m.
-        law: f(z, z'), N.
+        law: f(z, z'), N, and where it rests.
     """
 
     stiffness: float
     damping: float
     ground_stiffness: float = 0.0
-    law: Law | TermSet = LINEAR
+    law: TermSet = LINEAR
 
     @property
     def n_parameters(self) -> int:
-        """Stiffness, damping, ground stiffness and the parameters of the law."""
-        return 3 + self.law.vector.size
+        """Stiffness, damping, ground stiffness, where the law rests, and the parameters of the law."""
+        return N_HEAD + self.law.vector.size
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +64,8 @@ class DrivenResponse:
         velocity: (n, n_interfaces) z', m/s.
         acceleration: (n, n_interfaces) x2'' of the body at the interfaces, m/s^2.
         sensitivity: (n, n_interfaces, n_parameters) derivatives of `acceleration`: by stiffness, damping, ground
-            stiffness and law of each interface in turn, by each direction of the accelerance, by each direction of
-            the drive, and by travel, velocity, place and velocity below the suspension at the start.
+            stiffness, rest and law of each interface in turn, by each direction of the accelerance, by each direction
+            of the drive, and by travel, velocity, place and velocity below the suspension at the start.
     """
 
     travel: FloatArray
@@ -104,7 +108,7 @@ def driven_response(
     >>> t = np.arange(2 * 500 - 1) / (2 * 100.0)
     >>> response = driven_response([Interface(400.0, 4.0)], [[1.0]], np.sin(t)[:, np.newaxis], fs=100.0)
     >>> response.acceleration.shape, response.sensitivity.shape
-    ((500, 1), (500, 1, 7))
+    ((500, 1), (500, 1, 8))
     """
     n = len(interfaces)
     matrix = np.ascontiguousarray(accelerance, dtype=np.float64)

@@ -9,11 +9,13 @@ import numpy as np
 from scipy import signal
 
 from opid.errors import InputError
+from opid.mechanics.driven import Interface
 from opid.mechanics.laws import FloatArray, Law, law
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.road import Road, SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.weight import GRAVITY_M_PER_S2, resting_under
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 DEFAULT_LAW = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
@@ -236,8 +238,10 @@ def taxi_test(
 ) -> TaxiTest:
     """Return a heavy run of the gear and a light one with less sprung mass, each over a road of its own.
 
+    The light one rests where its weight puts it on the law of the strut.
+
     Args:
-        gear: the gear at its heavy mass.
+        gear: the gear at its heavy mass, its law where it rests then.
         rng: source of everything random.
         mass_removed_kg: sprung mass taken away before the light run.
         settings: keyword arguments of `taxi_run`, for both runs.
@@ -254,7 +258,9 @@ def taxi_test(
             f"mass_removed_kg is {mass_removed_kg}, the sprung mass {gear.sprung_mass_kg} kg: "
             "give zero or more, and less than the sprung mass"
         )
-    light = replace(gear, sprung_mass_kg=gear.sprung_mass_kg - mass_removed_kg)
+    strut = Interface(gear.suspension_stiffness_n_per_m, 0.0, gear.ground_stiffness_n_per_m, gear.law)
+    law = resting_under([strut], np.ones((1, 1)), np.array([mass_removed_kg * GRAVITY_M_PER_S2]))[0]
+    light = replace(gear, sprung_mass_kg=gear.sprung_mass_kg - mass_removed_kg, law=law)
     heavy_rng, light_rng = rng.spawn(2)
     return TaxiTest(taxi_run(gear, rng=heavy_rng, **settings), taxi_run(light, rng=light_rng, **settings))
 

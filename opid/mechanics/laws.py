@@ -72,15 +72,85 @@ class Term:
         """
         return self.kind.function(z, v, *self.inner, *(1.0,) * (2 - len(self.inner)))
 
+    def evaluate_about(self, rest_m: float, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
+        """Return the same about a rest position: the force and its derivatives by inner values are zero there.
+
+        Args:
+            rest_m: extension at rest, m.
+            z: extension from there, m.
+            v: its rate, m/s, of the same shape.
+        """
+        shape, by_z, by_v, first, second = self.evaluate(z + rest_m, v)
+        if rest_m == 0.0:
+            return shape, by_z, by_v, first, second
+        at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
+        return shape - at_rest[0], by_z, by_v, first - at_rest[3], second - at_rest[4]
+
 
 @dataclass(frozen=True)
-class Law:
+class TermSet:
+    """Terms side by side, several of one kind among them: each stands for itself.
+
+    Args:
+        terms: each about its own origin.
+        rest_m: where on them the joint rests, m: the force is f(rest + z, v) - f(rest, 0).
+    """
+
+    terms: tuple[Term, ...] = ()
+    rest_m: float = 0.0
+
+    @property
+    def vector(self) -> FloatArray:
+        """All values in one array (n_parameters,), for a fit to move."""
+        return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
+
+    def force(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return f(z, v), N, for the extension z (m) and its rate v (m/s), arrays that broadcast."""
+        z, v = _broadcast(z, v)
+        total = np.zeros(z.shape)
+        for term in self.terms:
+            total += term.amplitude * term.evaluate_about(self.rest_m, z, v)[0]
+        return total
+
+    def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return df/dz, N/m, and df/dv, N s/m, the tangent stiffness and damping at (z, v)."""
+        z, v = _broadcast(z, v)
+        by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
+        for term in self.terms:
+            _, term_by_z, term_by_v, *_ = term.evaluate(z + self.rest_m, v)
+            by_z += term.amplitude * term_by_z
+            by_v += term.amplitude * term_by_v
+        return by_z, by_v
+
+    def parameter_gradient(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return the derivatives of the force by each entry of `vector`, shape (*z.shape, n_parameters).
+
+        The column of an amplitude is the term for unit amplitude: the basis function of a regression.
+        """
+        z, v = _broadcast(z, v)
+        gradient = np.zeros((*z.shape, self.vector.size))
+        column = 0
+        for term in self.terms:
+            shape, _, _, *by_inner = term.evaluate_about(self.rest_m, z, v)
+            gradient[..., column] = shape
+            for place in range(len(term.inner)):
+                gradient[..., column + 1 + place] = term.amplitude * by_inner[place]
+            column += len(term.values)
+        return gradient
+
+
+@dataclass(frozen=True)
+class Law(TermSet):
     """A restoring force as a value: a sum of terms in canonical order; no term at all is the linear joint.
 
     Terms of one kind with equal inner parameters are added up; laws add with `+`.
 
+    Args:
+        terms: the terms, each about its own origin.
+        rest_m: where on the law the joint rests, m: its force is f(rest + z, v) - f(rest, 0).
+
     Raises:
-        InputError: two terms of one kind that differ in an inner parameter.
+        InputError: two terms of one kind that differ in an inner parameter, or laws to add that rest elsewhere.
 
     >>> friction = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
     >>> hardening = law("cubic_stiffness", stiffness_n_per_m3=3e9)
@@ -88,9 +158,9 @@ class Law:
     'arctan_velocity+cubic_stiffness'
     >>> float(friction.force(0.0, 0.02))
     200.0
+    >>> float(hardening.resting_at(0.01).gradient(0.0, 0.0)[0])
+    900000.0
     """
-
-    terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
         order = list(LAWS)
@@ -121,56 +191,36 @@ class Law:
         """What each entry of `vector` is, in order."""
         return tuple(parameter for term in self.terms for parameter in term.kind.parameters)
 
-    @property
-    def vector(self) -> FloatArray:
-        """All values in one array (n_parameters,), for a fit to move."""
-        return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
-
     def with_vector(self, vector: ArrayLike) -> Law:
         """Return the law of the same terms with these values, the inverse of `vector`."""
         values = np.asarray(vector, dtype=np.float64)
         if values.shape != self.vector.shape:
             raise InputError(f"{self.name} has {self.vector.size} parameter(s), got an array of shape {values.shape}")
         rest: Iterator[float] = iter(values.tolist())
-        return Law(tuple(Term(term.name, tuple(next(rest) for _ in term.values)) for term in self.terms))
+        terms = tuple(Term(term.name, tuple(next(rest) for _ in term.values)) for term in self.terms)
+        return Law(terms, self.rest_m)
+
+    def resting_at(self, rest_m: float) -> Law:
+        """Return the law of a joint that rests elsewhere on it.
+
+        Args:
+            rest_m: the extension at which it rests, from the origin of the terms, m.
+        """
+        return Law(self.terms, float(rest_m))
 
     def scaled(self, factor: float) -> Law:
         """Return factor times this law: only the amplitudes change.
 
         A fit to accelerations gives the force per unit mass; times the mass it is the force.
         """
-        return Law(tuple(replace(term, values=(factor * term.amplitude, *term.inner)) for term in self.terms))
+        terms = tuple(replace(term, values=(factor * term.amplitude, *term.inner)) for term in self.terms)
+        return Law(terms, self.rest_m)
 
     def __add__(self, other: Law) -> Law:
-        return Law((*self.terms, *other.terms))
-
-    def force(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
-        """Return f(z, v), N, for the extension z (m) and its rate v (m/s), arrays that broadcast."""
-        z, v = _broadcast(z, v)
-        total = np.zeros(z.shape)
-        for term in self.terms:
-            total += term.amplitude * term.evaluate(z, v)[0]
-        return total
-
-    def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return df/dz, N/m, and df/dv, N s/m, the tangent stiffness and damping at (z, v)."""
-        return _gradient(self.terms, z, v)
-
-    def parameter_gradient(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
-        """Return the derivatives of the force by each entry of `vector`, shape (*z.shape, n_parameters).
-
-        The column of an amplitude is the term for unit amplitude: the basis function of a regression.
-        """
-        z, v = _broadcast(z, v)
-        gradient = np.zeros((*z.shape, self.vector.size))
-        column = 0
-        for term in self.terms:
-            shape, _, _, *by_inner = term.evaluate(z, v)
-            gradient[..., column] = shape
-            for place in range(len(term.inner)):
-                gradient[..., column + 1 + place] = term.amplitude * by_inner[place]
-            column += len(term.values)
-        return gradient
+        rests = {law.rest_m for law in (self, other) if law.terms}
+        if len(rests) > 1:
+            raise InputError(f"laws that rest at {self.rest_m:g} and {other.rest_m:g} m do not add: give one rest")
+        return Law((*self.terms, *other.terms), *rests)
 
 
 LINEAR = Law()
@@ -268,36 +318,6 @@ def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
     return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))
 
 
-def _gradient(terms: tuple[Term, ...], z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    z, v = _broadcast(z, v)
-    by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
-    for term in terms:
-        _, term_by_z, term_by_v, *_ = term.evaluate(z, v)
-        by_z += term.amplitude * term_by_z
-        by_v += term.amplitude * term_by_v
-    return by_z, by_v
-
-
 def _broadcast(z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
     z, v = np.broadcast_arrays(np.asarray(z, dtype=np.float64), np.asarray(v, dtype=np.float64))
     return z, v
-
-
-@dataclass(frozen=True)
-class TermSet:
-    """Terms side by side, several of one kind among them, to differentiate by: each stands for itself.
-
-    Args:
-        terms: in the order in which a predictor takes them.
-    """
-
-    terms: tuple[Term, ...] = ()
-
-    @property
-    def vector(self) -> FloatArray:
-        """All values in one array (n_parameters,)."""
-        return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
-
-    def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the tangent stiffness, N/m, and damping, N s/m, at (z, v)."""
-        return _gradient(self.terms, z, v)

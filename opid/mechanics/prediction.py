@@ -61,7 +61,7 @@ class Prediction:
             the true model and noise.
         spread: (n_interfaces, n) that standard deviation, m/s^2.
         sensitivity: (n_interfaces, n_parameters, n) derivatives of `innovation`: by stiffness, damping, ground
-            stiffness and law of each interface in turn, by each direction of the accelerance, of the drive and of
+            stiffness, rest and law of each interface in turn, by each direction of the accelerance, of the drive and of
             the readings, and by travel, velocity (and, with ground, place and velocity below the suspension) at the
             start, those by ground stiffness zero without ground; no parameters if not asked for.
         travel: (n, n_interfaces) z, m.
@@ -126,7 +126,7 @@ def predict(
     >>> still = predict([Interface(400.0, 4.0)], [[1.0]], np.zeros((999, 1)), readings, fs=100.0,
     ...                 noise=Noise(0.0, 0.01), start=np.zeros((4, 1)), start_covariance=np.zeros((4, 4)))
     >>> bool(np.allclose(still.innovation[0], readings[:, 0] / 0.01)), still.sensitivity.shape
-    (True, (1, 5, 500))
+    (True, (1, 6, 500))
     """
     n = len(interfaces)
     matrix, u, y, first, covariance = (

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.mechanics.airframe import Airframe, Loading, airframe_structure, loaded, place_directions
+from opid.mechanics.driven import Interface
 from opid.mechanics.landing_gear import DEFAULT_SENSOR
 from opid.mechanics.laws import FloatArray
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.road import Road, SpeedProfile
 from opid.mechanics.sensors import Sensor, decimate, measure
+from opid.mechanics.weight import GRAVITY_M_PER_S2, resting_under
 from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
@@ -177,6 +179,8 @@ def aircraft_test(
 ) -> AircraftTest:
     """Return a run of the aircraft as it stands and further ones with loadings, each over a runway of its own.
 
+    Each rests where its weight puts it on the laws of its struts.
+
     Args:
         airframe: the aircraft of the first run.
         rng: source of everything random.
@@ -194,8 +198,25 @@ def aircraft_test(
     """
     every = ((), *(tuple(one) for one in loadings))
     streams = rng.spawn(len(every))
-    runs = (aircraft_run(loaded(airframe, one), rng=rng, **settings) for one, rng in zip(every, streams, strict=True))
+    runs = (
+        aircraft_run(_resting(loaded(airframe, one), one), rng=rng, **settings)
+        for one, rng in zip(every, streams, strict=True)
+    )
     return AircraftTest(tuple(runs), every)
+
+
+def _resting(airframe: Airframe, loadings: Sequence[Loading]) -> Airframe:
+    """The airframe where it rests under loadings; it is stiff against its struts."""
+    struts = [
+        Interface(gear.suspension_stiffness_n_per_m, 0.0, gear.ground_stiffness_n_per_m, gear.law)
+        for gear in airframe.gears
+    ]
+    rows = np.array([[1.0, gear.y_m, -gear.x_m] for gear in airframe.gears])
+    load = np.zeros(3)
+    for each in loadings:
+        load -= each.mass_kg * GRAVITY_M_PER_S2 * np.array([1.0, each.y_m, -each.x_m])
+    laws = resting_under(struts, rows, load)
+    return replace(airframe, gears=tuple(replace(g, law=law) for g, law in zip(airframe.gears, laws, strict=True)))
 
 
 def _places(

@@ -78,6 +78,7 @@ class Body:
         coordinates: places that are known to a tolerance.
         absolute: whether `unit` is in kg already, so that mu is 1.
         product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
+        fall: (n_dof,) what a body in free fall accelerates by, m/s^2; None for motion that no weight acts on.
     """
 
     dof: tuple[str, ...]
@@ -91,6 +92,7 @@ class Body:
     coordinates: tuple[Coordinate, ...] = ()
     absolute: bool = False
     product: FloatArray | None = None
+    fall: FloatArray | None = None
 
     @property
     def n_slots(self) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.laws import Law
+from opid.mechanics.weight import GRAVITY_M_PER_S2
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
 from opid.suspensions.faults import Demand
@@ -28,7 +29,7 @@ from opid.suspensions.search import Found, Ladder, Question, find_model, is_hope
 from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start, start_values
-from opid.suspensions.study import PointMass, Study
+from opid.suspensions.study import Axis, PointMass, Study
 
 Noise = tuple[FloatArray, FloatArray]
 Arrays = Sequence[tuple[FloatArray, FloatArray, FloatArray]]
@@ -246,13 +247,22 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
             )
         )
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)
-    return fitted(task, kind, interfaces, runs, gear_body(), (Group(name, (0,)),), sensors, noise)  # type: ignore[arg-type]
+    body = gear_body(study.interfaces[picked[0]].axis)
+    return fitted(task, kind, interfaces, runs, body, (Group(name, (0,)),), sensors, noise)  # type: ignore[arg-type]
 
 
-def gear_body() -> Body:
+def gear_body(axis: Axis = "up") -> Body:
     """Return a gear alone: a mass that heaves on one interface."""
     one = np.ones((1, 1))
-    return Body(("heave",), one, (), np.zeros((0, 1, 1)), np.zeros((1, 1)), one, one)
+    body = Body(("heave",), one, (), np.zeros((0, 1, 1)), np.zeros((1, 1)), one, one)
+    return replace(body, fall=_fall(axis, body))
+
+
+def _fall(axis: Axis, body: Body) -> FloatArray | None:
+    """What a body in free fall accelerates by, of which heave is the first degree of freedom."""
+    if axis == "horizontal":
+        return None
+    return np.eye(len(body.dof))[0] * (-GRAVITY_M_PER_S2 if axis == "up" else GRAVITY_M_PER_S2)
 
 
 def fit_rigid(task: Task) -> Fitted:
@@ -279,6 +289,7 @@ def fit_rigid(task: Task) -> Fitted:
         )
         for place, (below, above, across) in enumerate(task.arrays)
     ]
+    body = replace(body, fall=_fall(study.interfaces[0].axis, body))
     every = tuple(range(len(study.interfaces)))
     return fitted(task, "rigid_body", every, runs, body, groups_of(study), task.sensors, task.noise)
 

@@ -15,9 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from opid.mechanics.driven import Interface, UnboundedResponseError
+from opid.mechanics.driven import N_HEAD, Interface, UnboundedResponseError
 from opid.mechanics.laws import LINEAR, Law, Term, TermSet
 from opid.mechanics.prediction import Noise, Prediction, predict
+from opid.mechanics.weight import Rest, by_parameters, depends_on_travel, rest_under, resting
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.body import Body, Mobility, mobility
@@ -39,17 +40,25 @@ class Group:
         slots: of its interfaces.
         law: says which terms, per unit of the reference mass.
         ground: whether springs act between the body and the ground at these interfaces.
+        has_origin: whether the law has an origin elsewhere than where the interfaces rest in the reference run.
     """
 
     name: str
     slots: tuple[int, ...]
     law: Law = LINEAR
     ground: bool = False
+    has_origin: bool = False
+
+    @property
+    def head(self) -> tuple[str, ...]:
+        """Names of the entries of the vector before those of the law."""
+        further = (("ground_stiffness_per_mass", self.ground), ("rest_m", self.has_origin))
+        return ("stiffness_per_mass", "damping_per_mass", *(name for name, has_it in further if has_it))
 
     @property
     def n_head(self) -> int:
         """Entries of the vector before those of the law."""
-        return 2 + self.ground
+        return len(self.head)
 
     def called(self, what: str) -> str:
         """Return the name of one of its parameters."""
@@ -79,9 +88,9 @@ class Errors:
 class Model:
     """Prediction errors and their derivatives as functions of one vector.
 
-    Of each group stiffness, damping, [ground stiffness] and law (positive entries as logarithms); stiffness and damping
-    of each spring inside that is to be found; free factors of the mass; [1 / reference mass]; faults of sensors;
-    coordinates; then travel and velocity of each interface at the start of each run.
+    Of each group stiffness, damping, [ground stiffness], [rest on its law] and law (positive entries as logarithms);
+    stiffness and damping of each spring inside that is to be found; free factors of the mass; [1 / reference mass];
+    faults of sensors; coordinates; then travel and velocity of each interface at the start of each run.
 
     Args:
         runs: the runs.
@@ -119,8 +128,7 @@ class Model:
         """Of the shared parameters."""
         names: list[str] = []
         for group in self.groups:
-            heads = ["stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass"][: group.n_head]
-            names += [group.called(head) for head in heads]
+            names += [group.called(head) for head in group.head]
             names += [f"{group.called('law')}[{i}]" for i in range(group.law.vector.size)]
         for _, spring in self._searched:
             names += [f"stiffness_per_mass[{spring}]", f"damping_per_mass[{spring}]"]
@@ -236,11 +244,12 @@ class Model:
 
     def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
         """The law of each group, and what its entries move by (see `from_free`)."""
-        for number, group in enumerate(self.groups):
-            if group.law.terms:
-                yield from_free(group.law, theta[self.law_places(number)])
-            else:
+        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
+            if not group.law.terms:
                 yield LINEAR, np.empty(0)
+                continue
+            law, slope = from_free(group.law, theta[self.law_places(number)])
+            yield law.resting_at(theta[first + group.n_head - 1] if group.has_origin else 0.0), slope
 
     def interfaces(
         self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
@@ -252,7 +261,7 @@ class Model:
             group, force = self.groups[number], law
             slopes.append(slope)
             if candidates and number in candidates:
-                force = TermSet((*law.terms, *candidates[number]))  # type: ignore[assignment]
+                force = TermSet((*law.terms, *candidates[number]), law.rest_m)  # type: ignore[assignment]
             ground = float(theta[first + 2]) if group.ground else 0.0
             for slot in group.slots:
                 slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)
@@ -264,6 +273,29 @@ class Model:
             place = self.first_inside + 2 * k
             slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
         return slots, slopes
+
+    def rest(self, theta: FloatArray, place: int) -> Rest | None:
+        """Return where the suspensions of a run rest; None where they do as in the reference run.
+
+        Args:
+            theta: the vector.
+            place: of the run.
+
+        Raises:
+            UnboundedResponseError: springs that cannot carry what the run's loading weighs.
+        """
+        fall, loading = self.body.fall, self.runs[place].loading
+        if fall is None or not loading.any() or not any(depends_on_travel(group.law) for group in self.groups):
+            return None
+        load = self.inverse_mass(theta) * (loading @ fall)
+        return rest_under(self.interfaces(theta)[0], self.body.rows, load)
+
+    def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
+        """Return the suspensions of all slots where they rest in a run."""
+        slots, rest = self.interfaces(theta)[0], self.rest(theta, place)
+        if rest is None:
+            return slots
+        return [resting(slot, travel) for slot, travel in zip(slots, rest.travel, strict=True)]
 
     def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
         """Return the drive and the readings of a run with the faults of the sensors taken out."""
@@ -277,6 +309,9 @@ class Model:
         """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
         run, body, n_slots = self.runs[place], self.body, self.body.n_slots
         slots, slopes = self.interfaces(theta, candidates)
+        rest = self.rest(theta, place)
+        if rest is not None:
+            slots = [resting(slot, travel) for slot, travel in zip(slots, rest.travel, strict=True)]
         moved = self.mobility(theta, place)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
@@ -310,6 +345,8 @@ class Model:
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
             lines = run.transform(change).transpose(1, 0, 2)
+            if rest is not None:
+                self._add_rest(lines, rest, self.interfaces(theta, candidates)[0], theta)
             further = self._sort_out(lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
         # a hundred times larger than the rest, and used up
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
@@ -348,7 +385,11 @@ class Model:
     def _start_costs(self, theta: FloatArray, place: int, cell_std: FloatArray) -> Callable[[FloatArray, float], float]:
         """What the first seconds of a run speak against a start: a function of the start and the seconds."""
         run, (below, above) = self.runs[place], self.corrected(theta, place)
-        slots, accelerance = self.interfaces(theta)[0], self.mobility(theta, place).accelerance
+        accelerance = self.mobility(theta, place).accelerance
+        try:
+            slots = self.resting_interfaces(theta, place)
+        except UnboundedResponseError:
+            return lambda cell, seconds: np.inf
         noise, (usual, covariance) = self._noise(theta, run), self._at_start(theta, place)
         np.fill_diagonal(covariance[:2, :2], cell_std**2)
 
@@ -399,6 +440,17 @@ class Model:
                     start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
         return start, covariance
 
+    def _add_rest(self, change: ComplexArray, rest: Rest, slots: Sequence[Interface], theta: FloatArray) -> None:
+        """Add what stiffness, law and mass do to the lines by way of the place where a run rests."""
+        firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+        by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
+        for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
+            moved = np.tensordot(-rest.push[:, number], by_travel, axes=1)
+            change[firsts[number] : firsts[number + 1]] += np.multiply.outer(by_parameters(slot, travel), moved)
+        if self.mass_free:
+            row = firsts[-1] + len(self.body.names)
+            change[row] += np.tensordot(rest.by_load / self.inverse_mass(theta), by_travel, axes=1)
+
     def _sort_out(
         self,
         change: ComplexArray,
@@ -418,9 +470,10 @@ class Model:
             more = np.zeros((n_more, *change.shape[1:]), dtype=np.complex128)
             for slot in group.slots:
                 own = change[firsts[slot] : firsts[slot + 1]]
-                by[first : first + group.n_head] += own[: group.n_head]
-                by[self.law_places(number)] += own[3 : 3 + n_law] * slopes[number][:, np.newaxis, np.newaxis]
-                more += own[3 + n_law :]
+                head = [k for k, has_it in enumerate((True, True, group.ground, group.has_origin)) if has_it]
+                by[first : first + group.n_head] += own[head]
+                by[self.law_places(number)] += own[N_HEAD : N_HEAD + n_law] * slopes[number][:, np.newaxis, np.newaxis]
+                more += own[N_HEAD + n_law :]
             further.append(more)
         for k, (slot, _) in enumerate(self._searched):
             row = self.first_inside + 2 * k
@@ -572,7 +625,7 @@ class Model:
             (n_lines, n_sensors, n_interfaces).
         """
         omega, n = self.runs[place].omega, self.body.n_interfaces
-        slots, _ = self.interfaces(theta)
+        slots = self.resting_interfaces(theta, place)
         moved = self.mobility(theta, place)
         spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
         ground = np.array([slot.ground_stiffness for slot in slots])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import combinations
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from opid.signals.tables import refuse
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")
+Axis = Literal["up", "down", "horizontal"]
 """Structures that a study may ask for; "auto" compares the others."""
 
 MINIMUM_SAMPLES = 256
@@ -55,6 +57,7 @@ class MeasuredInterface:
         sensor_x_m: where the sensor on the body is; at the suspension where left out.
         sensor_y_m: likewise.
         facts: what is known of its two sensors.
+        axis: where its channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
     """
 
     name: str
@@ -65,6 +68,7 @@ class MeasuredInterface:
     sensor_x_m: float | None = None
     sensor_y_m: float | None = None
     facts: SensorPair = IDEAL_PAIR
+    axis: Axis = "up"
 
     @property
     def place(self) -> tuple[float, float]:
@@ -271,6 +275,7 @@ def study_of_gear(
     unsprung: str,
     runs: Sequence[Run],
     sensors: SensorPair = IDEAL_PAIR,
+    axis: Axis = "up",
     date: date | None = None,
     source: Path | None = None,
 ) -> Study:
@@ -282,6 +287,7 @@ def study_of_gear(
         unsprung: name of the channel on the spindle, an acceleration.
         runs: one or more.
         sensors: what is known of the two sensors.
+        axis: where the channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
         date: of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
 
@@ -295,7 +301,7 @@ def study_of_gear(
     >>> study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs).fs
     512.0
     """
-    gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors)
+    gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors, axis=axis)
     return Study(title, (gear,), tuple(runs), date=date, source=source)
 
 
@@ -339,6 +345,12 @@ def _namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
 
 def _interface_faults(study: Study) -> Iterator[str]:
     names = study.names
+    axes: list[str] = sorted({each.axis for each in study.interfaces})
+    for axis in axes:
+        if axis not in get_args(Axis):
+            yield f"an interface has the axis {axis!r}, give one of {', '.join(get_args(Axis))}"
+    if len(axes) > 1:
+        yield f"interfaces of one body count along {' and '.join(axes)}, give all the same axis"
     if not names:
         yield "there are no interfaces, give one table [[interfaces]] for each suspension"
     yield from _namesakes("interfaces", names)

@@ -55,7 +55,8 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
             of the log (where neither is given, the sound stretch of sustained motion is found), and `[runs.channels]`
             for what differs in this run. How logs are to be read goes into `[log]` (the fields of `LogSettings`; `log`
             in a channel's table for its own file). `{run}` in a channel's `file` stands for the run's name. `fs_hz` is
-            the rate to identify at.
+            the rate to identify at. `axis`, of one gear in the file itself and of several in `[[interfaces]]`, says
+            where the channels count positive: "up", "down", or "horizontal" where no weight acts on the motion.
 
             Of one gear: a table `[channels]` (`sprung`, `unsprung`, and further ones by any name: each the name of a
             channel in the logs, or a table with the fields of `ChannelSettings` and `SensorFacts`), and
@@ -109,6 +110,7 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         unsprung=names["unsprung"],
         runs=at_rate,
         sensors=pair,
+        axis=document.get("axis", "up"),
         date=day,
         source=source,
     )
@@ -202,7 +204,7 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> None:
 def _is_told_by_channels(study: Study) -> bool:
     """Whether a study file with [channels] says all that is known."""
     first = study.interfaces[0]
-    plain = MeasuredInterface("gear", first.sprung, first.unsprung, facts=first.facts)
+    plain = MeasuredInterface("gear", first.sprung, first.unsprung, facts=first.facts, axis=first.axis)
     return study.is_one_gear and first == plain and study.structure == StructureSettings()
 
 
@@ -216,13 +218,18 @@ def _gear_text(study: Study) -> str:
     sensors = _sensor_tables(study.interfaces[0].facts)
     known = {"sensors": sensors} if sensors else {}
     day = {} if study.date is None else {"date": study.date}
-    text = tomli_w.dumps({"title": study.title, **day, "channels": channels, **known})
+    axis = _axis_of(study.interfaces[0])
+    text = tomli_w.dumps({"title": study.title, **day, **axis, "channels": channels, **known})
     for run in study.runs:
         entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
         # all of it: without a start the stretch in motion would be looked for
         entry |= {"start_s": run.recording.start_s}
         text += "\n[[runs]]\n" + tomli_w.dumps(entry)
     return text
+
+
+def _axis_of(interface: MeasuredInterface) -> dict[str, str]:
+    return {} if interface.axis == "up" else {"axis": interface.axis}
 
 
 def _body_text(study: Study) -> str:
@@ -247,6 +254,8 @@ def _body_text(study: Study) -> str:
     text = tomli_w.dumps(head | ({"sensors": {"leak": leaks}} if leaks else {}))
     for interface in study.interfaces:
         told = {name: value for name, value in asdict(interface).items() if value is not None and name != "facts"}
+        del told["axis"]
+        told |= _axis_of(interface)
         text += "\n[[interfaces]]\n" + tomli_w.dumps(told)
     for sensor in study.sensors:
         text += "\n[[body_sensors]]\n" + tomli_w.dumps(

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from opid.errors import InputError, nearest
 from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, misspelt, table_faults
 from opid.suspensions.sensor_facts import SIDES, SensorFacts
-from opid.suspensions.study import KINDS, PointMass
+from opid.suspensions.study import KINDS, Axis, PointMass
 
 # Keys of the study of a body that one gear has not, and where they belong.
 _OF_A_BODY = {
@@ -21,11 +21,14 @@ _OF_A_BODY = {
     "[[runs]]": ("loading",),
 }
 
+_AXIS = maybe(str, "one of " + ", ".join(map(repr, get_args(Axis))))
+
 # Every key of a study file. A further table is one more row here and one more line in `document_faults`.
 _GEAR_STUDY = {
     "title": maybe(str, "text in quotes"),
     "date": maybe(date, "a date without quotes, as 2026-03-01"),
     "fs_hz": maybe((int, float), "a number"),
+    "axis": _AXIS,
     "log": maybe(dict, "a table [log]"),
     "channels": Key(dict, "a table [channels]"),
     "runs": Key(list, "one table [[runs]] for each log"),
@@ -76,6 +79,7 @@ _INTERFACE = {
     "y_m": NUMBER,
     "sensor_x_m": _NUMBER,
     "sensor_y_m": _NUMBER,
+    "axis": _AXIS,
 }
 _BODY_SENSOR = {"channel": TEXT, "x_m": NUMBER, "y_m": NUMBER}
 _STRUCTURE = {

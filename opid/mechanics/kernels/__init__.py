@@ -39,19 +39,25 @@ def law_arrays(*laws: Law | TermSet) -> tuple[NDArray[np.int64], NDArray[np.int6
 
     Returns:
         The row at which each law begins and, at the end, the number of rows, (n_laws + 1,);
-        the code of each term, (n_terms,), see `code_of`; its values, (n_terms, 3), filled up with ones.
+        the code of each term, (n_terms,), see `code_of`; and (n_terms, 8) its values, filled up with ones, where it
+        rests, and at rest the force for unit amplitude and its derivatives by z and by both inner values.
 
     >>> from opid.mechanics.laws import default_law
-    >>> law_arrays(default_law("arctan_velocity"))
-    (array([0, 1]), array([0]), array([[4.e+02, 2.e-02, 1.e+00]]))
+    >>> law_arrays(default_law("arctan_velocity"))[2].round(3).tolist()
+    [[400.0, 0.02, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
     """
     terms = [term for law in laws for term in law.terms]
     firsts = np.cumsum([0, *(len(law.terms) for law in laws)], dtype=np.int64)
     codes = np.array([code_of(term.name) for term in terms], dtype=np.int64)
     # an amplitude and two inner values
-    values = np.ones((len(terms), 3))
-    for row, term in zip(values, terms, strict=True):
+    values = np.ones((len(terms), 8))
+    rests = [law.rest_m for law in laws for _ in law.terms]
+    for row, term, rest_m in zip(values, terms, rests, strict=True):
         row[: len(term.values)] = term.values
+        # a kind may divide zero by zero at rest before it puts the right value in place
+        with np.errstate(all="ignore"):
+            shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
+        row[3:] = rest_m, shape, by_z, first, second
     return firsts, codes, values
 
 

@@ -12,7 +12,8 @@ from opid.mechanics.kernels.compilation import kernel, part
 def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
     total = 0.0
     for row in range(first, last):
-        total += values[row, 0] * evaluate(codes[row], z, v, values[row, 1], values[row, 2])[0]
+        shape = evaluate(codes[row], z + values[row, 3], v, values[row, 1], values[row, 2])[0]
+        total += values[row, 0] * (shape - values[row, 4])
     return total
 
 
@@ -154,35 +155,42 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
 def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
     """Force of joint i, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
-    Its derivatives by its own parameters go to by_own[stage] from `place` on; the place after them is returned, too.
+    Its derivatives by its own parameters (k, c, g, where its law rests, the law's own) go to by_own[stage] from `place`
+    on; the place after them is returned, too.
     """
     linear, firsts, codes, n_inner, values = joints
     k, c, g = linear[i, 0], linear[i, 1], linear[i, 2]
     total, slope_z, slope_v = k * z + c * v + g * x, k, c
     by_own[stage, place], by_own[stage, place + 1], by_own[stage, place + 2] = z, v, x
-    place += 3
+    by_rest = place + 3
+    by_own[stage, by_rest] = 0.0
+    place += 4
     for row in range(firsts[i], firsts[i + 1]):
         amplitude = values[row, 0]
-        shape, shape_z, shape_v, first, second = evaluate(codes[row], z, v, values[row, 1], values[row, 2])
+        shape, shape_z, shape_v, first, second = evaluate(
+            codes[row], z + values[row, 3], v, values[row, 1], values[row, 2]
+        )
+        shape -= values[row, 4]
         total += amplitude * shape
         slope_z += amplitude * shape_z
         slope_v += amplitude * shape_v
+        by_own[stage, by_rest] += amplitude * (shape_z - values[row, 5])
         by_own[stage, place] = shape
         if n_inner[row] > 0:
-            by_own[stage, place + 1] = amplitude * first
+            by_own[stage, place + 1] = amplitude * (first - values[row, 6])
         if n_inner[row] > 1:
-            by_own[stage, place + 2] = amplitude * second
+            by_own[stage, place + 2] = amplitude * (second - values[row, 7])
         place += 1 + n_inner[row]
     return total, slope_z, slope_v, place
 
 
 @part(inline=False)
 def _places(joints):  # type: ignore[no-untyped-def]
-    """Where the own parameters of each interface begin (k, c, g and those of its law)."""
+    """Where the own parameters of each interface begin (k, c, g, where its law rests, and those of the law)."""
     _, firsts, _, n_inner, _ = joints
     owns = np.zeros(firsts.size, np.int64)
     for i in range(firsts.size - 1):
-        owns[i + 1] = owns[i] + 3
+        owns[i + 1] = owns[i] + 4
         for row in range(firsts[i], firsts[i + 1]):
             owns[i + 1] += 1 + n_inner[row]
     return owns

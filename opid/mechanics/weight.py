@@ -1,0 +1,128 @@
+"""Where each run rests: the weight that it carries more than the reference run moves it along the springs' curves.
+
+Travel z is measured from where a suspension rests. Let F(d) be its whole spring force over the travel d from there in
+the reference run. A run that carries more mass rests at d, where
+
+    sum_s j_s (F_s(d_s) - F_s(0)) = L g,    d = J q,
+
+with j_s the rows of J, L the loading's mass matrix and g what a body in free fall accelerates by. Nothing here is free:
+d follows from stiffness, law and mass, and the implicit function gives its derivatives. For linear springs it is
+without consequence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.mechanics.driven import Interface, UnboundedResponseError
+from opid.mechanics.laws import Law, TermSet
+from opid.signals.recording import FloatArray
+
+GRAVITY_M_PER_S2 = 9.80665
+"""Standard gravity, ISO 80000-3."""
+
+
+# no suspension gives way so far
+FARTHEST_M = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """Where the suspensions of a run rest.
+
+    Args:
+        travel: (n_slots,) from where they rest in the reference run, m.
+        push: (n_slots, n_slots) what a force on each slot moves, m/N.
+        by_load: (n_slots,) what the load moves, times one over the reference mass, m kg.
+    """
+
+    travel: FloatArray
+    push: FloatArray
+    by_load: FloatArray
+
+
+def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> Rest:
+    """Return where the suspensions rest under a load.
+
+    Args:
+        slots: the suspensions, each law where it rests in the reference run; forces per unit of the reference mass.
+        rows: (n_slots, n_dof) j of each.
+        load: (n_dof,) what the run's loading weighs, likewise.
+
+    Raises:
+        UnboundedResponseError: no place where springs and weight balance.
+    """
+    travel = np.zeros(len(slots))
+    for _ in range(50):
+        force = np.array([_spring_force(slot, z) for slot, z in zip(slots, travel, strict=True)])
+        slope = np.array([_spring_slope(slot, z) for slot, z in zip(slots, travel, strict=True)])
+        push = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
+        step = push @ (load - rows.T @ force)
+        travel = travel + step
+        # a micrometre is far below what any accelerometer tells
+        if np.abs(step).max() < 1e-9:
+            return Rest(travel, push @ rows.T, push @ load)
+        if not np.abs(travel).max() < FARTHEST_M:
+            break
+    raise UnboundedResponseError(
+        "the springs and the weight that a run carries balance nowhere: check the mass change and the stiffness"
+    )
+
+
+def resting_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> list[Law]:
+    """Return the laws of suspensions that carry a load, each where it rests then.
+
+    Args:
+        slots: the suspensions as they rest without it.
+        rows: (n_slots, n_dof) j of each.
+        load: (n_dof,) what it weighs, N and N m.
+
+    Raises:
+        UnboundedResponseError: no place where springs and weight balance.
+    """
+    laws = [slot.law for slot in slots if isinstance(slot.law, Law)]
+    if not any(map(depends_on_travel, laws)):
+        return laws
+    travel = rest_under(slots, rows, load).travel
+    return [law.resting_at(law.rest_m + float(z)) for law, z in zip(laws, travel, strict=True)]
+
+
+def by_parameters(slot: Interface, travel: float) -> FloatArray:
+    """Return the derivatives of a spring's force at rest by what an interface has, as `Interface` orders them.
+
+    Args:
+        slot: where it rests in the reference run.
+        travel: where it rests now, from there, m.
+    """
+    law, z = slot.law, np.array(travel)
+    of_law = law.parameter_gradient(z, 0.0)
+    of_rest = law.gradient(z, 0.0)[0] - law.gradient(0.0, 0.0)[0]
+    return np.array([travel, 0.0, travel, float(of_rest), *of_law])
+
+
+def resting(slot: Interface, travel: float) -> Interface:
+    """Return a suspension that rests elsewhere.
+
+    Args:
+        slot: where it rests in the reference run.
+        travel: where it rests now, from there, m.
+    """
+    return replace(slot, law=replace(slot.law, rest_m=slot.law.rest_m + float(travel)))
+
+
+def depends_on_travel(law: TermSet) -> bool:
+    """Return whether a law has a force at rest somewhere."""
+    travel = np.multiply.outer([-1.0, 1.0], [1e-3, 1e-2, 1e-1, 1.0]).ravel()
+    return any(bool(np.any(term.evaluate(travel, np.zeros_like(travel))[0])) for term in law.terms)
+
+
+def _spring_force(slot: Interface, travel: float) -> float:
+    own = slot.law.force(travel, 0.0)
+    return float((slot.stiffness + slot.ground_stiffness) * travel + own)
+
+
+def _spring_slope(slot: Interface, travel: float) -> float:
+    return float(slot.stiffness + slot.ground_stiffness + slot.law.gradient(travel, 0.0)[0])

@@ -1,0 +1,89 @@
+"""Where runs rest under the weight that they carry: balance, derivatives, and what it does to an estimate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from opid import identify
+from opid.mechanics.driven import Interface, UnboundedResponseError
+from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.mechanics.laws import LINEAR, default_law, law
+from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, rest_under, resting, resting_under
+from opid.suspensions.study import Run, study_of_gear
+
+LAWS = ("cubic_stiffness", "gas_spring", "arctan_displacement", "arctan_velocity+dead_zone_stiffness")
+ROWS = np.array([[1.0, 0.0, -4.0], [1.0, 2.0, 1.0], [1.0, -2.0, 1.0]])
+LOAD = np.array([-3000.0, 800.0, 2500.0])
+
+
+def three(name):
+    """Suspensions of an aircraft, one of them on another place of its law."""
+    laws = [default_law(name).resting_at(rest_m) for rest_m in (0.0, -0.006, 0.003)]
+    return [Interface(k, 3e3, g, law) for k, g, law in zip((2e5, 3e5, 3.1e5), (0.0, 2e4, 0.0), laws, strict=True)]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_springs_and_weight_balance(name):
+    gear = Interface(3.9e5, 6e3, law=default_law(name).resting_at(-0.004))
+    found = rest_under([gear], np.ones((1, 1)), np.array([-2158.0])).travel[0]
+    exact = brentq(lambda d: 3.9e5 * d + float(gear.law.force(d, 0.0)) + 2158.0, -0.05, 0.05, xtol=1e-14)
+    assert found == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_place_at_rest_is_differentiated(name):
+    slots, found = three(name), rest_under(three(name), ROWS, LOAD)
+    np.testing.assert_allclose(found.by_load, found.push @ np.linalg.pinv(ROWS.T) @ LOAD, rtol=1e-9)
+    more = rest_under(slots, ROWS, 1.0001 * LOAD).travel - rest_under(slots, ROWS, 0.9999 * LOAD).travel
+    np.testing.assert_allclose(found.by_load, more / 2e-4, rtol=1e-5)
+    for number, (slot, travel) in enumerate(zip(slots, found.travel, strict=True)):
+        own = np.array([slot.stiffness, slot.damping, slot.ground_stiffness, slot.law.rest_m, *slot.law.vector])
+        derivatives = -np.outer(found.push[:, number], by_parameters(slot, travel))
+        for place, value in enumerate(own):
+            step = 1e-4 * (abs(value) or 1e-3)
+            moved = []
+            for sign in (1, -1):
+                at = own.copy()
+                at[place] += sign * step
+                changed = Interface(*at[:3], slot.law.with_vector(at[4:]).resting_at(at[3]))
+                moved.append(rest_under([*slots[:number], changed, *slots[number + 1 :]], ROWS, LOAD).travel)
+            difference = (moved[0] - moved[1]) / (2 * step)
+            size = np.abs(found.travel).max() / max(abs(value), 1e-3)
+            np.testing.assert_allclose(derivatives[:, place], difference, atol=1e-4 * size)
+
+
+def test_a_law_rests_where_it_is_moved_to():
+    cubic = law("cubic_stiffness", stiffness_n_per_m3=3e9).resting_at(0.004)
+    z = np.linspace(-0.01, 0.01, 5)
+    np.testing.assert_allclose(cubic.force(z, 0.0), 3e9 * ((z + 0.004) ** 3 - 0.004**3), rtol=1e-12)
+    np.testing.assert_allclose(cubic.gradient(z, 0.0)[0], 9e9 * (z + 0.004) ** 2, rtol=1e-12)
+    moved = resting(Interface(1.0, 1.0, law=cubic), -0.001)
+    assert moved.law.rest_m == pytest.approx(0.003)
+    assert cubic.scaled(2.0).rest_m == cubic.with_vector([1.0]).rest_m == 0.004
+    assert resting_under([Interface(1e5, 1.0)], np.ones((1, 1)), np.array([-1e3])) == [LINEAR]
+
+
+def test_a_spring_that_cannot_carry_the_weight_is_named():
+    yielding = Interface(0.0, 1.0, law=law("arctan_displacement", amplitude_n=1e3, scale_m=0.01))
+    with pytest.raises(UnboundedResponseError, match="balance nowhere: check the mass change"):
+        rest_under([yielding], np.ones((1, 1)), np.array([-2e3]))
+
+
+@pytest.mark.parametrize("name", ["cubic_stiffness", "gas_spring"])
+def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
+    """A strut that hardens hard: without the weight the two runs are taken for two struts."""
+    gear = LandingGear(law=default_law(name).scaled(3.0 if name == "gas_spring" else 1.0))
+    test = taxi_test(gear, rng=np.random.default_rng(0))
+    removed = -test.mass_change_kg * GRAVITY_M_PER_S2
+    rest = test.light.gear.law.rest_m
+    force = gear.suspension_stiffness_n_per_m * rest + float(gear.law.force(rest, 0.0))
+    assert force == pytest.approx(removed)
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    found = identify(study, law=name)
+    assert found.parameters["sprung_mass_kg"].holds(gear.sprung_mass_kg)
+    assert found.residual_over_noise < 1.05
+    flat = identify(replace(study, interfaces=(replace(study.interfaces[0], axis="horizontal"),)), law=name)
+    assert flat.residual_over_noise > found.residual_over_noise
