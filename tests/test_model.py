@@ -270,6 +270,22 @@ def body_with_everything():
     return model, vector(model, values, 1e-3 * rng.standard_normal(12))
 
 
+def gear_with_origin():
+    """A gear whose law has its origin elsewhere than where the gear rests, with a ground spring."""
+    law = default_law("gas_spring") + MIXED + HARDENING
+    group = Group("", (0,), law.scaled(1 / 1850), ground=True, has_origin=True)
+    return one_gear(group, ground_stiffness_per_mass=20.0, rest_m=-0.006)
+
+
+def body_under_its_weight():
+    """The same three interfaces where their weight puts them, on one law with an origin elsewhere."""
+    model, theta = body_with_everything()
+    fall = np.array([-9.80665, 0.0, 0.0])
+    nose, mains = model.groups
+    changed = replace(model, body=replace(model.body, fall=fall), groups=(nose, replace(mains, has_origin=True)))
+    return changed, np.insert(theta, model.law_places(1).start, 0.004)
+
+
 def two_laws_inside():
     """A structure of which a joint and a mass are to be found."""
     joints = (Joint("inner", (-1, 1), 6e5, 900.0), Joint("stop", (0, 1), 4e4, 100.0))
@@ -282,6 +298,7 @@ def two_laws_inside():
 
 CASES = {kind: lambda kind=kind: gear_with_law(kind) for kind in LAWS}
 CASES |= {"faults": gear_with_faults, "three interfaces": body_with_everything, "own structure": two_laws_inside}
+CASES |= {"origin": gear_with_origin, "weight": body_under_its_weight}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -332,9 +349,13 @@ def test_derivatives_by_gains_hold_for_errors_of_any_size(case):
         np.testing.assert_allclose(exact[:, k], differences, atol=3e-4 * np.abs(differences).max(), err_msg=name)
 
 
-def test_candidates_are_the_limits_of_terms_of_the_law():
-    """Derivatives by the amplitude of a term that is not there are those by the amplitude of a faint one that is."""
-    model, theta = one_gear(Group("", (0,), FRICTION.scaled(1 / 1850)))
+@pytest.mark.parametrize("law", [FRICTION, MIXED], ids=lambda law: law.name)
+def test_candidates_are_the_limits_of_terms_of_the_law(law):
+    """Derivatives by the amplitude of a term that is not there are those by the amplitude of a faint one that is.
+
+    Also where the law itself does not tell where a run rests.
+    """
+    model, theta = one_gear(Group("", (0,), law.scaled(1 / 1850)))
     model = with_its_own_readings(model, theta)
     faint = Term("cubic_stiffness", (1e-6,))
     candidates = model.evaluate(theta, candidates={0: [faint, Term("coulomb_friction", (1e-9, 0.02))]}).candidates

@@ -274,28 +274,31 @@ class Model:
             slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
         return slots, slopes
 
-    def rest(self, theta: FloatArray, place: int) -> Rest | None:
+    def rest(
+        self, theta: FloatArray, place: int, candidates: Mapping[int, Sequence[Term]] | None = None
+    ) -> Rest | None:
         """Return where the suspensions of a run rest; None where they do as in the reference run.
 
         Args:
             theta: the vector.
             place: of the run.
+            candidates: of `evaluate`: what they would do depends on where a suspension rests, a linear one too.
 
         Raises:
             UnboundedResponseError: springs that cannot carry what the run's loading weighs.
         """
+        return self._rest(theta, place, self.interfaces(theta, candidates)[0])
+
+    def _rest(self, theta: FloatArray, place: int, slots: Sequence[Interface]) -> Rest | None:
         fall, loading = self.body.fall, self.runs[place].loading
-        if fall is None or not loading.any() or not any(depends_on_travel(group.law) for group in self.groups):
+        if fall is None or not loading.any() or not any(depends_on_travel(slot.law) for slot in slots):
             return None
-        load = self.inverse_mass(theta) * (loading @ fall)
-        return rest_under(self.interfaces(theta)[0], self.body.rows, load)
+        return rest_under(slots, self.body.rows, self.inverse_mass(theta) * (loading @ fall))
 
     def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
         """Return the suspensions of all slots where they rest in a run."""
-        slots, rest = self.interfaces(theta)[0], self.rest(theta, place)
-        if rest is None:
-            return slots
-        return [resting(slot, travel) for slot, travel in zip(slots, rest.travel, strict=True)]
+        slots, _ = self.interfaces(theta)
+        return _moved(slots, self._rest(theta, place, slots))
 
     def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
         """Return the drive and the readings of a run with the faults of the sensors taken out."""
@@ -308,10 +311,9 @@ class Model:
     ) -> tuple[Prediction, ComplexArray, ComplexArray]:
         """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
         run, body, n_slots = self.runs[place], self.body, self.body.n_slots
-        slots, slopes = self.interfaces(theta, candidates)
-        rest = self.rest(theta, place)
-        if rest is not None:
-            slots = [resting(slot, travel) for slot, travel in zip(slots, rest.travel, strict=True)]
+        of_reference, slopes = self.interfaces(theta, candidates)
+        rest = self._rest(theta, place, of_reference)
+        slots = _moved(of_reference, rest)
         moved = self.mobility(theta, place)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
@@ -346,7 +348,7 @@ class Model:
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
             lines = run.transform(change).transpose(1, 0, 2)
             if rest is not None:
-                self._add_rest(lines, rest, self.interfaces(theta, candidates)[0], theta)
+                self._add_rest(lines, rest, of_reference, theta)
             further = self._sort_out(lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
         # a hundred times larger than the rest, and used up
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
@@ -645,6 +647,13 @@ class Model:
 def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
     """Return the noise of the sensors below and on the body as white noise of one level on all of them, m/s^2."""
     return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
+
+
+def _moved(slots: list[Interface], rest: Rest | None) -> list[Interface]:
+    """Suspensions where they rest in a run."""
+    if rest is None:
+        return slots
+    return [resting(slot, float(travel)) for slot, travel in zip(slots, rest.travel, strict=True)]
 
 
 def _widened(samples: FloatArray, n_slots: int) -> FloatArray:
