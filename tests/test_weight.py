@@ -65,6 +65,16 @@ def test_a_law_rests_where_it_is_moved_to():
     assert resting_under([Interface(1e5, 1.0)], np.ones((1, 1)), np.array([-1e3])) == [LINEAR]
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_spring_that_gives_way_at_once_is_found_its_place(sign):
+    """Newton's step from where the spring is stiffest goes far beyond the balance, and back."""
+    softening = law("arctan_displacement", amplitude_n=12.0, scale_m=2e-4).resting_at(0.002 * sign)
+    slot = Interface(7.0, 1.0, law=softening)
+    found = rest_under([slot], np.ones((1, 1)), np.array([-1.5 * sign])).travel[0]
+    exact = brentq(lambda d: 7.0 * d + float(softening.force(d, 0.0)) + 1.5 * sign, -3.0, 3.0, xtol=1e-14)
+    assert found == pytest.approx(exact, abs=1e-9)
+
+
 def test_a_spring_that_cannot_carry_the_weight_is_named():
     yielding = Interface(0.0, 1.0, law=law("arctan_displacement", amplitude_n=1e3, scale_m=0.01))
     with pytest.raises(UnboundedResponseError, match="balance nowhere: check the mass change"):

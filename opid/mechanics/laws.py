@@ -83,7 +83,9 @@ class Term:
         shape, by_z, by_v, first, second = self.evaluate(z + rest_m, v)
         if rest_m == 0.0:
             return shape, by_z, by_v, first, second
-        at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
+        # a kind may divide zero by zero at rest before it puts the right value in place
+        with np.errstate(all="ignore"):
+            at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
         return shape - at_rest[0], by_z, by_v, first - at_rest[3], second - at_rest[4]
 
 

@@ -27,6 +27,10 @@ GRAVITY_M_PER_S2 = 9.80665
 
 # no suspension gives way so far
 FARTHEST_M = 10.0
+_MOST_STEPS, _MOST_HALVINGS = 50, 30
+_AT_REST = np.array(0.0)
+# a kind may divide zero by zero at rest before it puts the right value in place
+_QUIETLY = np.errstate(all="ignore")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,7 @@ class Rest:
     by_load: FloatArray
 
 
+@_QUIETLY
 def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> Rest:
     """Return where the suspensions rest under a load.
 
@@ -56,15 +61,23 @@ def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -
         UnboundedResponseError: no place where springs and weight balance.
     """
     travel = np.zeros(len(slots))
-    for _ in range(50):
-        force = np.array([_spring_force(slot, z) for slot, z in zip(slots, travel, strict=True)])
-        slope = np.array([_spring_slope(slot, z) for slot, z in zip(slots, travel, strict=True)])
+    carried, slope = _springs(slots, travel)
+    missing = load
+    for _ in range(_MOST_STEPS):
         push = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
-        step = push @ (load - rows.T @ force)
-        travel = travel + step
+        step = push @ missing
+        size = np.abs(step).max()
         # a micrometre is far below what any accelerometer tells
-        if np.abs(step).max() < 1e-9:
-            return Rest(travel, push @ rows.T, push @ load)
+        if size < 1e-9:
+            return Rest(travel + step, push @ rows.T, push @ load)
+        # where a spring gives way, Newton's step goes too far: what is missing, as travel, must become less
+        for _ in range(_MOST_HALVINGS):
+            force, slope = _springs(slots, travel + step)
+            missing = load - rows.T @ (force - carried)
+            if np.abs(push @ missing).max() < size:
+                break
+            step = 0.5 * step
+        travel = travel + step
         if not np.abs(travel).max() < FARTHEST_M:
             break
     raise UnboundedResponseError(
@@ -90,6 +103,7 @@ def resting_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray
     return [law.resting_at(law.rest_m + float(z)) for law, z in zip(laws, travel, strict=True)]
 
 
+@_QUIETLY
 def by_parameters(slot: Interface, travel: float) -> FloatArray:
     """Return the derivatives of a spring's force at rest by what an interface has, as `Interface` orders them.
 
@@ -113,16 +127,22 @@ def resting(slot: Interface, travel: float) -> Interface:
     return replace(slot, law=replace(slot.law, rest_m=slot.law.rest_m + float(travel)))
 
 
+@_QUIETLY
 def depends_on_travel(law: TermSet) -> bool:
     """Return whether a law has a force at rest somewhere."""
     travel = np.multiply.outer([-1.0, 1.0], [1e-3, 1e-2, 1e-1, 1.0]).ravel()
     return any(bool(np.any(term.evaluate(travel, np.zeros_like(travel))[0])) for term in law.terms)
 
 
-def _spring_force(slot: Interface, travel: float) -> float:
-    own = slot.law.force(travel, 0.0)
-    return float((slot.stiffness + slot.ground_stiffness) * travel + own)
-
-
-def _spring_slope(slot: Interface, travel: float) -> float:
-    return float(slot.stiffness + slot.ground_stiffness + slot.law.gradient(travel, 0.0)[0])
+def _springs(slots: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Spring forces, each about the origin of its law, and their slopes."""
+    force, slope = np.empty((2, len(slots)))
+    for number, (slot, z) in enumerate(zip(slots, travel, strict=True)):
+        slope[number] = slot.stiffness + slot.ground_stiffness
+        force[number] = slope[number] * z
+        place = np.array(slot.law.rest_m + z)
+        for term in slot.law.terms:
+            shape, by_z, *_ = term.evaluate(place, _AT_REST)
+            force[number] += term.amplitude * shape
+            slope[number] += term.amplitude * by_z
+    return force, slope
