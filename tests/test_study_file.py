@@ -267,6 +267,18 @@ def test_facts_of_the_sensors_of_a_gear_are_read(read):
         assert read(text).interfaces[0].facts == IDEAL_PAIR
 
 
+@pytest.mark.parametrize("axis", ["up", "down", "horizontal"])
+def test_the_axis_is_read(read, axis):
+    assert [each.axis for each in read(GEAR).interfaces + read(BODY).interfaces] == ["up"] * 4
+    assert read(f"axis = '{axis}'\n" + GEAR).interfaces[0].axis == axis
+    body = read(
+        BODY.replace("\ny_m = 0.0\nsensor", f"\ny_m = 0.0\naxis = '{axis}'\nsensor").replace(
+            "1.6\n", f"1.6\naxis = '{axis}'\n"
+        )
+    )
+    assert {each.axis for each in body.interfaces} == {axis}
+
+
 # ---- writing ---------------------------------------------------------------------------------------
 
 
@@ -332,6 +344,20 @@ def test_a_gear_somewhere_on_its_body_is_written_as_an_interface(tmp_path):
         assert "[[interfaces]]" in is_as_before(changed, tmp_path / "study.toml")
 
 
+@pytest.mark.parametrize("axis", ["up", "down", "horizontal"])
+def test_the_axis_is_written(tmp_path, axis):
+    taxi = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=gear_runs(), axis=axis)
+    document = tomllib.loads(is_as_before(taxi, tmp_path / "study.toml"))
+    # with the keys of today where nothing else is said
+    assert document.get("axis", "up") == axis
+    assert ("axis" in document, "interfaces" in document) == (axis != "up", False)
+    here = replace(taxi, interfaces=(replace(taxi.interfaces[0], x_m=2.0, name="nose"),))
+    document = tomllib.loads(is_as_before(here, tmp_path / "study.toml"))
+    assert "axis" not in document
+    assert document["interfaces"][0].get("axis", "up") == axis
+    assert ("axis" in document["interfaces"][0]) == (axis != "up")
+
+
 @pytest.mark.parametrize("name", ["a/b", "..", ""])
 def test_a_run_that_cannot_name_its_log_is_not_written(tmp_path, name):
     taxi = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=(Run(name, log(0)),))
@@ -393,6 +419,8 @@ GEAR_FAULTS = [
     ("[channels]", "[channels]\nx = {channel = 'upper_x', corner_hz = 1}", r"give it in \[channels.sprung\] or"),
     ("title", "date = '1 March'\ntitle", "'date' in the study is '1 March', give a date without quotes"),
     ("title", "date = 2026-03-01T10:00:00\ntitle", "give the day alone, as 2026-03-01"),
+    ("title", "axis = 'upwards'\ntitle", "the axis of 'gear' is 'upwards', give one of 'up', 'down', 'horizontal'$"),
+    ("title", "axis = 1\ntitle", "'axis' in the study is 1, give one of 'up', 'down', 'horizontal'$"),
 ]
 SENSOR_FAULTS = [
     ("[sensors.sprung]", "[sensors.sprong]", r"\[sensors\] has an unknown key 'sprong' .did you mean 'sprung'"),
@@ -444,6 +472,18 @@ BODY_FAULTS = [
     ("corner_tolerance = 0.1", "corner_tolerance = 5", r"corner_tolerance is 5: it is relative"),
     ('log = "heavy.csv"\n', "", "run 'empty' has no 'log'"),
     ("[channels]", "fs_hz = 0\n[channels]", "give a positive rate"),
+    ("x_m = 5\n", "x_m = 5\naxis = 'z'\n", "the axis of 'nose' is 'z', give one of 'up', 'down', 'horizontal'$"),
+    (
+        "x_m = 5\n",
+        "x_m = 5\naxis = true\n",
+        r"'axis' in \[\[interfaces\]\] 'nose' is True, give one of 'up', 'down', 'horizontal'$",
+    ),
+    (
+        "x_m = 5\n",
+        "x_m = 5\naxis = 'down'\n",
+        "the interfaces of one body have the axes 'up' and 'down', give all of them the same$",
+    ),
+    ("[channels]", "axis = 'down'\n[channels]", r"'axis', which belongs to one gear: give it in each .*interfaces"),
 ]
 FAULTS = [(GEAR, *each) for each in GEAR_FAULTS]
 FAULTS += [(GEAR + SENSORS, *each) for each in SENSOR_FAULTS]

@@ -19,8 +19,10 @@ from opid.signals.tables import refuse
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")
-Axis = Literal["up", "down", "horizontal"]
 """Structures that a study may ask for; "auto" compares the others."""
+
+Axis = Literal["up", "down", "horizontal"]
+"""Where the channels of an interface count positive; "horizontal" for motion that no weight acts on."""
 
 MINIMUM_SAMPLES = 256
 """The shortest run taken: a spectrum of fewer samples does not separate a peak from its neighbours."""
@@ -345,12 +347,13 @@ def _namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
 
 def _interface_faults(study: Study) -> Iterator[str]:
     names = study.names
-    axes: list[str] = sorted({each.axis for each in study.interfaces})
-    for axis in axes:
-        if axis not in get_args(Axis):
-            yield f"an interface has the axis {axis!r}, give one of {', '.join(get_args(Axis))}"
-    if len(axes) > 1:
-        yield f"interfaces of one body count along {' and '.join(axes)}, give all the same axis"
+    allowed = get_args(Axis)
+    wrong = [each for each in study.interfaces if each.axis not in allowed]
+    for each in wrong:
+        yield f"the axis of {each.name!r} is {each.axis!r}, give one of {', '.join(map(repr, allowed))}"
+    axes = [axis for axis in allowed if any(each.axis == axis for each in study.interfaces)]
+    if len(axes) > 1 and not wrong:
+        yield f"the interfaces of one body have the axes {' and '.join(map(repr, axes))}, give all of them the same"
     if not names:
         yield "there are no interfaces, give one table [[interfaces]] for each suspension"
     yield from _namesakes("interfaces", names)

@@ -129,7 +129,9 @@ def document_faults(document: Document) -> Iterator[str]:
 
 def _body_faults(document: Document) -> Iterator[str]:
     """Of a study with [[interfaces]]."""
-    yield from table_faults("the study", {key: value for key, value in document.items() if key != "sensors"}, _STUDY)
+    yield from table_faults("the study", _without(document, ("sensors", "axis")), _STUDY)
+    if "axis" in document:
+        yield "the study has 'axis', which belongs to one gear: give it in each table [[interfaces]]"
     yield from _general_faults(document)
     if isinstance(document.get("sensors"), list):
         yield "[[sensors]] is no table of the study of a body, call further sensors on the body [[body_sensors]]"
