@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from law_runs import DAMPING, MASS_KG, STIFFNESS, fitted, runs_of
 
-from opid.mechanics.landing_gear import DEFAULT_LAW
-from opid.mechanics.laws import LINEAR
+from opid import identify
+from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
+from opid.mechanics.laws import LINEAR, law
 from opid.suspensions.fit import refit
 from opid.suspensions.force_surface import force_points, force_surface
+from opid.suspensions.study import Run, study_of_gear
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +54,20 @@ def test_a_missing_law_stands_out(linear):
     assert surface.largest_standard_errors > 3 * surface.expected_standard_errors
     assert surface.largest_percent > 1
     assert surface.law_name == "linear"
+
+
+def test_the_force_is_told_over_the_travel_from_where_the_reference_run_rests():
+    """Of the lighter run, too, which rests five millimetres elsewhere on a law that hardens."""
+    hardening = law("cubic_stiffness", stiffness_n_per_m3=3e9)
+    test = taxi_test(LandingGear(law=hardening), rng=np.random.default_rng(0), duration_s=12.0)
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    points = force_points(identify(study, law="cubic_stiffness").evidence[0].fit, 0)
+    z, v, gear = points.travel, points.velocity, test.heavy.gear
+    half = z.size // 2
+    travel = test.light.truth.channel("travel") + test.light.gear.law.rest_m
+    assert z[half:].mean() == pytest.approx(travel.mean(), abs=2e-4)
+    truth = gear.suspension_stiffness_n_per_m * z + gear.suspension_damping_n_s_per_m * v + hardening.force(z, v)
+    missed = points.force_per_mass - truth / gear.sprung_mass_kg
+    assert abs(missed[half:].mean() - missed[:half].mean()) < 0.02
+    assert missed.std() < 0.03

@@ -21,7 +21,7 @@ class ForcePoints:
     """Force of a suspension over the motion that a fitted model reconstructs, samples of all runs.
 
     Args:
-        travel: (n,) z, m.
+        travel: (n,) from where the suspension rests in the reference run, m.
         velocity: (n,) z', m/s.
         force_per_mass: (n,) on the body, per unit of reference mass, m/s^2.
         fitted: (n,) what the fitted stiffness, damping and law make of it, m/s^2.
@@ -98,6 +98,10 @@ def force_points(fit: Fit, slot: int) -> ForcePoints:
     """
     model, number = fit.model, next(k for k, group in enumerate(fit.model.groups) if slot in group.slots)
     law, (z, v) = list(fit.laws.values())[number], fit.motion(slot)
+    rests = [model.rest(fit.theta, place) for place in range(len(model.runs))]
+    if any(rest is not None for rest in rests):
+        at_rest = [0.0 if rest is None else float(rest.travel[slot]) for rest in rests]
+        z = z + np.repeat(at_rest, [prediction.travel.shape[0] for prediction in fit.errors.predictions])
     first = model.first_of_group[number]
     fitted = fit.theta[first] * z + fit.theta[first + 1] * v + law.force(z, v)
     missed = []
