@@ -263,6 +263,7 @@ def test_points_without_a_solution_leave_the_rest_of_the_curve():
         ({"harmonics": (1, 2.5)}, "different whole numbers"),
         ({"law": EVEN}, r"not odd.*harmonics such as \(0, 1, 2\)"),
         ({"law": [CUBIC, CUBIC]}, "2 laws for the 4 joints"),
+        ({"law": CUBIC.resting_at(1e-3)}, "cubic_stiffness rests 0.001 m from its origin"),
         ({"law": default_law("quadratic_damping")}, "quadratic_damping depends on the rate"),
         ({"law": default_law("arctan_mixed")}, "arctan_mixed depends on the rate"),
     ],

@@ -244,13 +244,18 @@ def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law,
         system: with its joints.
 
     Raises:
-        InputError: another number of laws than joints.
+        InputError: another number of laws than joints, or a law that rests elsewhere than at its origin.
     """
     laws = (law,) * len(system.joints) if isinstance(law, Law) else tuple(law)
     if len(laws) != len(system.joints):
         raise InputError(
             f"there are {len(laws)} laws for the {len(system.joints)} joints: give one law, or one a joint"
         )
+    for each in laws:
+        if each.rest_m and each.terms:
+            raise InputError(
+                f"{each.name} rests {each.rest_m:g} m from its origin: backbones take laws about the place of rest"
+            )
     return laws
 
 
