@@ -7,12 +7,18 @@ import pytest
 from scipy.optimize import brentq
 
 from opid import identify
+from opid.mechanics.airframe import Loading
 from opid.mechanics.driven import Interface, UnboundedResponseError
 from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import LINEAR, default_law, law
+from opid.mechanics.sensors import Sensor
+from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, rest_under, resting, resting_under
-from opid.suspensions.study import Run, study_of_gear
+from opid.signals.recording import recording_from_arrays
+from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 
+CHANNELS = ("upper_z", "lower_z")
 LAWS = ("cubic_stiffness", "gas_spring", "arctan_displacement", "arctan_velocity+dead_zone_stiffness")
 ROWS = np.array([[1.0, 0.0, -4.0], [1.0, 2.0, 1.0], [1.0, -2.0, 1.0]])
 LOAD = np.array([-3000.0, 800.0, 2500.0])
@@ -97,3 +103,46 @@ def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
     assert found.residual_over_noise < 1.05
     flat = identify(replace(study, interfaces=(replace(study.interfaces[0], axis="horizontal"),)), law=name)
     assert flat.residual_over_noise > found.residual_over_noise
+
+
+def test_channels_that_count_downwards_say_so():
+    gear = LandingGear(law=default_law("cubic_stiffness"))
+    test = taxi_test(gear, rng=np.random.default_rng(0), duration_s=20.0, fs=256.0)
+
+    def mass(sign, axis):
+        recordings = [
+            recording_from_arrays([sign * run.recording.channel(name) for name in CHANNELS], CHANNELS, fs=256.0)
+            for run in (test.heavy, test.light)
+        ]
+        runs = (Run("heavy", recordings[0]), Run("light", recordings[1], test.mass_change_kg))
+        study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, axis=axis)
+        result = identify(study, law="cubic_stiffness")
+        return result.residual_over_noise, result.parameters["sprung_mass_kg"].value
+
+    up, down, wrong = mass(1.0, "up"), mass(-1.0, "down"), mass(-1.0, "up")
+    assert down == pytest.approx(up, rel=1e-4)
+    assert wrong[0] > 1.5 * up[0]
+
+
+def test_an_aircraft_on_struts_that_harden_rests_where_its_loading_puts_it():
+    plain = default_aircraft()
+    laws = [default_law("cubic_stiffness").scaled(factor) for factor in (1 / 3, 1.0, 1.0)]
+    gears = tuple(replace(gear, law=law) for gear, law in zip(plain.gears, laws, strict=True))
+    airframe, places = replace(plain, gears=gears), {gear.name: (gear.x_m, gear.y_m) for gear in gears}
+    loads = (Loading(500.0, 1.0, 0.2),)
+    settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
+    test = aircraft_test(
+        airframe, rng=np.random.default_rng(1), loadings=[loads], sensor=Sensor(noise_m_per_s2=5e-3), **settings
+    )
+    assert max(gear.law.rest_m for gear in test.runs[1].airframe.gears) < -0.002
+    runs = [
+        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+        for name, run, loading in zip(("light", "heavy"), test.runs, ((), loads), strict=True)
+    ]
+    interfaces = [MeasuredInterface(name, f"{name}_upper_z", f"{name}_lower_z", *at) for name, at in places.items()]
+    study = Study("taxi", interfaces, runs, StructureSettings("rigid_body", noise_m_per_s2=5e-3))
+    found = identify(study, law="cubic_stiffness")
+    assert found.residual_over_noise < 1.05
+    for name, truth in (("sprung_mass_kg", 5400.0), ("x_cg_m", 0.6), ("y_cg_m", 0.0), ("pitch_inertia_kg_m2", 2.7e4)):
+        estimate = found.parameters[name]
+        assert abs(estimate.value - truth) < 3 * estimate.std, name
