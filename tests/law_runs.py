@@ -1,8 +1,10 @@
 """Short taxi runs of known truth, and fits of the driven model to them."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test
 from opid.mechanics.laws import LINEAR
 from opid.suspensions.candidates import gear_body
 from opid.suspensions.fit import fit_model
@@ -14,6 +16,15 @@ from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, study_of_gear
 
 MASS_KG, STIFFNESS, DAMPING, NOISE = 1850.0, 3.9e5, 6e3, 5e-3
+
+
+def weightless_test(gear, seed=0, **settings):
+    """A taxi test of which both runs rest at one place of the law, as where the motion is horizontal."""
+    gears, streams = (
+        (gear, replace(gear, sprung_mass_kg=gear.sprung_mass_kg - 220)),
+        np.random.default_rng(seed).spawn(2),
+    )
+    return TaxiTest(*(taxi_run(each, rng=rng, **settings) for each, rng in zip(gears, streams, strict=True)))
 
 
 def logs_of(gear=None, seed=0, **settings):

@@ -1,12 +1,11 @@
 """The equation of the sprung mass: exact without noise, at the bound with it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from law_runs import weightless_test
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test
+from opid.mechanics.landing_gear import LandingGear, taxi_test
 from opid.mechanics.laws import Law, law
 from opid.mechanics.sensors import Sensor
 from opid.suspensions.law_search import chosen
@@ -143,8 +142,6 @@ def test_a_law_weighs_its_own_noise():
     The paper's equation has one law about the rest of both runs: the motion is one that no weight acts on.
     """
     gear = LandingGear(law=law("cubic_stiffness", stiffness_n_per_m3=3e9))
-    gears, streams = (gear, replace(gear, sprung_mass_kg=1850 - 220)), np.random.default_rng(0).spawn(2)
-    test = TaxiTest(*(taxi_run(each, rng=rng, duration_s=20, fs=256) for each, rng in zip(gears, streams, strict=True)))
-    runs = _lines(test)
+    runs = _lines(weightless_test(gear, duration_s=20, fs=256))
     true = fit_equation(runs, law("cubic_stiffness", stiffness_n_per_m3=1e6), **START, inverse_mass=1 / 1850)
     np.testing.assert_allclose(true["stiffness_per_mass"], 3.9e5 / 1850, rtol=0.02)
