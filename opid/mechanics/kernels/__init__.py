@@ -43,8 +43,8 @@ def law_arrays(*laws: Law | TermSet) -> tuple[NDArray[np.int64], NDArray[np.int6
         rests, and at rest the force for unit amplitude and its derivatives by z and by both inner values.
 
     >>> from opid.mechanics.laws import default_law
-    >>> law_arrays(default_law("arctan_velocity"))[2].round(3).tolist()
-    [[400.0, 0.02, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
+    >>> law_arrays(default_law("arctan_velocity"))[2][:, :4].tolist()
+    [[400.0, 0.02, 1.0, 0.0]]
     """
     terms = [term for law in laws for term in law.terms]
     firsts = np.cumsum([0, *(len(law.terms) for law in laws)], dtype=np.int64)
