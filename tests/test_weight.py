@@ -99,7 +99,7 @@ def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
     runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
     study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
     found = identify(study, law=name)
-    assert found.parameters["sprung_mass_kg"].holds(gear.sprung_mass_kg)
+    assert found.parameters.sprung_mass_kg.holds(gear.sprung_mass_kg)
     assert found.residual_over_noise < 1.05
     flat = identify(replace(study, interfaces=(replace(study.interfaces[0], axis="horizontal"),)), law=name)
     assert flat.residual_over_noise > found.residual_over_noise
@@ -117,7 +117,7 @@ def test_channels_that_count_downwards_say_so():
         runs = (Run("heavy", recordings[0]), Run("light", recordings[1], test.mass_change_kg))
         study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, axis=axis)
         result = identify(study, law="cubic_stiffness")
-        return result.residual_over_noise, result.parameters["sprung_mass_kg"].value
+        return result.residual_over_noise, result.parameters.sprung_mass_kg.value
 
     up, down, wrong = mass(1.0, "up"), mass(-1.0, "down"), mass(-1.0, "up")
     assert down == pytest.approx(up, rel=1e-4)
@@ -144,5 +144,5 @@ def test_an_aircraft_on_struts_that_harden_rests_where_its_loading_puts_it():
     found = identify(study, law="cubic_stiffness")
     assert found.residual_over_noise < 1.05
     for name, truth in (("sprung_mass_kg", 5400.0), ("x_cg_m", 0.6), ("y_cg_m", 0.0), ("pitch_inertia_kg_m2", 2.7e4)):
-        estimate = found.parameters[name]
+        estimate = getattr(found.parameters, name)
         assert abs(estimate.value - truth) < 3 * estimate.std, name
