@@ -13,6 +13,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fit import Fit, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_parameters import faint_terms, has_slope
+from opid.suspensions.model import Group
 from opid.suspensions.settings import SearchSettings
 
 
@@ -33,7 +34,10 @@ class DrivenLaws:
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
-            offered[number] = [term for kind in new for term in self._faint(kind, fit, group.slots)]
+            if group.has_origin:
+                # a column of gas has no other origin than where it is compressed from
+                new = [kind for kind in new if kind != "gas_spring"]
+            offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
         try:
             errors = model.evaluate(fit.theta, candidates=offered)
         except UnboundedResponseError:
@@ -68,8 +72,9 @@ class DrivenLaws:
         """Return True: runs left out cost as much as a search, so they are asked once, when it has ended."""
         return True
 
-    def _faint(self, kind: str, fit: Fit, slots: Sequence[int]) -> list[Term]:
+    def _faint(self, kind: str, fit: Fit, group: Group, rest_m: float) -> list[Term]:
         """Terms too weak to move anything."""
+        slots = group.slots
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
         # while a model is wrong its slow travel may be far off: the measured one is not
         rms = np.sqrt(np.mean(fit.model.motion_rms[list(slots)] ** 2, axis=0))
@@ -78,7 +83,8 @@ class DrivenLaws:
             kind,
             travel,
             velocity,
-            travel_rms=min(float(travel.std()), float(rms[0])),
+            rest_m=rest_m,
+            travel_rms=float(np.hypot(min(float(travel.std()), float(rms[0])), rest_m)),
             velocity_rms=min(float(velocity.std()), float(rms[1])),
             noise=fit.model.level,
             settings=self.settings,

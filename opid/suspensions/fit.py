@@ -104,7 +104,10 @@ class Fit:
     @property
     def law_name(self) -> str:
         """The law in words: of all groups where they differ."""
-        names = {group.name: law.name for group, law in zip(self.groups, self.laws.values(), strict=True)}
+        names = {
+            group.name: law.name + (" about its own origin" if law.terms and law.rest_m else "")
+            for group, law in zip(self.groups, self.laws.values(), strict=True)
+        }
         if len(set(names.values())) == 1:
             return next(iter(names.values()))
         return "; ".join(f"{group}: {law}" for group, law in names.items())
@@ -207,7 +210,8 @@ def refit(fit: Fit, laws: dict[str, Law], *, least_promise: float | None = None)
 def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
     """Return the model of a fit with other laws, and the vector at which everything else stays.
 
-    What a dropped or added term does on average goes from or to stiffness and damping.
+    What a dropped or added term does on average goes from or to stiffness and damping. A law that rests elsewhere than
+    at its origin gets the place where it rests as one more unknown.
 
     Args:
         fit: with the laws so far.
@@ -218,13 +222,16 @@ def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
     for number, (group, before) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
         law = laws.get(group.name, before)
         first, places = model.first_of_group[number], model.law_places(number)
-        head = fit.theta[first : places.start].copy()
+        head = fit.theta[first : places.start - group.has_origin].copy()
         if law != before:
             travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
             for entry, (was, now) in enumerate(
                 zip(before.gradient(travel, velocity), law.gradient(travel, velocity), strict=True)
             ):
                 head[entry] += float(np.mean(was)) - float(np.mean(now))
+        group = replace(group, origin_m=(group.origin_m or abs(law.rest_m)) if law.rest_m else None)
+        if group.has_origin:
+            head = np.append(head, law.rest_m)
         parts += [head, to_free(law)]
         groups.append(replace(group, law=law))
     return replace(model, groups=tuple(groups)), np.concatenate([*parts, fit.theta[places.stop :]])

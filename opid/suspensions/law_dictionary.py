@@ -145,7 +145,7 @@ class LawDictionary:
             if name in log_step:
                 inner = (float(inner[0] * np.exp(log_step[name])),)
             terms.append(Term(name, (weight[place], *inner)))
-        return cost, Law(tuple(terms))
+        return cost, Law(tuple(terms), self.law.rest_m)
 
     def _inverse(self, columns: Sequence[int]) -> FloatArray:
         if not columns:
@@ -220,7 +220,9 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     Args:
         columns: (n, n_columns).
     """
-    return np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))[0]
+    size = np.linalg.norm(columns, axis=0)
+    # what moves nothing has no direction
+    return np.linalg.qr(columns[:, size > 0] / size[size > 0])[0]
 
 
 def _between(nodes: Sequence[Node], n_between: int) -> list[Node]:

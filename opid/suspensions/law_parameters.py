@@ -88,6 +88,7 @@ def faint_terms(
     velocity_rms: float,
     noise: float,
     settings: SearchSettings,
+    rest_m: float = 0.0,
 ) -> list[Term]:
     """Return the terms of `offered_terms` with amplitudes too weak to move anything.
 
@@ -99,6 +100,7 @@ def faint_terms(
         velocity_rms: the same of the velocity, m/s.
         noise: what the force is faint beside, m/s^2.
         settings: of the search.
+        rest_m: from where on the terms the travel is measured, m.
     """
     found, every = [], settings.every_sample
     for term in offered_terms(
@@ -109,7 +111,7 @@ def faint_terms(
         fractions=settings.scale_fractions,
         lags=settings.lags,
     ):
-        force = Law((term,)).force(travel[::every], velocity[::every])
+        force = Law((term,), rest_m).force(travel[::every], velocity[::every])
         amplitude = settings.faint * noise / max(float(np.sqrt(np.mean(force**2))), 1e-300)
         found.append(Term(kind, (amplitude, *term.inner)))
     return found

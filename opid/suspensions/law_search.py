@@ -175,8 +175,8 @@ def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
 
 
 def n_terms(fit: LawFit) -> int:
-    """Return the number of terms of all laws."""
-    return sum(len(law.terms) for law in fit.laws.values())
+    """Return the number of terms of all laws, an origin that is not where a suspension rests among them."""
+    return sum(len(law.terms) + bool(law.terms and law.rest_m) for law in fit.laws.values())
 
 
 def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> tuple[LawStep[F], ...]:
@@ -298,7 +298,7 @@ def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
             Term("arctan_displacement", (amplitude, scale_m)),
         ):
             if limit.name in kinds and limit.name not in law.parameters:
-                yield Law((*others, limit))
+                yield Law((*others, limit), law.rest_m)
 
 
 def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set[tuple[str, ...]], say: Say) -> list[F]:

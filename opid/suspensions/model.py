@@ -40,14 +40,20 @@ class Group:
         slots: of its interfaces.
         law: says which terms, per unit of the reference mass.
         ground: whether springs act between the body and the ground at these interfaces.
-        has_origin: whether the law has an origin elsewhere than where the interfaces rest in the reference run.
+        origin_m: about how far the origin of the law lies from where the interfaces rest in the reference run, m; the
+            vector then says where they rest on it. None where it lies there.
     """
 
     name: str
     slots: tuple[int, ...]
     law: Law = LINEAR
     ground: bool = False
-    has_origin: bool = False
+    origin_m: float | None = None
+
+    @property
+    def has_origin(self) -> bool:
+        """Whether the law has an origin of its own."""
+        return self.origin_m is not None
 
     @property
     def head(self) -> tuple[str, ...]:
@@ -181,13 +187,14 @@ class Model:
         return self._first_coordinate - len(self.faults)
 
     @property
-    def _first_factor(self) -> int:
+    def first_factor(self) -> int:
+        """Where the free factors of the mass stand in the vector."""
         return self._first_fault - self.mass_free - len(self.body.names)
 
     @property
     def first_inside(self) -> int:
         """Place of the first spring inside that is to be found."""
-        return self._first_factor - 2 * len(self._searched)
+        return self.first_factor - 2 * len(self._searched)
 
     def law_places(self, number: int) -> slice:
         """Return where the law of a group stands in the vector."""
@@ -202,7 +209,7 @@ class Model:
 
     def mobility(self, theta: FloatArray, place: int) -> Mobility:
         """Return what forces do to the body in one run."""
-        first = self._first_factor
+        first = self.first_factor
         factors, shifts = theta[first : first + len(self.body.names)], theta[self._first_coordinate : self.n_shared]
         return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[place].loading)
 
@@ -217,6 +224,7 @@ class Model:
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
+            travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
             places = self.law_places(number)
             lower[places], upper[places] = free_bounds(group.law, travel_rms=travel_rms, velocity_rms=velocity_rms)
         farthest = self.settings.fit.farthest_std
@@ -234,8 +242,10 @@ class Model:
     def largest_steps(self) -> FloatArray:
         """Return how far each entry may move in a step."""
         caps = np.full(self.n_shared + self._n_own * len(self.runs), np.inf)
-        for number, group in enumerate(self.groups):
+        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
             caps[self.law_places(number)][positive(group.law)] = self.settings.fit.largest_log_step
+            if group.origin_m is not None:
+                caps[first + group.n_head - 1] = self.settings.fit.largest_log_step * group.origin_m
         return caps
 
     def laws(self, theta: FloatArray) -> tuple[Law, ...]:
@@ -245,11 +255,12 @@ class Model:
     def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
         """The law of each group, and what its entries move by (see `from_free`)."""
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
-            if not group.law.terms:
-                yield LINEAR, np.empty(0)
-                continue
-            law, slope = from_free(group.law, theta[self.law_places(number)])
-            yield law.resting_at(theta[first + group.n_head - 1] if group.has_origin else 0.0), slope
+            rest_m = float(theta[first + group.n_head - 1]) if group.has_origin else 0.0
+            if group.law.terms:
+                law, slope = from_free(group.law, theta[self.law_places(number)])
+            else:
+                law, slope = LINEAR, np.empty(0)
+            yield law.resting_at(rest_m), slope
 
     def interfaces(
         self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
@@ -483,7 +494,7 @@ class Model:
         body, n_coordinates = self.body, len(self.body.coordinates)
         n_factors = len(body.names) + self.mass_free
         rest = change[firsts[-1] :]
-        by[self._first_factor : self._first_factor + n_factors] += rest[:n_factors]
+        by[self.first_factor : self.first_factor + n_factors] += rest[:n_factors]
         by[self._first_coordinate : self.n_shared] += rest[n_factors : n_factors + n_coordinates]
         if self.mass_free:
             row = self._first_fault - 1

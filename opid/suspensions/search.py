@@ -30,12 +30,14 @@ from opid.suspensions.law_search import (
     LawStep,
     add_neighbours,
     chosen,
+    is_better,
     judge_by_left_out,
     library,
     n_terms,
     search_laws,
 )
 from opid.suspensions.model import Model
+from opid.suspensions.origins import search_origins
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.start import Start
 
@@ -179,6 +181,7 @@ class _Search:
         if faults_first:
             fit, demands = self._let_in(fit)
         ladder = self._laws(fit)
+        ladder = (*ladder, *self._origins(chosen(ladder).fit))
         fit = chosen(ladder).fit
         if fit.ratio > model.settings.verdicts.explained:
             fit, more = self._let_in(fit)
@@ -220,6 +223,22 @@ class _Search:
             )
             ladder = (*ladder, *more)
         return ladder
+
+    def _origins(self, fit: Fit) -> Ladder:
+        """Laws about another origin than where the suspensions rest; kept where they are better."""
+        settings, known = fit.model.settings, fit.model.settings.search
+        kinds = self.question.kinds
+        if self.question.law_is_given:
+            kinds = tuple(dict.fromkeys(term.name for law in fit.laws.values() for term in law.terms))
+        ladder = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
+        best = min(ladder, key=lambda step: step.fit.bic, default=None)
+        if best is None or not is_better(best.fit, fit, known):
+            return tuple(ladder)
+        ladder = [each for each in ladder if each is not best]
+        if self.question.law_is_given:
+            return (*ladder, replace(best, kept=True))
+        problem = DrivenLaws(known, settings.fit.promise_in_search)
+        return (*ladder, *search_laws(problem, best.fit, kinds=kinds, method=best.method, progress=self.say))
 
     def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
         """The fit with what the runs demand, and without what they demanded before and no longer do."""

@@ -201,6 +201,28 @@ class SearchSettings:
 
 
 @dataclass(frozen=True)
+class OriginSettings:
+    """Where else than at rest the origin of a law is looked for.
+
+    Args:
+        distances: of the origin from where a suspension rests, over how far straight springs of its tangent stiffness
+            would give way under the body: a spring that stiffens gives way less far, one that softens farther.
+        n_scales: of a kind, evenly in their logarithm.
+        n_travels: at which forces are compared.
+        n_fitted: laws that are fitted, those whose force is nearest.
+        least_bend: a force that is straight over the travel but for this fraction is no law's.
+        balance_std: of forces alike, the one is begun with that balances the weight to about this fraction.
+    """
+
+    distances: tuple[float, ...] = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8)
+    n_scales: int = 12
+    n_travels: int = 200
+    n_fitted: int = 3
+    least_bend: float = 1e-4
+    balance_std: float = 0.2
+
+
+@dataclass(frozen=True)
 class RegressionSettings:
     """How sparse regression, the second method beside the search above, proposes laws.
 
@@ -387,6 +409,7 @@ class Settings:
         start: of the equation of motion that start values come from.
         fit: of the least squares.
         search: of laws.
+        origin: of laws, where it is not where a suspension rests.
         regression: of laws, by the second method.
         faults: that may be let in.
         intervals: and what is said of them.
@@ -404,6 +427,7 @@ class Settings:
     start: StartSettings = field(default_factory=StartSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    origin: OriginSettings = field(default_factory=OriginSettings)
     regression: RegressionSettings = field(default_factory=RegressionSettings)
     faults: FaultSettings = field(default_factory=FaultSettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)

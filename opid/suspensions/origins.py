@@ -1,0 +1,111 @@
+"""Laws whose origin is not where a suspension rests: a spring about its unloaded length is one.
+
+What a fit found stands for a force over the travel, whatever its terms are called. Other terms about another origin
+that make nearly the same force are fitted from there: the origin is then one more unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from opid.mechanics.driven import Interface
+from opid.mechanics.laws import LINEAR, Law, Term
+from opid.mechanics.weight import depends_on_travel, rest_under
+from opid.signals.recording import FloatArray
+from opid.suspensions.fit import Fit, refit
+from opid.suspensions.law_parameters import offered_terms
+from opid.suspensions.law_search import LawStep
+from opid.suspensions.model import Group
+from opid.suspensions.settings import OriginSettings
+
+
+def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | None = None) -> list[LawStep[Fit]]:
+    """Return fits of laws about another origin that make nearly the force of a fit; none is kept yet.
+
+    Args:
+        fit: with laws of the travel, about wherever they rest.
+        kinds: that may take their place.
+        least_promise: of `fit_model`.
+    """
+    settings, steps = fit.model.settings.origin, list[LawStep[Fit]]()
+    travel = static_travel(fit)
+    if travel is None:
+        return []
+    ranked: dict[str, list[Law]] = {}
+    for group, slot in zip(fit.model.groups, fit.model.interfaces(fit.theta)[0], strict=False):
+        if depends_on_travel(slot.law):
+            ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
+    for place in range(settings.n_fitted):
+        laws = {name: row[min(place, len(row) - 1)] for name, row in ranked.items() if row}
+        again = refit(fit, laws, least_promise=least_promise) if laws else None
+        steps += [] if again is None else [LawStep(again, False, "origin")]
+    return steps
+
+
+def static_travel(fit: Fit) -> FloatArray | None:
+    """Return how far straight springs of the tangent stiffness would give way under the body, (n_slots,) m.
+
+    Args:
+        fit: of any laws.
+
+    Returns:
+        Travel at rest, from the unloaded length; None where no weight acts.
+    """
+    model, body = fit.model, fit.model.body
+    if body.fall is None:
+        return None
+    factors = fit.theta[model.first_factor :][: len(body.names)]
+    mass = body.mass(factors, model.inverse_mass(fit.theta), np.zeros_like(body.unit))
+    slots = [
+        Interface(slot.stiffness + float(slot.law.gradient(0.0, 0.0)[0]), 0.0)
+        for slot in model.interfaces(fit.theta)[0]
+    ]
+    return rest_under(slots, body.rows, mass @ body.fall).travel
+
+
+def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings) -> list[Law]:
+    """Laws of one kind of spring about another origin, those nearest to the fitted force first.
+
+    Of two that are as near, the one is taken whose force about its origin balances the weight.
+    """
+    first, law = fit.model.first_of_group[fit.model.groups.index(group)], fit.laws[group.name]
+    stiffness = float(fit.theta[first])
+    travel = np.concatenate([fit.motion(slot)[0] for slot in group.slots])
+    z = np.quantile(travel, np.linspace(0.001, 0.999, settings.n_travels))
+    straight = np.stack([np.ones_like(z), z], axis=1)
+    force = stiffness * z + law.force(z, 0.0)
+    weight = distance_m * (stiffness + float(law.gradient(0.0, 0.0)[0]))
+    bent = _without(straight, force)
+    kept = tuple(term for term in law.terms if not depends_on_travel(Law((term,))))
+    found: dict[str, tuple[float, Law]] = {}
+    for rest_m in distance_m * np.array(settings.distances):
+        for term in _springs(kinds, float(np.hypot(travel.std(), rest_m)), settings.n_scales):
+            spring = Law((term,), rest_m)
+            whole = spring.force(z, 0.0)
+            shape = _without(straight, whole)
+            size = float(shape @ shape)
+            if size <= settings.least_bend**2 * float(whole @ whole):
+                continue
+            amplitude = float(shape @ bent) / size
+            beside = np.linalg.lstsq(straight, force - amplitude * whole, rcond=None)[0][1]
+            carried = beside * rest_m + amplitude * float(Law((term,)).force(rest_m, 0.0))
+            missing = (carried - weight) / (settings.balance_std * weight)
+            cost = float(np.sum((bent - amplitude * shape) ** 2)) * (1 + missing**2)
+            if cost < found.get(term.name, (np.inf, LINEAR))[0]:
+                found[term.name] = cost, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
+    return [each for _, each in sorted(found.values(), key=lambda entry: entry[0])]
+
+
+def _without(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """What columns do not make of some values."""
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
+def _springs(kinds: Sequence[str], travel_rms: float, n_scales: int) -> Iterator[Term]:
+    """Terms of unit amplitude that depend on the travel and have no origin of their own."""
+    for kind in kinds:
+        for term in offered_terms(kind, travel_rms=travel_rms, velocity_rms=1.0, n_scales=n_scales):
+            if depends_on_travel(Law((term,))) and kind not in ("gas_spring", "arctan_mixed"):
+                yield term
