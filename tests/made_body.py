@@ -158,6 +158,8 @@ def _interface(gear, rng):
         travel=0.012 * np.sin(1.3 * phase) * np.cos(0.1 * phase),
         velocity=0.15 * np.cos(1.7 * phase) * np.cos(0.1 * phase),
         residual_over_noise=1.0 + 0.01 * gear.x_m,
+        rest_m=Estimate(0.0),
+        at_rest=(),
     )
 
 

@@ -53,7 +53,8 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         residual_over_noise, noise_m_per_s2, places {interface: {x_m, y_m, sensor_x_m, sensor_y_m}},
         place_corrections}, `interfaces` [{name, shared_with, x_m, y_m, stiffness, damping and ground_stiffness {value,
         std, interval95, unit}, law {kind: {parameter: {value, std, interval95}}}, law_name, latex, per_mass,
-        residual_over_noise}], `candidates` [the fields of `Candidate`] and `runs` [{name, mass_change_kg, loading}].
+        residual_over_noise, rest_m {value, std, interval95}, at_rest [{run, travel_m, stiffness, damping}]}],
+        `candidates` [the fields of `Candidate`] and `runs` [{name, mass_change_kg, loading}].
         Of a body `law` and `restoring_force` hold no values: see `interfaces`.
     """
     if isinstance(result, PaperIdentification):
@@ -214,6 +215,8 @@ def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
         "latex": interface.law.latex,
         "per_mass": result.per_mass,
         "residual_over_noise": interface.residual_over_noise,
+        "rest_m": asdict(interface.rest_m),
+        "at_rest": [asdict(each) for each in interface.at_rest],
     }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
 from opid.report.gear_text import sensors_in_words
+from opid.report.rest_rows import rest_rows
 from opid.suspensions.residual import over_noise
 from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
@@ -309,6 +310,7 @@ def _suspension(result: Identification, interface: InterfaceEstimate, truth: Tru
                 value * share if amplitude and value is not None else value,
                 told,
             )
+    yield from rest_rows(interface, (stiffness, damping), told=told)
 
 
 def _residual_row(interface: InterfaceEstimate, *, told: bool) -> Row:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
+from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Evidence, Identification
 
@@ -63,6 +64,9 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
         for name, estimate in result.parameters.items()
     ]
     table += _law_rows(result, truth)
+    if isinstance(result, Identification):
+        units = ("1/s^2", "1/s") if result.per_mass else ("N/m", "N s/m")
+        table += rest_rows(result.interfaces[0], units, told=truth is not None)
     table.append(Row("Ratios to the mass of the reference run"))
     table += [
         estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)

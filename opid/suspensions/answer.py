@@ -11,6 +11,7 @@ from opid.estimate import Estimate, Estimates
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.residual import sensor_ratio, thinned
 from opid.suspensions.result import (
+    AtRest,
     BodyParameters,
     BodyRatios,
     Evidence,
@@ -138,6 +139,11 @@ def _interfaces(
                     travel=thinned(travel),
                     velocity=thinned(velocity),
                     residual_over_noise=sensor_ratio(fit, slot) * fit.model.level / part.level,
+                    rest_m=part.known.rest(number),
+                    at_rest=tuple(
+                        AtRest(run.name, *part.known.at_rest(slot, place, per_mass=per_mass))
+                        for place, run in enumerate(choice.study.runs)
+                    ),
                 )
     return tuple(found[k] for k in sorted(found))
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.laws import Law
-from opid.mechanics.weight import GRAVITY_M_PER_S2
+from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
 from opid.suspensions.faults import Demand
@@ -25,7 +25,7 @@ from opid.suspensions.model import Group, Model, noise_level
 from opid.suspensions.noise import with_own_noise
 from opid.suspensions.residual import mean_level
 from opid.suspensions.run import DrivenRun, driven_run
-from opid.suspensions.search import Found, Ladder, Question, find_model, is_hopeless, judged
+from opid.suspensions.search import Found, Ladder, Question, find_from_reference, find_model, is_hopeless, judged
 from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start, start_values
@@ -331,21 +331,14 @@ def fitted(
     mass_free, settings = mass_is_told(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)
+    begin = partial(_begun, task, body=body, groups=groups, sensors=sensors, noise=noise)
     try:
-        if start is None:
-            kinds = task.question.kinds if task.law is None else ()
-            start = start_values(
-                runs,
-                body,
-                groups,
-                mass_free=mass_free,
-                # what an AC coupling takes from slow motion looks like such a spring
-                ground=task.question.ground and not sensors.has_coupling,
-                kinds=kinds,
-                settings=settings.start,
-            )
-        model = Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, settings)
-        found = judged(find_model(model, start, task.question, progress=task.say), task.question)
+        model, start = begin(runs, mass_free=mass_free, start=start)
+        found = find_model(model, start, task.question, progress=task.say)
+        if mass_free and body.fall is not None and found.fit.ratio > settings.verdicts.explained:
+            reference = [run for run in runs if not run.loading.any()]
+            found = _from_reference(task, found, model, *begin(reference, mass_free=False)) if reference else found
+        found = judged(found, task.question)
         # the noise of the two sides is told apart only where the model explains the runs
         if found.fit.ratio < settings.faults.nearly_explained:
             found = replace(found, fit=with_own_noise(found.fit))
@@ -353,6 +346,45 @@ def fitted(
         return Fitted(kind, interfaces, None, noise, task, str(error))
     updated = tuple(demand.updated(found.fit) for demand in found.demands)
     return Fitted(kind, interfaces, replace(found, demands=updated), noise, task)
+
+
+def _begun(
+    task: Task,
+    runs: Sequence[DrivenRun],
+    *,
+    body: Body,
+    groups: tuple[Group, ...],
+    sensors: Sensors,
+    noise: Noise,
+    mass_free: bool,
+    start: Start | None = None,
+) -> tuple[Model, Start]:
+    """The model of some runs, and where its fit begins."""
+    if start is None:
+        start = start_values(
+            runs,
+            body,
+            groups,
+            mass_free=mass_free,
+            # what an AC coupling takes from slow motion looks like such a spring
+            ground=task.question.ground and not sensors.has_coupling,
+            kinds=task.question.kinds if task.law is None else (),
+            settings=task.settings.start,
+        )
+    return Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, task.settings), start
+
+
+def _from_reference(task: Task, found: Found, model: Model, alone: Model, start: Start) -> Found:
+    """The better of a fit and of one that begins with the runs without loading: they need no mass to rest."""
+    try:
+        first = find_model(alone, start, task.question, progress=task.say).fit
+    except NO_FIT:
+        return found
+    fraction = model.settings.faults.alone_fraction
+    if first.ratio > fraction * found.fit.ratio or not any(map(depends_on_travel, first.laws.values())):
+        return found
+    again = find_from_reference(model, first, start, task.question, progress=task.say)
+    return again if again is not None and again.fit.bic < found.fit.bic else found
 
 
 def mass_is_told(runs: Sequence[DrivenRun], body: Body) -> bool:

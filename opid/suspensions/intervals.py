@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
 
 from opid.estimate import Estimate
+from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS
 from opid.signals.recording import FloatArray
 from opid.suspensions.covariance import score_products
@@ -83,6 +84,12 @@ def _scaled(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Covariance and Jacobian with every entry in units of its standard deviation, and these."""
     scale = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
     return fit.covariance / np.outer(scale, scale), fit.errors.jacobian * scale, scale
+
+
+# a derivative of what is told is taken over this many standard deviations
+_SMALL_STEP = 1e-2
+# of a run over which damping is averaged
+_AT_REST_SAMPLES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +170,55 @@ class Parameters:
         stiffness, damping = (self.per_force(entry, per_mass=per_mass) for entry in (first, first + 1))
         return stiffness, damping, estimates
 
+    def rest(self, number: int) -> Estimate:
+        """Return where a group rests on its law in the reference run, from the origin of the law, m."""
+        group = self.fit.model.groups[number]
+        if not group.has_origin:
+            return Estimate(0.0)
+        place = self.fit.model.first_of_group[number] + group.n_head - 1
+        return self.estimate(float(self.fit.theta[place]), {place: 1.0})
+
+    def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
+        """Return what a function of the vector gives, with intervals: its derivatives are differences."""
+        values = function(self.fit.theta)
+        slopes = np.zeros((values.size, self.fit.model.n_shared))
+        for place in range(self.fit.model.n_shared):
+            step = _SMALL_STEP * self.std(place)
+            if step > 0.0:
+                ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
+                ahead[place], back[place] = ahead[place] + step, back[place] - step
+                slopes[:, place] = (function(ahead) - function(back)) / (2 * step)
+        std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slopes, self.covariance, slopes), 0.0))
+        return [Estimate.normal(*each) for each in zip(values.tolist(), std.tolist(), strict=True)]
+
+    def at_rest(self, slot: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
+        """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.
+
+        The damping dissipates what damper and law do over the motion of the run, sum((f(z, z') - f(z, 0)) z') over
+        sum(z'^2).
+        """
+        model, prediction = self.fit.model, self.fit.errors.predictions[run]
+        every = max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
+        z, v = prediction.travel[::every, slot], prediction.velocity[::every, slot]
+        has_mass = model.mass_free and not per_mass
+
+        def read(theta: FloatArray) -> FloatArray:
+            here, moved = model.resting_interfaces(theta, run)[slot], model.rest(theta, run, straight=True)
+            lost = here.law.force(z, v) - here.law.force(z, 0.0)
+            damping = here.damping + float(lost @ v) / float(v @ v)
+            stiffness = here.stiffness + float(here.law.gradient(0.0, 0.0)[0])
+            scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
+            return np.array([0.0 if moved is None else moved.travel[slot], scale * stiffness, scale * damping])
+
+        try:
+            travel, stiffness, damping = self.of_function(read)
+        except UnboundedResponseError:
+            # so near to where the springs give way that a step of the derivative goes beyond
+            return Estimate(), Estimate(), Estimate()
+        if model.body.fall is None or not (model.mass_free or not model.runs[run].loading.any()):
+            travel = Estimate()
+        return travel, stiffness, damping
+
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
 
@@ -191,6 +247,17 @@ class Parameters:
         k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
         ratios = GearRatios(self.per_force(0, per_mass=True), self.per_force(1, per_mass=True), ground)
         total = k + fit.value(group.called(GROUND))
+        if group.has_origin:
+            # where it rests the law has a slope of its own
+
+            def at_rest(theta: FloatArray) -> FloatArray:
+                slot = fit.model.interfaces(theta)[0][0]
+                square = slot.stiffness + slot.ground_stiffness + float(slot.law.gradient(0.0, 0.0)[0])
+                omega = float(np.sqrt(max(square, 1e-300)))
+                return np.array([omega / (2 * np.pi), slot.damping / (2 * omega)])
+
+            frequency, zeta = self.of_function(at_rest)
+            return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
         if total <= 0:
             return ratios
         omega = float(np.sqrt(total))

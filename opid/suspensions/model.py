@@ -285,24 +285,26 @@ class Model:
             slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
         return slots, slopes
 
-    def rest(
-        self, theta: FloatArray, place: int, candidates: Mapping[int, Sequence[Term]] | None = None
-    ) -> Rest | None:
-        """Return where the suspensions of a run rest; None where they do as in the reference run.
+    def rest(self, theta: FloatArray, place: int, *, straight: bool = False) -> Rest | None:
+        """Return where the suspensions of a run rest; None where that is without consequence for the motion.
 
         Args:
             theta: the vector.
             place: of the run.
-            candidates: of `evaluate`: what they would do depends on where a suspension rests, a linear one too.
+            straight: also tell it where no law depends on the travel.
 
         Raises:
             UnboundedResponseError: springs that cannot carry what the run's loading weighs.
         """
-        return self._rest(theta, place, self.interfaces(theta, candidates)[0])
+        return self._rest(theta, place, self.interfaces(theta)[0], straight=straight)
 
-    def _rest(self, theta: FloatArray, place: int, slots: Sequence[Interface]) -> Rest | None:
+    def _rest(
+        self, theta: FloatArray, place: int, slots: Sequence[Interface], *, straight: bool = False
+    ) -> Rest | None:
         fall, loading = self.body.fall, self.runs[place].loading
-        if fall is None or not loading.any() or not any(depends_on_travel(slot.law) for slot in slots):
+        if fall is None or not loading.any():
+            return None
+        if not straight and not any(depends_on_travel(slot.law) for slot in slots):
             return None
         return rest_under(slots, self.body.rows, self.inverse_mass(theta) * (loading @ fall))
 

@@ -37,9 +37,9 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
     for group, slot in zip(fit.model.groups, fit.model.interfaces(fit.theta)[0], strict=False):
         if depends_on_travel(slot.law):
             ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
-    for place in range(settings.n_fitted):
+    for place in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
         laws = {name: row[min(place, len(row) - 1)] for name, row in ranked.items() if row}
-        again = refit(fit, laws, least_promise=least_promise) if laws else None
+        again = refit(fit, laws, least_promise=least_promise)
         steps += [] if again is None else [LawStep(again, False, "origin")]
     return steps
 

@@ -126,6 +126,24 @@ class SpringEstimate(Estimates):
     velocity: FloatArray
 
 
+@dataclass(frozen=True)
+class AtRest(Estimates):
+    """A suspension where it rests in one run.
+
+    Args:
+        run: name of the run.
+        travel_m: from where it rests in the reference run, extension positive; nothing where no weight acts, or where
+            the mass is not determined.
+        stiffness: tangent of the whole spring force there, as the stiffness of the suspension.
+        damping: what would dissipate as much over the motion of this run, likewise.
+    """
+
+    run: str
+    travel_m: Estimate
+    stiffness: Estimate
+    damping: Estimate
+
+
 @dataclass(frozen=True, eq=False)
 class InterfaceEstimate(SpringEstimate):
     """One suspension of a body.
@@ -135,11 +153,15 @@ class InterfaceEstimate(SpringEstimate):
         ground_stiffness: of a spring from the body to the ground, N/m, as the stiffness; 0 where the runs do not demand
             one.
         residual_over_noise: of its sensor on the body: rms of the prediction errors over the noise known beforehand.
+        rest_m: where it rests on its law in the reference run, from the origin of the law; 0 where it rests there.
+        at_rest: in each run.
     """
 
     shared_with: tuple[str, ...]
     ground_stiffness: Estimate
     residual_over_noise: float
+    rest_m: Estimate
+    at_rest: tuple[AtRest, ...]
 
 
 @dataclass(frozen=True)

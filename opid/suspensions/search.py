@@ -112,6 +112,43 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
     return search.with_all_readings(found, model.runs)
 
 
+def find_from_reference(
+    model: Model, reference: Fit, start: Start, question: Question, *, progress: Say | None = None
+) -> Found | None:
+    """Fit a model from a fit of the runs without loading: where the others rest depends on a mass not known yet.
+
+    Args:
+        model: of all runs.
+        reference: of its runs without loading, the mass not fitted.
+        start: of the same runs.
+        question: what may be tried.
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        Where the search ended; None where no mass lets the springs carry the loadings.
+    """
+    search = _Search(start, replace(question, kinds=question.kinds or library()), progress or (lambda step: None))
+    grown = replace(model, groups=reference.groups, sensors=reference.model.sensors).coarse
+    largest_kg = max(float(np.abs(run.loading[0, 0])) for run in model.runs)
+    best: tuple[float, FloatArray] | None = None
+    for fraction in np.geomspace(*model.settings.fit.mass_fractions, model.settings.fit.n_mass_fractions):
+        known = {"inverse_mass": float(fraction) / largest_kg} if largest_kg else {}
+        values = dict(zip(reference.model.names, reference.theta.tolist(), strict=False)) | known
+        shared = [values[name] for name in grown.names]
+        theta = np.array([*shared, *np.zeros(grown.bounds()[0].size - len(shared))])
+        theta = _begun(grown, theta, model.settings.fit.noisier[-1])
+        try:
+            errors = replace(grown, louder=model.settings.fit.noisier[0][0]).evaluate(theta, sensitivity=False)
+        except NO_FIT:
+            continue
+        cost = -grown.log_likelihood(errors, theta)
+        best = min(best or (np.inf, theta), (cost, theta), key=lambda entry: entry[0])
+    if best is None:
+        return None
+    found = search.way(grown, best[1], model.settings.fit.noisier[0])
+    return search.with_all_readings(found, model.runs)
+
+
 def is_hopeless(fit: Fit) -> bool:
     """Return whether a fit leaves what is beyond the mending of laws.
 
@@ -130,12 +167,12 @@ class _Search:
         noisier, explained = model.settings.fit.noisier, model.settings.verdicts.explained
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
-        ways: list[Callable[[], Found]] = [lambda: self._way(model, _begun(model, theta, noisier[0]), noisier[0])]
+        ways: list[Callable[[], Found]] = [lambda: self.way(model, _begun(model, theta, noisier[0]), noisier[0])]
         if searched and any(group.law.terms for group in model.groups):
-            ways.append(lambda: self._way(bare, _without_laws(model, theta), noisier[0]))
+            ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
-        ways += [lambda each=each: self._way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
-        ways += [lambda: self._way(model, theta, noisier[0], faults_first=True)] * self.question.faults
+        ways += [lambda each=each: self.way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
+        ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
         best: Found | None = None
         failed: Exception | None = None
         n_starts = 0
@@ -156,7 +193,7 @@ class _Search:
             raise failed
         return replace(best, n_starts=n_starts)
 
-    def _way(
+    def way(
         self,
         model: Model,
         theta: FloatArray,
@@ -229,16 +266,23 @@ class _Search:
         settings, known = fit.model.settings, fit.model.settings.search
         kinds = self.question.kinds
         if self.question.law_is_given:
+            if fit.ratio <= settings.verdicts.explained:
+                return ()
             kinds = tuple(dict.fromkeys(term.name for law in fit.laws.values() for term in law.terms))
-        ladder = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
-        best = min(ladder, key=lambda step: step.fit.bic, default=None)
-        if best is None or not is_better(best.fit, fit, known):
-            return tuple(ladder)
-        ladder = [each for each in ladder if each is not best]
-        if self.question.law_is_given:
-            return (*ladder, replace(best, kept=True))
-        problem = DrivenLaws(known, settings.fit.promise_in_search)
-        return (*ladder, *search_laws(problem, best.fit, kinds=kinds, method=best.method, progress=self.say))
+        problem, ladder = DrivenLaws(known, settings.fit.promise_in_search), list[LawStep[Fit]]()
+        # along a valley of laws alike each fit tells better where the next one begins
+        for _ in range(settings.origin.n_rounds):
+            steps = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
+            best = min(steps, key=lambda step: step.fit.bic, default=None)
+            ladder += [step for step in steps if step is not best]
+            if best is None or not is_better(best.fit, fit, known):
+                ladder += [] if best is None else [best]
+                break
+            more: Ladder = (replace(best, kept=True),)
+            if not self.question.law_is_given:
+                more = search_laws(problem, best.fit, kinds=kinds, method=best.method, progress=self.say)
+            ladder, fit = [*ladder, *more], chosen(more).fit
+        return tuple(ladder)
 
     def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
         """The fit with what the runs demand, and without what they demanded before and no longer do."""

@@ -111,6 +111,9 @@ class FitSettings:
         start_rounds: ... all of which are predicted for the first of these times, s, then the best so many for longer.
         most_evaluations: predictions of all runs in a fit from start values.
         most_refit_evaluations: in a fit that begins near its end.
+        mass_fractions: the largest loading lies between these fractions of the mass, where a fit begins with the runs
+            without loading alone ...
+        n_mass_fractions: ... and so many are tried.
         most_hopeless_evaluations: with all readings, in a fit that is refused: only how much it leaves is told.
         least_promise: a fit ends when the next step promises less of the squared error over its variance.
         promise_in_search: the same while laws are searched, and in fits of all runs but one.
@@ -132,6 +135,8 @@ class FitSettings:
     most_evaluations: int = 50
     most_refit_evaluations: int = 15
     most_hopeless_evaluations: int = 2
+    mass_fractions: tuple[float, float] = (0.01, 0.6)
+    n_mass_fractions: int = 16
     least_promise: float = 1e-2
     promise_in_search: float = 1.0
     promise_from_afar: float = 10.0
@@ -210,6 +215,7 @@ class OriginSettings:
         n_scales: of a kind, evenly in their logarithm.
         n_travels: at which forces are compared.
         n_fitted: laws that are fitted, those whose force is nearest.
+        n_rounds: of looking for an origin, each from the better law of the one before.
         least_bend: a force that is straight over the travel but for this fraction is no law's.
         balance_std: of forces alike, the one is begun with that balances the weight to about this fraction.
     """
@@ -218,6 +224,7 @@ class OriginSettings:
     n_scales: int = 12
     n_travels: int = 200
     n_fitted: int = 3
+    n_rounds: int = 3
     least_bend: float = 1e-4
     balance_std: float = 0.2
 
