@@ -273,7 +273,7 @@ def body_with_everything():
 def gear_with_origin():
     """A gear whose law has its origin elsewhere than where the gear rests, with a ground spring."""
     law = default_law("gas_spring") + MIXED + HARDENING
-    group = Group("", (0,), law.scaled(1 / 1850), ground=True, has_origin=True)
+    group = Group("", (0,), law.scaled(1 / 1850), ground=True, origin_m=0.01)
     return one_gear(group, ground_stiffness_per_mass=20.0, rest_m=-0.006)
 
 
@@ -282,7 +282,7 @@ def body_under_its_weight():
     model, theta = body_with_everything()
     fall = np.array([-9.80665, 0.0, 0.0])
     nose, mains = model.groups
-    changed = replace(model, body=replace(model.body, fall=fall), groups=(nose, replace(mains, has_origin=True)))
+    changed = replace(model, body=replace(model.body, fall=fall), groups=(nose, replace(mains, origin_m=0.01)))
     return changed, np.insert(theta, model.law_places(1).start, 0.004)
 
 

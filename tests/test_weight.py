@@ -146,3 +146,70 @@ def test_an_aircraft_on_struts_that_harden_rests_where_its_loading_puts_it():
     for name, truth in (("sprung_mass_kg", 5400.0), ("x_cg_m", 0.6), ("y_cg_m", 0.0), ("pitch_inertia_kg_m2", 2.7e4)):
         estimate = getattr(found.parameters, name)
         assert abs(estimate.value - truth) < 3 * estimate.std, name
+
+
+def test_a_spring_about_its_unloaded_length_is_found_with_its_origin():
+    """The strut carries its body on K d + k d^3 about the unloaded length, 30 mm from where it rests."""
+    cubic = law("cubic_stiffness", stiffness_n_per_m3=2.5e8)
+    stiffness = (1850.0 * GRAVITY_M_PER_S2 - 2.5e8 * 0.03**3) / 0.03
+    gear = LandingGear(suspension_stiffness_n_per_m=stiffness, law=cubic.resting_at(-0.03))
+    test = taxi_test(gear, rng=np.random.default_rng(2), duration_s=30, fs=256)
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    found = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs))
+    (strut,) = found.interfaces
+    assert found.law.name == "cubic_stiffness"
+    for estimate, truth in (
+        (found.parameters.sprung_mass_kg, 1850.0),
+        (strut.rest_m, -0.03),
+        (strut.stiffness, stiffness),
+        (strut.at_rest[0].travel_m, 0.0),
+        (strut.at_rest[0].stiffness, stiffness + 3 * 2.5e8 * 0.03**2),
+        (strut.at_rest[0].damping, 6000.0),
+    ):
+        assert abs(estimate.value - truth) <= 3.5 * estimate.std
+    travel = test.light.gear.law.rest_m + 0.03
+    light = strut.at_rest[1]
+    assert light.run == "light"
+    assert light.travel_m.value == pytest.approx(travel, abs=3.5 * light.travel_m.std)
+    tangent = stiffness + 3 * 2.5e8 * (travel - 0.03) ** 2
+    assert light.stiffness.value == pytest.approx(tangent, abs=3.5 * light.stiffness.std)
+
+
+def test_a_straight_strut_gives_way_by_the_weight_over_its_stiffness():
+    test = taxi_test(LandingGear(law=LINEAR), rng=np.random.default_rng(4), duration_s=20, fs=256)
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    found = identify(study, law="linear")
+    light = found.interfaces[0].at_rest[1]
+    assert light.travel_m.value == pytest.approx(
+        -test.mass_change_kg * GRAVITY_M_PER_S2 / found.interfaces[0].stiffness.value, rel=1e-6
+    )
+    for name in ("value", "std"):
+        alike = getattr(found.interfaces[0].stiffness, name)
+        assert getattr(light.stiffness, name) == pytest.approx(alike, rel=1e-6)
+    lying = identify(replace(study, interfaces=tuple(replace(each, axis="horizontal") for each in study.interfaces)))
+    assert lying.interfaces[0].at_rest[1].travel_m.value is None
+
+
+def test_struts_that_harden_hard_begin_with_the_run_without_loading():
+    """Between its runs the stiffness of the nose strut more than doubles: no start of both runs is of any use."""
+    plain = default_aircraft()
+    gears = tuple(replace(gear, law=default_law("cubic_stiffness")) for gear in plain.gears)
+    airframe, loads = replace(plain, gears=gears), (Loading(500.0, 1.0, 0.2),)
+    settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
+    test = aircraft_test(
+        airframe, rng=np.random.default_rng(1), loadings=[loads], sensor=Sensor(noise_m_per_s2=5e-3), **settings
+    )
+    runs = [
+        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+        for name, run, loading in zip(("light", "heavy"), test.runs, ((), loads), strict=True)
+    ]
+    interfaces = [
+        MeasuredInterface(gear.name, f"{gear.name}_upper_z", f"{gear.name}_lower_z", gear.x_m, gear.y_m)
+        for gear in gears
+    ]
+    study = Study("taxi", interfaces, runs, StructureSettings("rigid_body", noise_m_per_s2=5e-3))
+    found = identify(study, law="cubic_stiffness")
+    assert found.residual_over_noise < 1.05
+    mass = found.parameters.sprung_mass_kg
+    assert abs(mass.value - 5400.0) < 3 * mass.std

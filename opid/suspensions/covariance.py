@@ -23,7 +23,9 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
     >>> round(float(4000 * covariance[0, 0]), 1)
     1.0
     """
-    scale = np.maximum(np.sqrt(np.sum(jacobian**2, axis=0)), 1e-300)
+    scale = np.sqrt(np.sum(jacobian**2, axis=0))
+    # what moves nothing is left as it is
+    scale = np.where(scale > 0.0, scale, 1.0)
     scaled = jacobian / scale
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
     factor, products = score_products(scaled, residual, cells)

@@ -37,6 +37,11 @@ class Hypothesis:
     ground: bool = False
     changes: tuple[tuple[Side, int, tuple[tuple[str, float], ...]], ...] = ()
 
+    @property
+    def is_coupling(self) -> bool:
+        """Whether it is AC coupling."""
+        return any(name.startswith("corner") for _, _, facts in self.changes for name, _ in facts)
+
     def added_to(self, model: Model) -> Model:
         """The model with it."""
         if self.ground:
@@ -238,10 +243,11 @@ def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
         gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
     except NO_FIT:
         return []
-    found, search, refused = [], fit.model.settings.search, fit.model.settings.verdicts.refused
+    found, refused = [], fit.model.settings.verdicts.refused
     for gain, hypothesis in zip(gains, hypotheses, strict=True):
         score = gain / fit.variance
-        if fit.ratio > refused and score < search.good_fraction * fit.n_data:
+        # a score is taken where a fault begins, and of a corner that says little of one far from there
+        if fit.ratio > refused and score < known.good_fraction * fit.n_data and not hypothesis.is_coupling:
             continue
         if hypothesis.ground and start is not None:
             is_large = np.abs(start.ground_stiffness) > known.ground_fraction * np.abs(start.stiffness_beside_ground)
@@ -282,6 +288,16 @@ def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hy
             if not each.lag_tolerance_s and not (channel < len(below) and below[channel].lag_tolerance_s):
                 words = f"a lag of the sprung sensor of {names[channel]!r}"
                 yield Hypothesis(words, changes=(("sprung", channel, lag),))
+    held = [
+        (side, channel)
+        for side, facts in (("unsprung", below), ("sprung", above))
+        for channel, each in enumerate(facts)
+        if each.corner_hz and not each.corner_tolerance
+    ]
+    if held:
+        # stated without a tolerance, and wrong all the same
+        other = (("corner_tolerance", known.corner_tolerance),)
+        yield Hypothesis("AC coupling other than stated", changes=tuple((*each, other) for each in held))  # type: ignore[misc]
     if not any(each.corner_hz for each in (*below, *above)):
         coupled = (("corner_hz", known.corner_hz), ("corner_tolerance", known.corner_tolerance))
         sides: tuple[tuple[Side, int], ...] = (("unsprung", len(below)), ("sprung", len(above)))

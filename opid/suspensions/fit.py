@@ -70,7 +70,8 @@ class Fit:
         # what was known before does not become better or worse known by the size of the errors
         weight = np.concatenate([np.full(n, 1 / self.variance), np.ones(self.errors.stacked.size - n)])
         jacobian = self.errors.jacobian * np.sqrt(weight)[:, np.newaxis]
-        size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        size = np.linalg.norm(jacobian, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
         scaled = jacobian / size
         return np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
 

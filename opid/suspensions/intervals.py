@@ -234,7 +234,7 @@ class Parameters:
             mu = 1.0 if per_mass or not model.mass_free else model.inverse_mass(self.fit.theta)
             return Estimate.normal(0.0, float(np.hypot(std_per_mass / mu, equal * stiffness)))
         found = self.per_force(first + 2, per_mass=per_mass)
-        if found.std is None or any(fault.kind == "gain" for fault in model.faults):
+        if found.std is None:
             return found
         return Estimate.normal(found.value or 0.0, float(np.hypot(found.std, equal * stiffness)))
 

@@ -39,6 +39,8 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
             ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
     for place in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
         laws = {name: row[min(place, len(row) - 1)] for name, row in ranked.items() if row}
+        if all(law == fit.laws[name] for name, law in laws.items()):
+            continue
         again = refit(fit, laws, least_promise=least_promise)
         steps += [] if again is None else [LawStep(again, False, "origin")]
     return steps
@@ -79,8 +81,8 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
     weight = distance_m * (stiffness + float(law.gradient(0.0, 0.0)[0]))
     bent = _without(straight, force)
     kept = tuple(term for term in law.terms if not depends_on_travel(Law((term,))))
-    found: dict[str, tuple[float, Law]] = {}
-    for rest_m in distance_m * np.array(settings.distances):
+    found: dict[tuple[str, bool], tuple[float, Law]] = {}
+    for rest_m in distance_m * np.array((0.0, *settings.distances)):
         for term in _springs(kinds, float(np.hypot(travel.std(), rest_m)), settings.n_scales):
             spring = Law((term,), rest_m)
             whole = spring.force(z, 0.0)
@@ -89,12 +91,13 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
             if size <= settings.least_bend**2 * float(whole @ whole):
                 continue
             amplitude = float(shape @ bent) / size
+            # about where it rests a law says nothing of the weight
             beside = np.linalg.lstsq(straight, force - amplitude * whole, rcond=None)[0][1]
             carried = beside * rest_m + amplitude * float(Law((term,)).force(rest_m, 0.0))
-            missing = (carried - weight) / (settings.balance_std * weight)
-            cost = float(np.sum((bent - amplitude * shape) ** 2)) * (1 + missing**2)
-            if cost < found.get(term.name, (np.inf, LINEAR))[0]:
-                found[term.name] = cost, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
+            missing = (carried - weight) / (settings.balance_std * weight) if rest_m else 0.0
+            cost, key = float(np.sum((bent - amplitude * shape) ** 2)) * (1 + missing**2), (term.name, bool(rest_m))
+            if cost < found.get(key, (np.inf, LINEAR))[0]:
+                found[key] = cost, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
     return [each for _, each in sorted(found.values(), key=lambda entry: entry[0])]
 
 

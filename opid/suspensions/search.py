@@ -273,10 +273,11 @@ class _Search:
         # along a valley of laws alike each fit tells better where the next one begins
         for _ in range(settings.origin.n_rounds):
             steps = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
-            best = min(steps, key=lambda step: step.fit.bic, default=None)
+            best: LawStep[Fit] | None = None
+            for step in steps:
+                best = step if is_better(step.fit, best.fit if best else fit, known) else best
             ladder += [step for step in steps if step is not best]
-            if best is None or not is_better(best.fit, fit, known):
-                ladder += [] if best is None else [best]
+            if best is None:
                 break
             more: Ladder = (replace(best, kept=True),)
             if not self.question.law_is_given:

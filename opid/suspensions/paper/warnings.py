@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from opid.mechanics.weight import depends_on_travel
 from opid.suspensions.paper.estimates import gain_like_fraction, straight_terms
 from opid.suspensions.paper.result import PaperIdentification
 
@@ -33,6 +34,7 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
     yield from _averages(result)
     yield from _ground(result)
     yield from _mass_change(result)
+    yield from _weight(result)
     yield from _straight(result)
 
 
@@ -94,6 +96,17 @@ def _mass_change(result: PaperIdentification) -> Iterator[str]:
         yield (
             f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by about "
             f"{1 / fraction:.0f}: doubling it would halve the interval of the mass"
+        )
+
+
+def _weight(result: PaperIdentification) -> Iterator[str]:
+    changes = {run.mass_change_kg for run in result.chain.runs}
+    if len(changes) > 1 and result.study.interfaces[0].axis != "horizontal" and depends_on_travel(result.joint.law):
+        yield (
+            "the paper's equation has one law about one position at rest, yet runs of another mass rest elsewhere on a "
+            "law that depends on the travel: stiffness, law and mass are off by more than their intervals say; give "
+            "method='model', which rests each run where its weight puts it, or axis = \"horizontal\" where no weight "
+            "acts"
         )
 
 
