@@ -9,7 +9,7 @@ from opid.mechanics.sensors import Sensor
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import identify
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
-from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
+from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 
 LAW, NOISE, MASS_KG = "arctan_velocity", 5e-3, LandingGear().sprung_mass_kg
 COUPLED = SensorFacts(corner_hz=0.33, corner_tolerance=0.1)
@@ -75,3 +75,22 @@ def test_a_stated_leak_into_one_gear_of_an_aircraft_is_taken_out():
     np.testing.assert_allclose([fit.value(fault.name) for fault in fit.model.faults], 0.03, atol=0.001)
     mass = result.parameters.sprung_mass_kg
     assert abs(mass.value - 2 * MASS_KG) < 4 * mass.std
+
+
+@pytest.mark.parametrize(("true_hz", "stated"), [(0.6, True), (0.5, False)])
+def test_a_corner_far_from_what_the_study_says_is_found_and_named(true_hz, stated):
+    """Of both sensors where one is stated without a tolerance, of the upper one alone where none is."""
+    lower, upper = Sensor(noise_m_per_s2=NOISE), Sensor(noise_m_per_s2=NOISE, corner_hz=true_hz)
+    rng = np.random.default_rng(1)
+    test = taxi_test(
+        LandingGear(), rng=rng, duration_s=30, fs=256, lower_sensor=upper if stated else lower, upper_sensor=upper
+    )
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    facts = SensorPair(*(2 * [SensorFacts(corner_hz=0.33)])) if stated else SensorPair()
+    result = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=facts), law=LAW)
+    assert result.residual_over_noise < 1.1
+    mass = result.parameters.sprung_mass_kg
+    assert abs(mass.value - MASS_KG) < 3.5 * mass.std
+    assert abs(result.evidence[0].fit.value("corner_sprung_hz") - true_hz) < 0.005
+    said = "with another corner than the study states" if stated else "of the sensors, which nobody stated"
+    assert any(f"the runs demand AC coupling {said}" in warning for warning in result.warnings)

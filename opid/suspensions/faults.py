@@ -16,7 +16,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fit import NO_FIT, Fit, carried_over, fit_model
 from opid.suspensions.model import Model
 from opid.suspensions.run import DrivenRun
-from opid.suspensions.sensor_facts import Sensors, Side
+from opid.suspensions.sensor_facts import SensorFacts, Sensors, Side
 from opid.suspensions.settings import FaultSettings
 from opid.suspensions.start import Start
 
@@ -31,11 +31,13 @@ class Hypothesis:
         words: what it is.
         ground: whether it is springs to the ground.
         changes: else what makes faults of sensors free: side, number and facts of each sensor.
+        is_stated: whether the study says otherwise, without a tolerance.
     """
 
     words: str
     ground: bool = False
     changes: tuple[tuple[Side, int, tuple[tuple[str, float], ...]], ...] = ()
+    is_stated: bool = False
 
     @property
     def is_coupling(self) -> bool:
@@ -288,21 +290,22 @@ def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hy
             if not each.lag_tolerance_s and not (channel < len(below) and below[channel].lag_tolerance_s):
                 words = f"a lag of the sprung sensor of {names[channel]!r}"
                 yield Hypothesis(words, changes=(("sprung", channel, lag),))
-    held = [
-        (side, channel)
-        for side, facts in (("unsprung", below), ("sprung", above))
-        for channel, each in enumerate(facts)
-        if each.corner_hz and not each.corner_tolerance
-    ]
-    if held:
-        # stated without a tolerance, and wrong all the same
-        other = (("corner_tolerance", known.corner_tolerance),)
-        yield Hypothesis("AC coupling other than stated", changes=tuple((*each, other) for each in held))  # type: ignore[misc]
-    if not any(each.corner_hz for each in (*below, *above)):
-        coupled = (("corner_hz", known.corner_hz), ("corner_tolerance", known.corner_tolerance))
-        sides: tuple[tuple[Side, int], ...] = (("unsprung", len(below)), ("sprung", len(above)))
-        changes = tuple((side, channel, coupled) for side, n in sides for channel in range(n))
-        yield Hypothesis("AC coupling of the sensors", changes=changes)
+    sides: tuple[tuple[Side, Sequence[SensorFacts]], ...] = (("unsprung", below), ("sprung", above))
+    if any(each.corner_hz for each in (*below, *above)):
+        # stated without a tolerance, and perhaps wrong all the same
+        free: tuple[tuple[str, float], ...] = (("corner_tolerance", known.corner_tolerance),)
+        words = "AC coupling with another corner"
+    else:
+        free = (("corner_hz", known.corner_hz), ("corner_tolerance", known.corner_tolerance))
+        words = "AC coupling of the sensors"
+    changes = tuple(
+        (side, channel, free)
+        for side, row in sides
+        for channel, each in enumerate(row)
+        if not each.corner_tolerance and (each.corner_hz or len(free) == 2)
+    )
+    if changes:
+        yield Hypothesis(words, changes=changes, is_stated=len(free) == 1)
 
 
 def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:

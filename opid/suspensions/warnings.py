@@ -421,8 +421,11 @@ def _of_the_demands(part: Fitted) -> Iterator[str]:
         mine = [demand for demand in part.demands if demand.words == words]
         values = ", ".join(f"{each.name} = {each.value:.4g} +- {each.std:.1g}" for each in mine)
         also = f"; {' and '.join(mine[0].alike)} would explain the runs as well" if mine[0].alike else ""
+        stated = ", which nobody stated"
+        if mine[0].hypothesis.is_stated:
+            stated = " than the study states without a tolerance"
         yield (
-            f"the runs demand {words}, which nobody stated ({values}): without it the error is "
+            f"the runs demand {words}{stated} ({values}): without it the error is "
             f"{1e3 * mine[0].error_before:.3g} instead of {1e3 * mine[0].error_after:.3g} mm/s^2{also}"
         )
 
