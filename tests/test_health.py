@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from opid.errors import InputError
 from opid.mechanics.landing_gear import LandingGear, taxi_run
@@ -258,6 +259,22 @@ def test_a_sound_pair_passes_and_a_swapped_one_is_told():
     (finding,) = check_pair(airframe(SOUND), SOUND, fs=FS, names=NAMES)
     assert finding.severity == "fault"
     assert "'lower_z'" in finding.message
+    assert "exchange sprung and unsprung" in finding.message
+
+
+@pytest.mark.parametrize("natural_hz", [3.0, 10.0, 16.0])
+@pytest.mark.parametrize("zeta", [0.02, 0.1, 0.3])
+def test_a_body_that_moves_more_than_its_ground_is_not_called_swapped(natural_hz, zeta):
+    """Above 5 Hz a stiff suspension, and a frame that is hardly damped, amplify; the phase says which side drives."""
+    omega, ground = 2 * np.pi * natural_hz, np.random.default_rng(3).standard_normal(8 * N)
+    suspension = signal.lti([2 * zeta * omega, omega**2], [1, 2 * zeta * omega, omega**2])
+    body = signal.lsim(suspension, ground, np.arange(8 * N) / FS)[1]
+    assert check_pair(ground, body, fs=FS, names=NAMES) == ()
+
+
+def test_a_soft_suspension_whose_channels_are_exchanged_is_told(taxi):
+    (finding,) = check_pair(*taxi[::-1], fs=128.0, names=NAMES)
+    assert finding.severity == "fault"
     assert "exchange sprung and unsprung" in finding.message
 
 

@@ -26,6 +26,12 @@ SWAP_RATIO = 0.9
 """How much quieter than the airframe the spindle may be above 5 Hz before the two look swapped: a strut
 locked by friction makes them nearly equal."""
 
+LAG_HZ = (0.5, 25.0)
+"""Where a suspension has its resonance, and delays between channels turn the phase by little."""
+
+LEAST_LAG = 0.05
+"""Part of the common motion, a quarter of a period late, from which the upper side is said to lag behind."""
+
 CARRIED_HZ = ((0.3, 0.5), (0.5, 0.8))
 """Where a suspension of 1.4 Hz or more carries its body along, and moves it 0.7 to 1.3 times as much as the wheel, AC
 coupling and a spring to the ground included."""
@@ -278,13 +284,27 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         )
         findings.append(Finding("warning", names[quiet], message))
     high = [_rms_above(without_spikes(samples, fs=fs)[0], fs, HIGH_FREQUENCY_HZ) for samples in pair]
-    if high[0] < SWAP_RATIO * high[1]:
+    if high[0] < SWAP_RATIO * high[1] and not _lags_behind(lower, upper, fs=fs):
         message = (
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
             f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung"
         )
         findings.append(Finding("fault", names[0], message))
     return tuple(findings)
+
+
+def _lags_behind(lower: FloatArray, upper: FloatArray, *, fs: float) -> bool:
+    """Return whether the upper side lags behind the lower one, as a body on a damper does at every frequency.
+
+    With H = (k + i w c)/(k - m w^2 + i w c) from below to above, Im H = -m w^3 c/|k - m w^2 + i w c|^2 < 0.
+    """
+    window = np.hanning(lower.size + 1)[:-1]
+    below, above = (np.fft.rfft((samples - samples.mean()) * window) for samples in (lower, upper))
+    frequency_hz = np.fft.rfftfreq(lower.size, 1 / fs)
+    inside = (frequency_hz >= LAG_HZ[0]) & (frequency_hz <= LAG_HZ[1])
+    cross = complex(np.vdot(below[inside], above[inside]))
+    size = float(np.linalg.norm(below[inside]) * np.linalg.norm(above[inside]))
+    return cross.imag < -LEAST_LAG * size
 
 
 def units_apart(ratios: Iterable[float]) -> tuple[str, str, float] | None:

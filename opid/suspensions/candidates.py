@@ -376,6 +376,9 @@ def _begun(
 
 def _from_reference(task: Task, found: Found, model: Model, alone: Model, start: Start) -> Found:
     """The better of a fit and of one that begins with the runs without loading: they need no mass to rest."""
+    laws = (*found.fit.laws.values(), *(group.law for group in start.groups))
+    if not any(map(depends_on_travel, laws)):
+        return found
     try:
         first = find_model(alone, start, task.question, progress=task.say).fit
     except NO_FIT:

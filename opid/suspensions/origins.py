@@ -14,7 +14,7 @@ from opid.mechanics.driven import Interface
 from opid.mechanics.laws import LINEAR, Law, Term
 from opid.mechanics.weight import depends_on_travel, rest_under
 from opid.signals.recording import FloatArray
-from opid.suspensions.fit import Fit, refit
+from opid.suspensions.fit import NO_FIT, Fit, refit
 from opid.suspensions.law_parameters import offered_terms
 from opid.suspensions.law_search import LawStep
 from opid.suspensions.model import Group
@@ -30,7 +30,13 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
         least_promise: of `fit_model`.
     """
     settings, steps = fit.model.settings.origin, list[LawStep[Fit]]()
-    travel = static_travel(fit)
+    if not any(map(depends_on_travel, fit.laws.values())):
+        return []
+    try:
+        travel = static_travel(fit)
+    except NO_FIT:
+        # springs that would not carry the body
+        return []
     if travel is None:
         return []
     ranked: dict[str, list[Law]] = {}
@@ -54,6 +60,9 @@ def static_travel(fit: Fit) -> FloatArray | None:
 
     Returns:
         Travel at rest, from the unloaded length; None where no weight acts.
+
+    Raises:
+        UnboundedResponseError: springs that cannot carry it.
     """
     model, body = fit.model, fit.model.body
     if body.fall is None:

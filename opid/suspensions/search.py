@@ -265,9 +265,10 @@ class _Search:
         """Laws about another origin than where the suspensions rest; kept where they are better."""
         settings, known = fit.model.settings, fit.model.settings.search
         kinds = self.question.kinds
+        # of laws that are searched, only those that nearly fit stand for a force
+        if (fit.ratio <= settings.verdicts.explained) if self.question.law_is_given else is_hopeless(fit):
+            return ()
         if self.question.law_is_given:
-            if fit.ratio <= settings.verdicts.explained:
-                return ()
             kinds = tuple(dict.fromkeys(term.name for law in fit.laws.values() for term in law.terms))
         problem, ladder = DrivenLaws(known, settings.fit.promise_in_search), list[LawStep[Fit]]()
         # along a valley of laws alike each fit tells better where the next one begins
