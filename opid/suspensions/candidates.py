@@ -380,7 +380,7 @@ def _from_reference(task: Task, found: Found, model: Model, alone: Model, start:
     if not any(map(depends_on_travel, laws)):
         return found
     try:
-        first = find_model(alone, start, task.question, progress=task.say).fit
+        first = find_model(alone, start, replace(task.question, faults=False), progress=task.say).fit
     except NO_FIT:
         return found
     fraction = model.settings.faults.alone_fraction
