@@ -170,3 +170,13 @@ def test_a_stated_coupling_with_a_wide_tolerance_brings_no_ground_spring():
     assert found.evidence[0].demands == ()
     assert found.parameters.sprung_mass_kg.holds(MASS_KG)
     assert found.residual_over_noise < 1.05
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_faint_ground_spring_is_known_no_better_than_gains_are_equal(seed):
+    """Beside a gain error that nobody stated: what is free is no reason to know the spring better."""
+    gear, gain = LandingGear(ground_stiffness_n_per_m=1000.0), Sensor(noise_m_per_s2=5e-3, gain=1.03)
+    result = identify(study_of(gear=gear, seed=seed, upper_sensor=gain), law=LAW)
+    ground = result.parameters.ground_stiffness_n_per_m
+    assert ground.std >= 0.001 * STIFFNESS * 0.99
+    assert abs(ground.value - 1000.0) < 3 * ground.std

@@ -241,7 +241,7 @@ NO_MODEL_OF_OURS = {
 def test_a_refusal_ends_soon(world, monkeypatch):
     """Laws are searched, and AC coupling is tried; a sound study of this size takes some 100 evaluations."""
     result, n = evaluations(monkeypatch, NO_MODEL_OF_OURS[world]())
-    assert n < 250
+    assert n < 200
     assert never_confidently_wrong(result)
 
 

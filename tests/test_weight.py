@@ -213,3 +213,31 @@ def test_struts_that_harden_hard_begin_with_the_run_without_loading():
     assert found.residual_over_noise < 1.05
     mass = found.parameters.sprung_mass_kg
     assert abs(mass.value - 5400.0) < 3 * mass.std
+
+
+def test_a_load_that_is_only_moved_is_fitted_from_the_run_without_it():
+    """No mass comes or goes: what the runs say of the mass they say by its moments."""
+    plain = default_aircraft()
+    gears = tuple(replace(gear, law=default_law("cubic_stiffness")) for gear in plain.gears)
+    loads = (Loading(400.0, 4.0, 0.0), Loading(-400.0, -1.0, 0.0))
+    settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
+    test = aircraft_test(
+        replace(plain, gears=gears),
+        rng=np.random.default_rng(3),
+        loadings=[loads],
+        sensor=Sensor(noise_m_per_s2=5e-3),
+        **settings,
+    )
+    runs = [
+        Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
+        for name, run, loading in zip(("before", "after"), test.runs, ((), loads), strict=True)
+    ]
+    interfaces = [
+        MeasuredInterface(gear.name, f"{gear.name}_upper_z", f"{gear.name}_lower_z", gear.x_m, gear.y_m)
+        for gear in gears
+    ]
+    study = Study("taxi", interfaces, runs, StructureSettings("rigid_body", noise_m_per_s2=5e-3))
+    found = identify(study, law="cubic_stiffness")
+    mass = found.parameters.sprung_mass_kg
+    assert found.residual_over_noise < 1.05
+    assert abs(mass.value - 5400.0) < 3 * mass.std

@@ -57,6 +57,8 @@ class Kind:
             their neighbours would be taken, and only laws that are asked for have them.
         bench_only: whether only the search on a test bench tries it, where the force is measured. From runs a free
             power is not told from the kinds that it contains as special cases.
+        is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
+            same curve about another position is the same kind with other parameters, and needs no origin.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Kind:
     function: Callable[..., ForceAndDerivatives] = field(repr=False)
     searched: bool = True
     bench_only: bool = False
+    is_about_rest: bool = False
 
 
 def _arctan_velocity(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
@@ -339,6 +342,7 @@ BUILT_IN = (
             Parameter("gas_length_m", "m", "scale", 0.1, over_rms=(3.0, 300.0)),
         ),
         _gas_spring,
+        is_about_rest=True,
     ),
 )
 """The kinds that are always there. A new one is one function and one entry above; nothing else changes."""

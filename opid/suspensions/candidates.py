@@ -334,10 +334,7 @@ def fitted(
     begin = partial(_begun, task, body=body, groups=groups, sensors=sensors, noise=noise)
     try:
         model, start = begin(runs, mass_free=mass_free, start=start)
-        found = find_model(model, start, task.question, progress=task.say)
-        if mass_free and body.fall is not None and found.fit.ratio > settings.verdicts.explained:
-            reference = [run for run in runs if not run.loading.any()]
-            found = _from_reference(task, found, model, *begin(reference, mass_free=False)) if reference else found
+        found = _found(task, model, start, begin)
         found = judged(found, task.question)
         # the noise of the two sides is told apart only where the model explains the runs
         if found.fit.ratio < settings.faults.nearly_explained:
@@ -374,20 +371,42 @@ def _begun(
     return Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, task.settings), start
 
 
-def _from_reference(task: Task, found: Found, model: Model, alone: Model, start: Start) -> Found:
-    """The better of a fit and of one that begins with the runs without loading: they need no mass to rest."""
-    laws = (*found.fit.laws.values(), *(group.law for group in start.groups))
-    if not any(map(depends_on_travel, laws)):
-        return found
+def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Model, Start]]) -> Found:
+    """Where the search ends; it begins with the runs without loading where all runs together lead astray."""
+    found: Found | None = None
+    failed: Exception | None = None
     try:
+        found = find_model(model, start, task.question, progress=task.say)
+    except NO_FIT as error:
+        failed = error
+    reference = [run for run in model.runs if not run.loading.any()]
+    is_unclear = found is None or found.fit.ratio > model.settings.verdicts.explained
+    if is_unclear and reference and model.mass_free and model.body.fall is not None:
+        found = _from_reference(task, found, model, lambda: begin(reference, mass_free=False))
+    if found is None:
+        assert failed is not None  # no fit without an error
+        raise failed
+    return found
+
+
+def _from_reference(
+    task: Task, found: Found | None, model: Model, begin: Callable[[], tuple[Model, Start]]
+) -> Found | None:
+    """The better of a fit and of one that begins with the runs without loading: they need no mass to rest."""
+    try:
+        alone, start = begin()
+        laws = [group.law for group in start.groups] + ([] if found is None else [*found.fit.laws.values()])
+        if not any(map(depends_on_travel, laws)):
+            return found
         first = find_model(alone, start, replace(task.question, faults=False), progress=task.say).fit
-    except NO_FIT:
+        fraction = model.settings.faults.alone_fraction
+        is_alike = found is not None and first.ratio > fraction * found.fit.ratio
+        if is_alike or not any(map(depends_on_travel, first.laws.values())):
+            return found
+        again = find_from_reference(model, first, start, task.question, progress=task.say)
+    except (*NO_FIT, NotDeterminedError):
         return found
-    fraction = model.settings.faults.alone_fraction
-    if first.ratio > fraction * found.fit.ratio or not any(map(depends_on_travel, first.laws.values())):
-        return found
-    again = find_from_reference(model, first, start, task.question, progress=task.say)
-    return again if again is not None and again.fit.bic < found.fit.bic else found
+    return again if again is not None and (found is None or again.fit.bic < found.fit.bic) else found
 
 
 def mass_is_told(runs: Sequence[DrivenRun], body: Body) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws import Law, Term
+from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.fit import Fit, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
@@ -35,8 +35,7 @@ class DrivenLaws:
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
             if group.has_origin:
-                # a column of gas has no other origin than where it is compressed from
-                new = [kind for kind in new if kind != "gas_spring"]
+                new = [kind for kind in new if not LAWS[kind].is_about_rest]
             offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
         try:
             errors = model.evaluate(fit.theta, candidates=offered)

@@ -290,22 +290,20 @@ def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hy
             if not each.lag_tolerance_s and not (channel < len(below) and below[channel].lag_tolerance_s):
                 words = f"a lag of the sprung sensor of {names[channel]!r}"
                 yield Hypothesis(words, changes=(("sprung", channel, lag),))
+    is_stated = any(each.corner_hz for each in (*below, *above))
+    # what is stated without a tolerance may be wrong all the same
+    words = "AC coupling with another corner" if is_stated else "AC coupling of the sensors"
+    free = (("corner_tolerance", known.corner_tolerance),)
+    coupled = free if is_stated else (("corner_hz", known.corner_hz), *free)
     sides: tuple[tuple[Side, Sequence[SensorFacts]], ...] = (("unsprung", below), ("sprung", above))
-    if any(each.corner_hz for each in (*below, *above)):
-        # stated without a tolerance, and perhaps wrong all the same
-        free: tuple[tuple[str, float], ...] = (("corner_tolerance", known.corner_tolerance),)
-        words = "AC coupling with another corner"
-    else:
-        free = (("corner_hz", known.corner_hz), ("corner_tolerance", known.corner_tolerance))
-        words = "AC coupling of the sensors"
     changes = tuple(
-        (side, channel, free)
-        for side, row in sides
-        for channel, each in enumerate(row)
-        if not each.corner_tolerance and (each.corner_hz or len(free) == 2)
+        (side, channel, coupled)
+        for side, facts in sides
+        for channel, each in enumerate(facts)
+        if bool(each.corner_hz) == is_stated and not each.corner_tolerance
     )
     if changes:
-        yield Hypothesis(words, changes=changes, is_stated=len(free) == 1)
+        yield Hypothesis(words, changes=changes, is_stated=is_stated)
 
 
 def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
@@ -323,7 +321,8 @@ def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
     if values:
         # the starts of a fit without the spring are as wrong as it is
         theta[model.n_shared :] = 0.0
+    most = model.settings.fit.most_refit_evaluations if fit.ratio > model.settings.verdicts.refused else None
     try:
-        return fit_model(model, theta, noisier=noisier)
+        return fit_model(model, theta, noisier=noisier, most_evaluations=most)
     except NO_FIT:
         return None

@@ -40,8 +40,8 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
     if travel is None:
         return []
     ranked: dict[str, list[Law]] = {}
-    for group, slot in zip(fit.model.groups, fit.model.interfaces(fit.theta)[0], strict=False):
-        if depends_on_travel(slot.law):
+    for group in fit.model.groups:
+        if depends_on_travel(fit.laws[group.name]):
             ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
     for place in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
         laws = {name: row[min(place, len(row) - 1)] for name, row in ranked.items() if row}
@@ -119,5 +119,6 @@ def _springs(kinds: Sequence[str], travel_rms: float, n_scales: int) -> Iterator
     """Terms of unit amplitude that depend on the travel and have no origin of their own."""
     for kind in kinds:
         for term in offered_terms(kind, travel_rms=travel_rms, velocity_rms=1.0, n_scales=n_scales):
-            if depends_on_travel(Law((term,))) and kind not in ("gas_spring", "arctan_mixed"):
+            is_spring = not any(parameter.role == "lag" for parameter in term.kind.parameters)
+            if is_spring and not term.kind.is_about_rest and depends_on_travel(Law((term,))):
                 yield term

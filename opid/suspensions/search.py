@@ -129,11 +129,13 @@ def find_from_reference(
     """
     search = _Search(start, replace(question, kinds=question.kinds or library()), progress or (lambda step: None))
     grown = replace(model, groups=reference.groups, sensors=reference.model.sensors).coarse
-    largest_kg = max(float(np.abs(run.loading[0, 0])) for run in model.runs)
+    # a load that was only moved changes no mass, but moments
+    largest = max(abs(float(run.loading[0, 0])) for run in model.runs)
+    largest = largest or max(float(np.abs(run.loading).max()) for run in model.runs)
     best: tuple[float, FloatArray] | None = None
     for fraction in np.geomspace(*model.settings.fit.mass_fractions, model.settings.fit.n_mass_fractions):
-        known = {"inverse_mass": float(fraction) / largest_kg} if largest_kg else {}
-        values = dict(zip(reference.model.names, reference.theta.tolist(), strict=False)) | known
+        values = dict(zip(reference.model.names, reference.theta.tolist(), strict=False))
+        values["inverse_mass"] = float(fraction) / largest
         shared = [values[name] for name in grown.names]
         theta = np.array([*shared, *np.zeros(grown.bounds()[0].size - len(shared))])
         theta = _begun(grown, theta, model.settings.fit.noisier[-1])

@@ -281,7 +281,7 @@ class FaultSettings:
         nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
             sides is told apart: the little that is left may be the law's.
         good_fraction: where a fit would be refused, faults are tried only if they promise to explain this fraction of
-            the squared error, but for AC coupling. Of aircraft that bend, gains promise up to 15 % and explain 2 %.
+            the squared error, but for AC coupling. In an aircraft that bends gains promised 10 to 20 %, explained 4.
         most: faults let in.
         looked_at: hypotheses fitted in a round, those with the largest scores.
         contradicted_std: a stated fact that the fit moves by more standard deviations is contradicted by the runs.
