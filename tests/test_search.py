@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from body_runs import LOADS, NOISE, PLACES, aircraft, arrays_of, study, task_of
-from law_runs import MASS_KG, gear_model, runs_of
+from law_runs import DAMPING, MASS_KG, gear_model, runs_of, study_of
 
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.landing_gear import DEFAULT_LAW
+from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
 from opid.mechanics.laws import LINEAR, default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.signals.recording import Recording
 from opid.suspensions import search
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
+from opid.suspensions.identification import identify
 from opid.suspensions.model import Group
 from opid.suspensions.run import driven_run
 from opid.suspensions.search import Question, find_model, folded_power, is_hopeless, judged
@@ -221,3 +222,18 @@ def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(f
         assert np.abs(force - true).max() < 0.1 * np.abs(true).max(), gear.name
         assert fit.laws[name].terms
     assert found.residual_over_noise < 1.03
+
+
+@pytest.mark.parametrize(("fs", "is_told"), [(512, True), (256, False)])
+def test_friction_that_turns_over_within_a_step_is_fitted_with_shorter_ones(fs, is_told):
+    """Where it turns over between two samples, too, no step helps: damping is told without an interval."""
+    gear = LandingGear(law=law("coulomb_friction", amplitude_n=3000.0, scale_m_per_s=0.005))
+    result = identify(study_of(gear, fs=fs))
+    (evidence,) = result.evidence
+    assert evidence.fit.model.runs[0].finer > 1
+    damping = result.parameters.suspension_damping_n_s_per_m
+    assert result.parameters.sprung_mass_kg.holds(MASS_KG)
+    assert (damping.std is not None) == is_told
+    assert any("turns over faster than the runs were sampled" in each for each in result.warnings) != is_told
+    if is_told:
+        assert abs(damping.value - DAMPING) < 3 * damping.std

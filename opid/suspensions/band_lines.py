@@ -30,7 +30,7 @@ class BandLines:
     def prepared(self, samples: FloatArray) -> FloatArray:
         """Return a record cut, without its mean, and sampled finer where needed."""
         centred = samples[: self.n_samples] - samples[: self.n_samples].mean(axis=0)
-        return centred if self.finer == 1 else signal.resample_poly(centred, self.finer, 1, axis=0, padtype="line")
+        return centred if self.finer == 1 else sampled_finer(centred, self.finer)
 
 
 def band_lines(
@@ -69,6 +69,16 @@ def band_lines(
             "longer run or a wider band"
         )
     return BandLines(n, 2 * np.pi * frequency_hz[keep], max(1, int(np.ceil(settings.lowest_rate_hz / fs))))
+
+
+def sampled_finer(samples: FloatArray, by: int) -> FloatArray:
+    """Return a record with more samples, a band-limited one between the given ones.
+
+    Args:
+        samples: (n, ...).
+        by: how many times as many.
+    """
+    return np.asarray(signal.resample_poly(samples, by, 1, axis=0, padtype="line"))
 
 
 def places_of(omega: FloatArray, n_samples: int, fs: float) -> slice:

@@ -271,6 +271,18 @@ def fastest_rate(model: Model, theta: FloatArray) -> float:
     return float(np.abs(np.linalg.eigvals(system)).max())
 
 
+def turnover_rate(fit: Fit) -> float:
+    """Return the largest rate at which the laws of a fit let a velocity die away at rest, 1/s: friction is steep there.
+
+    Args:
+        fit: of any laws.
+    """
+    model = fit.model
+    laws = [slot.law for slot in model.interfaces(fit.theta)[0] if isinstance(slot.law, Law)]
+    slopes = np.array([float(law.gradient(0.0, 0.0)[1]) for law in laws])
+    return float(np.abs(np.linalg.eigvals(model.mobility(fit.theta, 0).accelerance * slopes)).max())
+
+
 def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
     """Return the residual over the noise of each run as a fit of the others predicts it; None where there is none.
 

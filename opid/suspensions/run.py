@@ -18,7 +18,7 @@ from opid.errors import InputError
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.band_lines import at_lines, band_lines, places_of
+from opid.suspensions.band_lines import at_lines, band_lines, places_of, sampled_finer
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
 
@@ -102,6 +102,21 @@ class DrivenRun:
             -(-len(self.sprung) // (2 * by)), fs=fs, band_hz=(low_hz, highest_hz), settings=self.settings
         )
         return replace(self, omega=lines.omega, stride=2 * by)
+
+    def sampled_finer(self, by: int) -> DrivenRun:
+        """Return the run with more steps of the model, for motion that turns over within one of its own.
+
+        Args:
+            by: how many times as many.
+        """
+        return replace(
+            self,
+            unsprung=sampled_finer(self.unsprung, by),
+            sprung=sampled_finer(self.sprung, by),
+            leaks=sampled_finer(self.leaks, by) if self.leaks.size else np.empty((by * len(self.leaks), 0)),
+            recorded_fs=by * self.recorded_fs,
+            finer=by * self.finer,
+        )
 
     @cached_property
     def ground_at_start(self) -> tuple[FloatArray, FloatArray]:

@@ -19,11 +19,13 @@ from opid.suspensions.faults import Demand, let_in
 from opid.suspensions.fit import (
     NO_FIT,
     Fit,
+    carried_over,
     fastest_rate,
     first_vector,
     fit_model,
     refit,
     runs_contradict_each_other,
+    turnover_rate,
     with_laws,
 )
 from opid.suspensions.law_search import (
@@ -303,7 +305,12 @@ class _Search:
             most, promise = known.most_hopeless_evaluations, known.promise_from_afar
             near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
             return replace(found, fit=near)
-        fit, late = fit_model(whole, fit.theta), bool(demands)
+        fit = fit_model(whole, fit.theta)
+        finer = _with_more_steps(fit, demands)
+        if finer is not fit:
+            # what was let in for steps too long for the law
+            fit, demands, is_coarse = finer, (), False
+        late = bool(demands)
         for _ in range(2):
             # what only all readings together show
             if not self.question.law_is_given and (is_coarse or late):
@@ -363,10 +370,27 @@ def judged(found: Found, question: Question) -> Found:
 def _thinned(fit: Fit) -> Fit:
     """The fit at a coarse rate; as it is where the body moves too fast for that."""
     model, known = fit.model.coarse, fit.model.settings.fit
-    if model is fit.model or fastest_rate(fit.model, fit.theta) > known.fastest * model.runs[0].fs:
+    fastest = max(fastest_rate(fit.model, fit.theta), turnover_rate(fit))
+    if model is fit.model or fastest > known.fastest * model.runs[0].fs:
         return fit
     try:
         return fit_model(model, fit.theta, least_promise=known.promise_in_search)
+    except NO_FIT:
+        return fit
+
+
+def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:
+    """The fit without demands and with steps so short that its laws do not turn over within one; else as it is."""
+    known, run = fit.model.settings.fit, fit.model.runs[0]
+    by = int(np.ceil(turnover_rate(fit) / (known.sharpest * run.fs)))
+    if by <= 1:
+        return fit
+    by, model = min(by, known.most_steps), fit.model
+    for demand in demands:
+        model = demand.hypothesis.taken_from(model)
+    finer = replace(model, runs=tuple(run.sampled_finer(by) for run in model.runs))
+    try:
+        return fit_model(finer, carried_over(fit, finer))
     except NO_FIT:
         return fit
 

@@ -1,4 +1,4 @@
-"""Terms of a law that the motion does not bend: they are stiffness or damping by another name."""
+"""Terms of a law that trade with stiffness or damping: straight over the motion, or sharper than the samples tell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from opid.estimate import Estimate
 
 @dataclass(frozen=True)
 class StraightTerm:
-    """A term of a law that the motion did not bend: it trades with a linear one.
+    """A term of a law that the motion did not bend, or that turns over between samples: it trades with a linear one.
 
     Args:
         group: name of the group of interfaces; empty for one gear.
@@ -18,6 +18,8 @@ class StraightTerm:
         unit: of its scale, "m/s" or "m".
         scale: its inner scale.
         motion_rms: rms of that motion, in the same unit.
+        sharpness: of one that turns over between two samples, the rate at which it stops a motion over that of the
+            record; else 0.
     """
 
     group: str
@@ -25,6 +27,7 @@ class StraightTerm:
     unit: str
     scale: float
     motion_rms: float
+    sharpness: float = 0.0
 
     @property
     def is_damping(self) -> bool:
@@ -53,6 +56,12 @@ class StraightTerm:
     def warning(self) -> str:
         """What to doubt, one sentence."""
         partner, where = "damping" if self.is_damping else "stiffness", f" at {self.group!r}" * bool(self.group)
+        if self.sharpness:
+            return (
+                f"{self.kind}{where} turns over faster than the runs were sampled ({self.sharpness:.2g} times their "
+                f"rate), so what it does between two samples is not told and may show as {partner}: the intervals of "
+                "both are withheld; record at a higher rate"
+            )
         return (
             f"{self.kind}{where} is nearly straight over the visited range (scale {self.scale:.3g} {self.unit}, "
             f"motion {self.motion_rms:.3g} {self.unit} rms) and cannot be told from {partner}: only amplitude over "

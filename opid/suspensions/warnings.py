@@ -12,7 +12,7 @@ from opid.mechanics.laws import LAWS
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import Fit, fits_of_each_run
+from opid.suspensions.fit import Fit, fits_of_each_run, turnover_rate
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import (
     BodyParameters,
@@ -30,9 +30,13 @@ WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no
 
 
 def straight_terms(part: Fitted) -> list[StraightTerm]:
-    """Return the terms whose scale lies far beyond the rms motion: stiffness or damping by another name."""
+    """Return the terms that are stiffness or damping by another name.
+
+    Their scale lies far beyond the rms motion, or they turn over between two samples.
+    """
     fit, loosely_known, settings = part.fit, part.settings.verdicts.loosely_known, part.settings.warnings
-    found = []
+    run = fit.model.runs[0]
+    found, sharpness = [], turnover_rate(fit) * run.finer / run.recorded_fs
     for number, (group, law) in enumerate(zip(fit.groups, fit.laws.values(), strict=True)):
         place = fit.model.law_places(number).start
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
@@ -46,6 +50,8 @@ def straight_terms(part: Fitted) -> list[StraightTerm]:
                 rms = float((velocity if parameter.unit == "m/s" else travel).std())
                 if value > settings.straight_rms * rms and std > loosely_known * abs(term.amplitude):
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
+                elif parameter.unit == "m/s" and sharpness > settings.sharpest:
+                    found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms, sharpness))
     return found
 
 
