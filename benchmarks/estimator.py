@@ -36,7 +36,7 @@ def gear_study(
 ) -> Study:
     """Return the study of one gear from (name, recording, mass change in kg) of each run."""
     told = tuple(Run(name, recording, change_kg) for name, recording, change_kg in runs)
-    return study_of_gear(title, sprung=sprung, unsprung=unsprung, runs=told, sensors=sensors)
+    return study_of_gear(title, sprung=sprung, unsprung=unsprung, runs=told, sensors=sensors, repeatability=0.0)
 
 
 def aircraft_study(
@@ -52,7 +52,7 @@ def aircraft_study(
         Run(name, recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
         for name, recording, loading in runs
     )
-    return Study(title, tuple(interfaces), told, structure, date=date)
+    return Study(title, tuple(interfaces), told, structure, repeatability=0.0, date=date)
 
 
 def identify(

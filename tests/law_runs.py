@@ -34,9 +34,16 @@ def logs_of(gear=None, seed=0, **settings):
     return (test.heavy.recording, 0.0), (test.light.recording, test.mass_change_kg)
 
 
-def gear_study(*runs, sensors=None):
-    """The study of some runs of one gear."""
-    return study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=sensors or SensorPair())
+def gear_study(*runs, sensors=None, repeatability=0.0):
+    """The study of some runs of one gear, whose strut is the same in all unless something else is said."""
+    return study_of_gear(
+        "taxi",
+        sprung="upper_z",
+        unsprung="lower_z",
+        runs=runs,
+        sensors=sensors or SensorPair(),
+        repeatability=repeatability,
+    )
 
 
 def study_of(gear=None, seed=0, *, sensors=None, change_kg=None, **settings):

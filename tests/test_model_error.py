@@ -27,7 +27,7 @@ GEAR = LandingGear()
 
 def study_of(heavy, light, sides=("lower_z", "upper_z")):
     runs = (Run("heavy", heavy, 0.0), Run("light", light, CHANGE_KG))
-    return study_of_gear("taxi", sprung=sides[1], unsprung=sides[0], runs=runs)
+    return study_of_gear("taxi", sprung=sides[1], unsprung=sides[0], runs=runs, repeatability=0.0)
 
 
 def taxi(seed, gear=GEAR, **settings):

@@ -97,7 +97,7 @@ def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
     force = gear.suspension_stiffness_n_per_m * rest + float(gear.law.force(rest, 0.0))
     assert force == pytest.approx(removed)
     runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
-    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0)
     found = identify(study, law=name)
     assert found.parameters.sprung_mass_kg.holds(gear.sprung_mass_kg)
     assert found.residual_over_noise < 1.05
@@ -115,7 +115,7 @@ def test_channels_that_count_downwards_say_so():
             for run in (test.heavy, test.light)
         ]
         runs = (Run("heavy", recordings[0]), Run("light", recordings[1], test.mass_change_kg))
-        study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, axis=axis)
+        study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, axis=axis, repeatability=0.0)
         result = identify(study, law="cubic_stiffness")
         return result.residual_over_noise, result.parameters.sprung_mass_kg.value
 
@@ -155,7 +155,7 @@ def test_a_spring_about_its_unloaded_length_is_found_with_its_origin():
     gear = LandingGear(suspension_stiffness_n_per_m=stiffness, law=cubic.resting_at(-0.03))
     test = taxi_test(gear, rng=np.random.default_rng(2), duration_s=30, fs=256)
     runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
-    found = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs))
+    found = identify(study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0))
     (strut,) = found.interfaces
     assert found.law.name == "cubic_stiffness"
     for estimate, truth in (
@@ -178,7 +178,7 @@ def test_a_spring_about_its_unloaded_length_is_found_with_its_origin():
 def test_a_straight_strut_gives_way_by_the_weight_over_its_stiffness():
     test = taxi_test(LandingGear(law=LINEAR), rng=np.random.default_rng(4), duration_s=20, fs=256)
     runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
-    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs)
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0)
     found = identify(study, law="linear")
     light = found.interfaces[0].at_rest[1]
     assert light.travel_m.value == pytest.approx(

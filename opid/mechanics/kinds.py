@@ -59,6 +59,7 @@ class Kind:
             power is not told from the kinds that it contains as special cases.
         is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
             same curve about another position is the same kind with other parameters, and needs no origin.
+        is_friction: whether it is dry friction, whose force grows and falls by itself from run to run.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Kind:
     searched: bool = True
     bench_only: bool = False
     is_about_rest: bool = False
+    is_friction: bool = False
 
 
 def _arctan_velocity(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
@@ -187,6 +189,7 @@ BUILT_IN = (
         r"A \tfrac{2}{\pi} \arctan(\dot z / s)",
         (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
         _arctan_velocity,
+        is_friction=True,
     ),
     # a spring that gives way beyond the travel s
     Kind(
@@ -214,6 +217,7 @@ BUILT_IN = (
         r"A \tanh(\dot z / s)",
         (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
         _coulomb_friction,
+        is_friction=True,
     ),
     # oil pressed through an orifice
     Kind(

@@ -11,6 +11,7 @@ from scipy import signal
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
 from opid.mechanics.laws import FloatArray, Law, law
+from opid.mechanics.repeatability import Departure
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.road import Road, SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor, decimate, measure
@@ -234,7 +235,12 @@ def taxi_run(
 
 
 def taxi_test(
-    gear: LandingGear, *, rng: np.random.Generator, mass_removed_kg: float = 220.0, **settings: Any
+    gear: LandingGear,
+    *,
+    rng: np.random.Generator,
+    mass_removed_kg: float = 220.0,
+    departures: tuple[Departure, Departure] = (Departure(), Departure()),
+    **settings: Any,
 ) -> TaxiTest:
     """Return a heavy run of the gear and a light one with less sprung mass, each over a road of its own.
 
@@ -244,6 +250,7 @@ def taxi_test(
         gear: the gear at its heavy mass, its law where it rests then.
         rng: source of everything random.
         mass_removed_kg: sprung mass taken away before the light run.
+        departures: by how much the strut of each run is not the one given.
         settings: keyword arguments of `taxi_run`, for both runs.
 
     Raises:
@@ -261,8 +268,20 @@ def taxi_test(
     strut = Interface(gear.suspension_stiffness_n_per_m, 0.0, gear.ground_stiffness_n_per_m, gear.law)
     law = resting_under([strut], np.ones((1, 1)), np.array([mass_removed_kg * GRAVITY_M_PER_S2]))[0]
     light = replace(gear, sprung_mass_kg=gear.sprung_mass_kg - mass_removed_kg, law=law)
+    heavy, light = (_departed(each, by) for each, by in zip((gear, light), departures, strict=True))
     heavy_rng, light_rng = rng.spawn(2)
-    return TaxiTest(taxi_run(gear, rng=heavy_rng, **settings), taxi_run(light, rng=light_rng, **settings))
+    return TaxiTest(taxi_run(heavy, rng=heavy_rng, **settings), taxi_run(light, rng=light_rng, **settings))
+
+
+def _departed(gear: LandingGear, departure: Departure) -> LandingGear:
+    strut = departure.of(Interface(gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m, 0.0, gear.law))
+    assert isinstance(strut.law, Law)  # as it was
+    return replace(
+        gear,
+        suspension_stiffness_n_per_m=strut.stiffness,
+        suspension_damping_n_s_per_m=strut.damping,
+        law=strut.law,
+    )
 
 
 def _roll(

@@ -392,6 +392,7 @@ def _model(evidence: Evidence) -> Json:
         "n_starts": evidence.n_starts,
         "n_evaluations": fit.n_evaluations,
         "limits": evidence.limits,
+        "repeatability": asdict(evidence.repeatability),
     }
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
+from opid.suspensions.limits import how_alike
 from opid.suspensions.residual import over_noise
 from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
@@ -215,10 +216,14 @@ def body_limits(result: Identification) -> str:
     n_sensors = max((len(run.measured) for run in result.runs), default=n_gears)
     n_loadings = len({run.loading for run in result.runs})
     scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
+    alike = " ".join(
+        f"{each[0].upper()}{each[1:]}." for each in how_alike(result.evidence[0].repeatability, result.study)
+    )
     return (
         f"From {n_runs} run{'s' * (n_runs > 1)} at {scale}: {n_sensors} sensor{'s' * (n_sensors > 1)} on the body "
         f"predicted from the motion below {n_gears} suspension{'s' * (n_gears > 1)}, "
         f"{over_noise(result.residual_over_noise)} times the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is left."
+        f"{' ' * bool(alike)}{alike}"
     )
 
 

@@ -18,11 +18,12 @@ from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
 from opid.suspensions.faults import Demand
-from opid.suspensions.fit import NO_FIT, Fit, loading_changes
+from opid.suspensions.fit import NO_FIT, Fit, loading_changes, runs_contradict_each_other
 from opid.suspensions.intervals import Parameters, honest_covariance
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Group, Model, noise_level
 from opid.suspensions.noise import with_own_noise
+from opid.suspensions.repeatability import with_departures, with_own_repeatability
 from opid.suspensions.residual import mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import Found, Ladder, Question, find_from_reference, find_model, is_hopeless, judged
@@ -64,6 +65,14 @@ class Task:
     question: Question
     settings: Settings
     say: Callable[[str], None]
+
+    @property
+    def repeatability(self) -> float:
+        """Relative standard deviation of springs, damping and friction from run to run, as stated or as usual."""
+        if self.study is None:
+            return 0.0  # a user's own structure is what it is
+        stated = self.study.repeatability
+        return self.settings.repeatability.usual if stated is None else stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +164,7 @@ class Fitted:
         # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
         alone = self.task.study is not None and self.task.study.is_one_gear
         wider = max(1.0, self.residual_over_noise / self.settings.verdicts.doubtful) if alone else 1.0
-        return Parameters(self.fit, wider**2 * honest_covariance(self.fit))
+        return Parameters(self.fit, wider**2 * honest_covariance(self.fit, self.task.repeatability))
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,10 +344,14 @@ def fitted(
     try:
         model, start = begin(runs, mass_free=mass_free, start=start)
         found = _found(task, model, start, begin)
+        if task.repeatability and len(runs) > 1:
+            found = _with_departures(task, found, model, start, begin)
         found = judged(found, task.question)
         # the noise of the two sides is told apart only where the model explains the runs
         if found.fit.ratio < settings.faults.nearly_explained:
             found = replace(found, fit=with_own_noise(found.fit))
+        if not is_hopeless(found.fit):
+            found = replace(found, fit=with_own_repeatability(found.fit))
     except (*NO_FIT, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, noise, task, str(error))
     updated = tuple(demand.updated(found.fit) for demand in found.demands)
@@ -355,6 +368,7 @@ def _begun(
     noise: Noise,
     mass_free: bool,
     start: Start | None = None,
+    repeatability: float = 0.0,
 ) -> tuple[Model, Start]:
     """The model of some runs, and where its fit begins."""
     if start is None:
@@ -368,7 +382,18 @@ def _begun(
             kinds=task.question.kinds if task.law is None else (),
             settings=task.settings.start,
         )
-    return Model(tuple(runs), body, start.groups, sensors, mass_free, noise, start.motion_rms, task.settings), start
+    model = Model(
+        tuple(runs),
+        body,
+        start.groups,
+        sensors,
+        mass_free,
+        noise,
+        start.motion_rms,
+        task.settings,
+        repeatability=repeatability,
+    )
+    return model, start
 
 
 def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Model, Start]]) -> Found:
@@ -387,6 +412,28 @@ def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Mo
         assert failed is not None  # no fit without an error
         raise failed
     return found
+
+
+def _with_departures(
+    task: Task, found: Found, model: Model, start: Start, begin: Callable[..., tuple[Model, Start]]
+) -> Found:
+    """Where a search ended with springs, damping and friction of each run let go; searched anew where that mends much.
+
+    Runs that are alike are told apart by the search itself no better than those that are taken to be.
+    """
+    stated, known = task.repeatability, task.settings.repeatability
+    if is_hopeless(found.fit) or runs_contradict_each_other(found.fit):
+        return found
+    freed = with_departures(found.fit, stated)
+    now = replace(found, fit=freed, demands=tuple(demand.updated(freed) for demand in found.demands))
+    if freed.bic > found.fit.bic - known.bic_margin:
+        return now
+    try:
+        other = partial(begin, repeatability=stated)
+        again = _found(task, replace(model, repeatability=stated), start, other)
+    except (*NO_FIT, NotDeterminedError):
+        return now
+    return again if again.fit.bic < freed.bic else now
 
 
 def _from_reference(

@@ -154,7 +154,7 @@ def first_vector(model: Model, start: Start) -> FloatArray:
     shared += [fault.nominal for fault in model.faults]
     shared += [0.0] * len(model.body.coordinates)
     # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
-    return np.array([*shared, *[0.0] * (2 * model.body.n_interfaces * len(model.runs))])
+    return np.array([*shared, *[0.0] * (model.n_own * len(model.runs))])
 
 
 def fit_model(
@@ -297,8 +297,8 @@ def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | N
     if len(model.runs) < 2:
         return None
     promise = least_promise or model.settings.fit.promise_in_search
-    cost, n_data, n_own = 0.0, 0, 2 * model.body.n_interfaces
-    own = fit.theta[model.n_shared :].reshape(len(model.runs), n_own)
+    cost, n_data = 0.0, 0
+    own = fit.theta[model.n_shared :].reshape(len(model.runs), model.n_own)
     try:
         for place, run in enumerate(model.runs):
             others = tuple(each for k, each in enumerate(model.runs) if k != place)

@@ -22,6 +22,7 @@ from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.limits import ground_imitations, limits
 from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise
+from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import measure_whiteness, over_noise
 from opid.suspensions.result import Candidate, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
@@ -326,6 +327,12 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
     assert found is not None  # parts have fits
     rng = np.random.default_rng(options.seed)
     resampled = [] if is_refused else bootstrap_over_white(fit, rng).tolist()
+    alike = repeatability_of(
+        fit,
+        part.task.repeatability,
+        is_usual=study.repeatability is None,
+        std_of_inverse_mass=part.known.inverse_mass[1] if fit.model.mass_free else None,
+    )
     return Evidence(
         fit=fit,
         noise=part.level,
@@ -337,7 +344,8 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
         surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
-        limits=tuple(limits(fit, part.known.covariance, study)),
+        limits=tuple(limits(fit, part.known.covariance, study, alike)),
+        repeatability=alike,
         n_starts=found.n_starts,
     )
 

@@ -16,20 +16,25 @@ from opid.suspensions.covariance import score_products
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
+from opid.suspensions.repeatability import levels
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
 
-def honest_covariance(fit: Fit) -> FloatArray:
-    """Return the covariance of the shared parameters, widened where the residual is coloured.
+def honest_covariance(fit: Fit, repeatability: float = 0.0) -> FloatArray:
+    """Return the covariance of the vector, widened where the residual is coloured or runs may not be alike.
 
     The sandwich over cells of neighbouring lines; no parameter becomes better known than for a white residual.
 
+    Args:
+        fit: of a model.
+        repeatability: as stated, of a fit with departures.
+
     Returns:
-        (n_shared, n_shared).
+        (n_unknowns, n_unknowns).
     """
-    n_shared = fit.model.n_shared
     wider = std_over_white(fit)
-    return (fit.covariance * np.outer(wider, wider))[:n_shared, :n_shared]
+    covariance = levels(fit, repeatability).mixed() if repeatability and fit.model.repeatability else fit.covariance
+    return np.asarray(covariance * np.outer(wider, wider))
 
 
 def std_over_white(fit: Fit) -> FloatArray:
@@ -98,7 +103,7 @@ class Parameters:
 
     Args:
         fit: of a model.
-        covariance: (n_shared, n_shared) of its shared parameters, as of `honest_covariance`.
+        covariance: (n_unknowns, n_unknowns) of its vector, as of `honest_covariance`.
     """
 
     fit: Fit
@@ -113,7 +118,7 @@ class Parameters:
 
         The gradient has its derivatives by parameters, each by its name or its place in the vector.
         """
-        names, slopes = self.fit.model.names, np.zeros(self.fit.model.n_shared)
+        names, slopes = self.fit.model.names, np.zeros(self.fit.theta.size)
         for key, slope in gradient.items():
             slopes[names.index(key) if isinstance(key, str) else key] = slope
         return Estimate.normal(value, float(np.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))))
@@ -181,8 +186,10 @@ class Parameters:
     def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
         """Return what a function of the vector gives, with intervals: its derivatives are differences."""
         values = function(self.fit.theta)
-        slopes = np.zeros((values.size, self.fit.model.n_shared))
-        for place in range(self.fit.model.n_shared):
+        model, slopes = self.fit.model, np.zeros((values.size, self.fit.theta.size))
+        departures = [np.arange(slopes.shape[1])[model.places_of_run(place)[1]] for place in range(len(model.runs))]
+        # how a run begins is told by no number
+        for place in (*range(model.n_shared), *np.concatenate(departures)):
             step = _SMALL_STEP * self.std(place)
             if step > 0.0:
                 ahead, back = self.fit.theta.copy(), self.fit.theta.copy()

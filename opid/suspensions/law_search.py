@@ -182,7 +182,8 @@ def n_terms(fit: LawFit) -> int:
 def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> tuple[LawStep[F], ...]:
     """Return the ladder with left-out errors: of the choice, its closest rivals and the best one with fewer terms.
 
-    The smaller laws are chosen instead where they predict what was left out as well.
+    The smaller laws are chosen instead where they predict what was left out as well, and leave hardly more of all data:
+    a law that was too large would mend little, and one that rests elsewhere in each run is not seen whole in any.
     """
     steps = list(ladder)
     choice = max(place for place, step in enumerate(steps) if step.kept)
@@ -195,7 +196,8 @@ def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> t
             steps[k] = replace(steps[k], left_out=problem.left_out(steps[k].fit))
     if below is not None:
         with_it, without = steps[choice].left_out, steps[below].left_out
-        if with_it is not None and without is not None and without <= with_it:
+        mends_little = steps[below].fit.error_rms < (1 + problem.settings.overfit_fraction) * fit.error_rms
+        if with_it is not None and without is not None and without <= with_it and mends_little:
             # the last one that was kept is the choice
             steps.append(replace(steps.pop(below), kept=True))
     return tuple(steps)

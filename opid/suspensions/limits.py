@@ -12,6 +12,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, carried_over
 from opid.suspensions.model import Model
+from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.settings import IntervalSettings
 from opid.suspensions.study import Study
 
@@ -32,7 +33,11 @@ class GroundImitations:
     sentences: tuple[str, ...]
 
 
-def limits(fit: Fit, covariance: FloatArray, study: Study) -> Iterator[str]:
+# of the interval of the mass: below, the noise is not what rules
+_RULES = 0.5
+
+
+def limits(fit: Fit, covariance: FloatArray, study: Study, alike: Repeatability) -> Iterator[str]:
     """Yield what limits the mass and the laws, one sentence each."""
     mass_changes_kg = [run.mass_change_kg for run in study.runs]
     duration_s = sum(run.recording.duration_s for run in study.runs)
@@ -41,12 +46,15 @@ def limits(fit: Fit, covariance: FloatArray, study: Study) -> Iterator[str]:
         mass, std = 1 / mu, float(np.sqrt(max(covariance[place, place], 0.0))) / mu**2
         fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass
         if fraction > 0:
+            rules = alike.mass_if_alike is not None and alike.mass_if_alike < _RULES
+            more = "" if rules else f", or four times the {duration_s:.0f} s of running,"
+            does = "what runs that are not alike do" if rules else "what the sensors' noise does"
             yield (
                 f"the mass is known to {196 * std / mass:.2g} %: the mass change, {100 * fraction:.0f} % of the mass, "
-                f"multiplies what the sensors' noise does by {1 / fraction:.0f}; doubling it, or four times the "
-                f"{duration_s:.0f} s of running, would halve the interval"
+                f"multiplies {does} by {1 / fraction:.0f}; doubling it{more} would halve the interval"
             )
         yield from _named(fit, covariance, place, "the mass")
+    yield from how_alike(alike, study)
     for number in range(len(fit.model.groups)):
         places = fit.model.law_places(number)
         for place in range(places.start, places.stop):
@@ -54,6 +62,36 @@ def limits(fit: Fit, covariance: FloatArray, study: Study) -> Iterator[str]:
             if sentences:
                 yield sentences[0]
                 return
+
+
+def how_alike(alike: Repeatability, study: Study) -> Iterator[str]:
+    """Yield how much alike the runs are taken to be, and what would tell it better, one sentence each.
+
+    Args:
+        alike: of a fitted structure.
+        study: it was fitted to.
+    """
+    if len(study.runs) < 2:
+        return
+    if alike.told is None:
+        yield "springs, damping and friction are taken to be the same in all runs (`repeatability = 0`)"
+        return
+    source = "what is usual; state `repeatability`" if alike.is_usual else "as stated"
+    said = (
+        f"springs, damping and friction may differ from run to run by about {100 * alike.stated:.2g} % ({source}), and "
+        f"the runs speak for {100 * alike.told:.1g} %"
+    )
+    if alike.mass_if_alike is None:
+        yield said
+        return
+    yield f"{said}: were all alike, the interval of the mass would be {alike.mass_if_alike:.2g} times as wide"
+    flown_twice = len({run.masses for run in study.runs}) < len(study.runs)
+    if alike.mass_if_alike < _RULES:
+        yield (
+            "a further run at either mass would tell how much alike the runs are"
+            if flown_twice
+            else "a further run at a mass that was flown would tell how much alike the runs are, and help most"
+        )
 
 
 def _named(fit: Fit, covariance: FloatArray, place: int, what: str) -> Iterator[str]:

@@ -18,6 +18,7 @@ import numpy as np
 from opid.mechanics.driven import N_HEAD, Interface, UnboundedResponseError
 from opid.mechanics.laws import LINEAR, Law, Term, TermSet
 from opid.mechanics.prediction import Noise, Prediction, predict
+from opid.mechanics.repeatability import PARTS, Departure, part_rows
 from opid.mechanics.weight import Rest, by_parameters, depends_on_travel, rest_under, resting
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
@@ -96,7 +97,8 @@ class Model:
 
     Of each group stiffness, damping, [ground stiffness], [rest on its law] and law (positive entries as logarithms);
     stiffness and damping of each spring inside that is to be found; free factors of the mass; [1 / reference mass];
-    faults of sensors; coordinates; then travel and velocity of each interface at the start of each run.
+    faults of sensors; coordinates; then of each run travel and velocity of each interface at its start, and by how much
+    springs, damping and friction of each group depart from those of all runs.
 
     Args:
         runs: the runs.
@@ -107,6 +109,8 @@ class Model:
         noise: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
         motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s), roughly.
         settings: of the estimator.
+        repeatability: relative standard deviation of springs, damping and friction from run to run; 0 where they are
+            the same in all.
         held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
         louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
             the sensors below: it stands for what the model does not know yet.
@@ -120,6 +124,7 @@ class Model:
     noise: tuple[FloatArray, FloatArray]
     motion_rms: FloatArray
     settings: Settings
+    repeatability: float = 0.0
     held_inverse_mass: float = 0.0
     louder: float = 1.0
 
@@ -175,8 +180,26 @@ class Model:
         return noise_level(self.noise)
 
     @property
-    def _n_own(self) -> int:
-        return 2 * self.body.n_interfaces
+    def n_own(self) -> int:
+        """Entries of the vector that each run has for itself."""
+        return 2 * self.body.n_interfaces + self._n_departures
+
+    @property
+    def _n_departures(self) -> int:
+        return len(PARTS) * len(self.groups) * (self.repeatability > 0.0)
+
+    def places_of_run(self, place: int) -> tuple[slice, slice]:
+        """Return where the start of a run and its departures stand in the vector."""
+        first = self.n_shared + self.n_own * place
+        middle = first + 2 * self.body.n_interfaces
+        return slice(first, middle), slice(middle, first + self.n_own)
+
+    def departures(self, theta: FloatArray, place: int) -> tuple[Departure, ...]:
+        """Return by how much each group departs in a run from what it is in all."""
+        if not self._n_departures:
+            return (Departure(),) * len(self.groups)
+        values = theta[self.places_of_run(place)[1]].reshape(-1, len(PARTS))
+        return tuple(Departure(*row) for row in values.tolist())
 
     @property
     def _first_coordinate(self) -> int:
@@ -220,7 +243,7 @@ class Model:
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return lower and upper bounds of the vector, infinite but for scales, damping, faults and coordinates."""
-        lower = np.full(self.n_shared + self._n_own * len(self.runs), -np.inf)
+        lower = np.full(self.n_shared + self.n_own * len(self.runs), -np.inf)
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
@@ -235,13 +258,17 @@ class Model:
             elif fault.kind == "corner":
                 # however sharply a corner is stated: the sensor may have none
                 lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
+        for place in range(len(self.runs)):
+            own = self.places_of_run(place)[1]
+            upper[own] = self.settings.repeatability.farthest_std * self.repeatability
+            lower[own] = -upper[own]
         for k, coordinate in enumerate(self.body.coordinates, start=self._first_coordinate):
             lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
         return lower, upper
 
     def largest_steps(self) -> FloatArray:
         """Return how far each entry may move in a step."""
-        caps = np.full(self.n_shared + self._n_own * len(self.runs), np.inf)
+        caps = np.full(self.n_shared + self.n_own * len(self.runs), np.inf)
         for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
             caps[self.law_places(number)][positive(group.law)] = self.settings.fit.largest_log_step
             if group.origin_m is not None:
@@ -309,9 +336,19 @@ class Model:
         return rest_under(slots, self.body.rows, self.inverse_mass(theta) * (loading @ fall))
 
     def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
-        """Return the suspensions of all slots where they rest in a run."""
+        """Return the suspensions of all slots as they are in a run, where they rest in it."""
         slots, _ = self.interfaces(theta)
-        return _moved(slots, self._rest(theta, place, slots))
+        return self._departed(_moved(slots, self._rest(theta, place, slots)), theta, place)
+
+    def _departed(self, slots: list[Interface], theta: FloatArray, place: int) -> list[Interface]:
+        """Suspensions as they are in a run."""
+        if not self._n_departures:
+            return slots
+        changed = list(slots)
+        for group, departure in zip(self.groups, self.departures(theta, place), strict=True):
+            for slot in group.slots:
+                changed[slot] = departure.of(slots[slot])
+        return changed
 
     def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
         """Return the drive and the readings of a run with the faults of the sensors taken out."""
@@ -326,7 +363,8 @@ class Model:
         run, body, n_slots = self.runs[place], self.body, self.body.n_slots
         of_reference, slopes = self.interfaces(theta, candidates)
         rest = self._rest(theta, place, of_reference)
-        slots = _moved(of_reference, rest)
+        resting = _moved(of_reference, rest)
+        slots = self._departed(resting, theta, place)
         moved = self.mobility(theta, place)
         n_directions = len(body.names) + self.mass_free
         kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
@@ -360,6 +398,8 @@ class Model:
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
             lines = run.transform(change).transpose(1, 0, 2)
+            if self._n_departures:
+                self._add_departures(lines, resting, theta, place, by)
             if rest is not None:
                 self._add_rest(lines, rest, of_reference, theta)
             further = self._sort_out(lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
@@ -394,7 +434,7 @@ class Model:
             for seconds, n_kept in known.start_rounds:
                 costs = [cost_of_start(cell, seconds) for cell in cells]
                 cells = [cells[k] for k in np.argsort(costs, kind="stable")[:n_kept]]
-            found[self.n_shared + 2 * place :][:2] = cells[0]
+            found[self.places_of_run(place)[0]] = cells[0]
         return found
 
     def _start_costs(self, theta: FloatArray, place: int, cell_std: FloatArray) -> Callable[[FloatArray, float], float]:
@@ -435,7 +475,7 @@ class Model:
         body, known, run = self.body, self.settings.runs, self.runs[place]
         n, n_rows, n_sensors = body.n_interfaces, 6 if self.ground else 4, len(self.sensors.sprung)
         start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
-        start[:2, :n] = theta[self.n_shared + self._n_own * place :][: self._n_own].reshape(-1, 2).T
+        start[:2, :n] = theta[self.places_of_run(place)[0]].reshape(-1, 2).T
         std[:2, :n] = 1e-9
         springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
         std[:2, n:] = springs * known.start_rms * self.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
@@ -465,6 +505,21 @@ class Model:
         if self.mass_free:
             row = firsts[-1] + len(self.body.names)
             change[row] += np.tensordot(rest.by_load / self.inverse_mass(theta), by_travel, axes=1)
+
+    def _add_departures(
+        self, change: ComplexArray, slots: Sequence[Interface], theta: FloatArray, place: int, by: ComplexArray
+    ) -> None:
+        """Turn derivatives by what suspensions have in a run into those by what they have in all, and by departures."""
+        firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+        row = self.places_of_run(place)[1].start
+        for group, departure in zip(self.groups, self.departures(theta, place), strict=True):
+            for part, factor in enumerate(departure.values):
+                for slot in group.slots:
+                    for entry, value in part_rows(slots[slot])[part]:
+                        own = change[firsts[slot] + entry]
+                        by[row + part] += value * own
+                        own *= 1.0 + factor
+            row += len(PARTS)
 
     def _sort_out(
         self,
@@ -507,7 +562,7 @@ class Model:
         names = [fault.name for fault in self.faults]
         for row, (name, _, _) in enumerate(by_fault):
             by[self._first_fault + names.index(name)] += rest[row]
-        starts, row = rest[len(by_fault) :], self.n_shared + self._n_own * place
+        starts, row = rest[len(by_fault) :], self.places_of_run(place)[0].start
         for interface in range(body.n_interfaces):
             by[row + 2 * interface] = starts[interface]
             by[row + 2 * interface + 1] = starts[body.n_slots + interface]
@@ -608,7 +663,9 @@ class Model:
         known = [(fault.nominal, fault.std) for fault in self.faults]
         known += [(0.0, coordinate.std) for coordinate in self.body.coordinates]
         start_rms = self.settings.runs.start_rms
-        known += [(0.0, start_rms * float(rms)) for rms in self.motion_rms.ravel()] * len(self.runs)
+        of_run = [(0.0, start_rms * float(rms)) for rms in self.motion_rms.ravel()]
+        of_run += [(0.0, self.repeatability)] * self._n_departures
+        known += of_run * len(self.runs)
         nominal, std = np.array(known).reshape(-1, 2).T
         first = theta.size - std.size
         jacobian = np.zeros((std.size, theta.size))

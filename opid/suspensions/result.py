@@ -18,6 +18,7 @@ from opid.suspensions.fit import Fit
 from opid.suspensions.force_surface import ForceSurface
 from opid.suspensions.law_search import LawStep
 from opid.suspensions.limits import GroundImitations
+from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.residual import Whiteness
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
@@ -234,6 +235,7 @@ class Evidence:
         surfaces: force without a law beside the law, cell by cell, of each group.
         ground: how well a spring to the ground is told from nothing and from faults of sensors.
         limits: what limits the precision, one sentence each.
+        repeatability: how much alike the runs are.
         n_starts: ways that were tried.
     """
 
@@ -248,6 +250,7 @@ class Evidence:
     surfaces: Mapping[str, ForceSurface]
     ground: GroundImitations
     limits: tuple[str, ...]
+    repeatability: Repeatability
     n_starts: int
 
 

@@ -177,6 +177,7 @@ class SearchSettings:
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
         alike_bic: criteria that are closer do not tell two laws apart.
+        overfit_fraction: a law that mends more than this fraction of what smaller ones leave is not too large.
         good_fraction: where a fit would be refused, laws are tried only if the best of them promise to explain this
             fraction of the squared error, to first order: none mends what a wrong structure leaves. Of aircraft that
             bend, the best laws promise 1 to 6 %.
@@ -203,6 +204,7 @@ class SearchSettings:
     most_exchanged: int = 2
     n_neighbours: int = 2
     alike_bic: float = 10.0
+    overfit_fraction: float = 0.2
     good_fraction: float = 0.1
     scale_fractions: tuple[float, float] = (0.4, 0.98)
     lags: tuple[float, ...] = (0.3, 1.0, 3.0)
@@ -314,6 +316,31 @@ class FaultSettings:
 
 
 @dataclass(frozen=True)
+class RepeatabilitySettings:
+    """How much alike runs are taken to be.
+
+    Args:
+        usual: relative standard deviation of springs, damping and friction from run to run where the study states
+            none: seals settle, gas and oil warm up by some kelvins.
+        doubt: the stated one is believed within this factor, one standard deviation of its logarithm. Intervals of 2
+            or 3 forces then hold in 95 to 96 % of flights that differ as stated, 93 to 95 % at twice that, and more
+            below.
+        reach: of the levels that are weighed, in powers of that factor.
+        n_levels: so many, about ten to a power of ten.
+        bic_margin: runs that are let go are searched anew, law and faults of sensors, where that lowers the information
+            criterion by this: what was found for runs that are alike may make up for what is not.
+        farthest_std: no departure is looked for farther from none: runs that differ by more contradict each other.
+    """
+
+    usual: float = 0.01
+    doubt: float = 10.0
+    reach: tuple[float, float] = (-3.5, 1.0)
+    n_levels: int = 46
+    bic_margin: float = 20.0
+    farthest_std: float = 5.0
+
+
+@dataclass(frozen=True)
 class IntervalSettings:
     """How well the parameters are known, and what is said of it.
 
@@ -400,6 +427,7 @@ class WarningSettings:
             what the fit leaves.
         left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:
             a smaller excess then points to a run.
+        unlike_std: springs, damping or friction of two runs that differ by more standard deviations are named.
         slow_fraction: a residual below this fraction of the resonance is slow motion ...
         fast_fraction: ... and one above this multiple of it is another resonance.
         loose_mass: a mass change is worth doubling where the mass is known to no better than this, relative.
@@ -412,6 +440,7 @@ class WarningSettings:
     sharpest: float = 1.0
     left_out_more: float = 1.2
     left_out_more_of_body: float = 1.1
+    unlike_std: float = 3.0
     slow_fraction: float = 0.6
     fast_fraction: float = 2.5
     loose_mass: float = 0.02
@@ -430,6 +459,7 @@ class Settings:
         origin: of laws, where it is not where a suspension rests.
         regression: of laws, by the second method.
         faults: that may be let in.
+        repeatability: of the suspensions from run to run.
         intervals: and what is said of them.
         surface: of the force without a law.
         warnings: when something is worth one.
@@ -448,6 +478,7 @@ class Settings:
     origin: OriginSettings = field(default_factory=OriginSettings)
     regression: RegressionSettings = field(default_factory=RegressionSettings)
     faults: FaultSettings = field(default_factory=FaultSettings)
+    repeatability: RepeatabilitySettings = field(default_factory=RepeatabilitySettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
     warnings: WarningSettings = field(default_factory=WarningSettings)

@@ -42,6 +42,9 @@ TAPE_M = 0.01
 SYMMETRIC_M = 0.1
 """Left and right of the middle to this accuracy."""
 
+MOST_UNLIKE = 0.2
+"""Suspensions that differ more from run to run are not one suspension."""
+
 ONE_PLACE_M = 0.05
 """Interfaces nearer to each other than this are one."""
 
@@ -185,6 +188,8 @@ class Study:
         runs: one or more.
         structure: what is said of the body.
         sensors: further ones on the body.
+        repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
+            run to run; 0 where they are known to be the same, None for what is usual.
         date: of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
 
@@ -198,6 +203,7 @@ class Study:
     runs: tuple[Run, ...]
     structure: StructureSettings = field(default_factory=StructureSettings)
     sensors: tuple[BodySensor, ...] = ()
+    repeatability: float | None = None
     date: date | None = None
     source: Path | None = None
 
@@ -278,6 +284,7 @@ def study_of_gear(
     runs: Sequence[Run],
     sensors: SensorPair = IDEAL_PAIR,
     axis: Axis = "up",
+    repeatability: float | None = None,
     date: date | None = None,
     source: Path | None = None,
 ) -> Study:
@@ -290,6 +297,8 @@ def study_of_gear(
         runs: one or more.
         sensors: what is known of the two sensors.
         axis: where the channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
+        repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
+            where they are known to be the same, None for what is usual.
         date: of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
 
@@ -304,7 +313,7 @@ def study_of_gear(
     512.0
     """
     gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors, axis=axis)
-    return Study(title, (gear,), tuple(runs), date=date, source=source)
+    return Study(title, (gear,), tuple(runs), repeatability=repeatability, date=date, source=source)
 
 
 def symmetric_pairs(study: Study) -> list[tuple[int, int]]:
@@ -411,6 +420,11 @@ def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[
 
 def _structure_faults(study: Study) -> Iterator[str]:
     settings, names = study.structure, study.names
+    if study.repeatability is not None and not 0 <= study.repeatability <= MOST_UNLIKE:
+        yield (
+            f"the repeatability is {study.repeatability:g}, give the relative standard deviation by which springs, "
+            f"damping and friction differ from run to run, 0 to {MOST_UNLIKE:g} (0.01 for 1 %)"
+        )
     if settings.kind not in KINDS:
         yield f"the kind of structure is {settings.kind!r}: {nearest(settings.kind, KINDS)}"
     if not (math.isfinite(settings.position_tolerance_m) and 0 <= settings.position_tolerance_m <= 1.0):

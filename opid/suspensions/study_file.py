@@ -102,7 +102,17 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
     refuse(faults, source)
     title, day, at_rate = document.get("title", source.stem), document.get("date"), at_one_rate(runs)
     if is_body:
-        return Study(title, interfaces, at_rate, _structure(document.get("structure", {})), further, day, source)
+        structure = _structure(document.get("structure", {}))
+        return Study(
+            title,
+            interfaces,
+            at_rate,
+            structure,
+            further,
+            repeatability=document.get("repeatability"),
+            date=day,
+            source=source,
+        )
     names = {side: _name(document["channels"], side) for side in SIDES}
     return study_of_gear(
         title,
@@ -111,6 +121,7 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         runs=at_rate,
         sensors=pair,
         axis=document.get("axis", "up"),
+        repeatability=document.get("repeatability"),
         date=day,
         source=source,
     )
@@ -218,8 +229,8 @@ def _gear_text(study: Study) -> str:
     sensors = _sensor_tables(study.interfaces[0].facts)
     known = {"sensors": sensors} if sensors else {}
     day = {} if study.date is None else {"date": study.date}
-    axis = _axis_of(study.interfaces[0])
-    text = tomli_w.dumps({"title": study.title, **day, **axis, "channels": channels, **known})
+    head = _axis_of(study.interfaces[0]) | _repeatability_of(study)
+    text = tomli_w.dumps({"title": study.title, **day, **head, "channels": channels, **known})
     for run in study.runs:
         entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
         # all of it: without a start the stretch in motion would be looked for
@@ -228,12 +239,17 @@ def _gear_text(study: Study) -> str:
     return text
 
 
+def _repeatability_of(study: Study) -> dict[str, float]:
+    return {} if study.repeatability is None else {"repeatability": study.repeatability}
+
+
 def _axis_of(interface: MeasuredInterface) -> dict[str, str]:
     return {} if interface.axis == "up" else {"axis": interface.axis}
 
 
 def _body_text(study: Study) -> str:
     head: dict[str, Any] = {"title": study.title} | ({} if study.date is None else {"date": study.date})
+    head |= _repeatability_of(study)
     facts = {name: _told(known) for name, known in _facts_by_channel(study).items() if _told(known)}
     used = {*study.channels("unsprung"), *study.channels("sprung")}
     # every further channel of the runs by its own name, so that it is read back

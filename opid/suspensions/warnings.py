@@ -9,6 +9,7 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
+from opid.mechanics.repeatability import PARTS
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
@@ -26,6 +27,7 @@ from opid.suspensions.settings import Verdicts, WarningSettings
 from opid.suspensions.straight_terms import StraightTerm
 from opid.suspensions.study import Run, Study, rigid_faults
 
+_PARTS_IN_WORDS = {"spring": "the stiffness", "damper": "the damping", "friction": "the friction"}
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
 
 
@@ -291,6 +293,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     for part in told:
         yield from _of_the_demands(part)
         yield from _of_stated_facts(part)
+        yield from _of_unlike_runs(choice.study, part)
     if told:
         yield from _of_the_ground(answer)
     yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings)
@@ -434,6 +437,28 @@ def _of_the_demands(part: Fitted) -> Iterator[str]:
             f"the runs demand {words}{stated} ({values}): without it the error is "
             f"{1e3 * mine[0].error_before:.3g} instead of {1e3 * mine[0].error_after:.3g} mm/s^2{also}"
         )
+
+
+def _of_unlike_runs(study: Study, part: Fitted) -> Iterator[str]:
+    """What differs between runs by more than its interval."""
+    fit, known = part.fit, part.settings.warnings
+    if not fit.model.repeatability:
+        return
+    entries = [fit.model.places_of_run(place)[1] for place in range(len(fit.model.runs))]
+    groups = [group.name for group in fit.model.groups]
+    first = entries[0].start
+    for place, own in enumerate(entries[1:], start=1):
+        for k in range(own.stop - own.start):
+            slopes = np.zeros(fit.theta.size)
+            slopes[own.start + k], slopes[first + k] = 1.0, -1.0
+            differs, std = float(slopes @ fit.theta), float(np.sqrt(slopes @ part.known.covariance @ slopes))
+            if abs(differs) > known.unlike_std * std:
+                what = _PARTS_IN_WORDS[PARTS[k % len(PARTS)]]
+                where = f" at {groups[k // len(PARTS)]!r}" * bool(groups[k // len(PARTS)])
+                yield (
+                    f"{what}{where} in run {study.runs[place].name!r} is {100 * abs(differs):.2g} +- {100 * std:.1g} % "
+                    f"{'more' if differs > 0 else 'less'} than in run {study.runs[0].name!r}"
+                )
 
 
 def _of_stated_facts(part: Fitted) -> Iterator[str]:

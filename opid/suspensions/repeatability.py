@@ -1,0 +1,172 @@
+"""How much alike the runs are: told by the runs themselves, within what the study says of it.
+
+Springs, damping and friction of each run depart from those of all runs by factors 1 + e. That e is small is known
+before, but hardly how small: the stated repeatability is believed within a factor of ten. Where springs, damping and
+friction all changed by the same ratio from one mass to the other, or a run at the first mass was as the first, the
+departures are small and the mass is well known. Where they changed by ratios of their own, each is a poor witness.
+
+What is known of the repeatability after the data is found on a grid of levels; each of them weighs the departures
+otherwise (empirical hierarchical model, Gelman et al. 2013, ch. 5). The intervals are those of the mixture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize, special
+
+from opid.signals.recording import FloatArray
+from opid.suspensions.fit import NO_FIT, Fit, fit_model
+
+_HALF_OF_95 = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What the runs say at each level of repeatability.
+
+    Args:
+        repeatability: (n_levels,) relative standard deviation of the departures.
+        weight: (n_levels,) probability of each after the data.
+        moved: (n_levels, n_unknowns) the best vector less that of the fit.
+        covariance: (n_levels, n_unknowns, n_unknowns) about it.
+    """
+
+    repeatability: FloatArray
+    weight: FloatArray
+    moved: FloatArray
+    covariance: FloatArray
+
+    @property
+    def median(self) -> float:
+        """The level that half of the probability lies below."""
+        return float(np.exp(np.interp(0.5, np.cumsum(self.weight), np.log(self.repeatability))))
+
+    def mixed(self) -> FloatArray:
+        """Return the covariance of the vector over all levels, about that of the fit.
+
+        Each deviation is that of a normal distribution with the same 95 % interval; a mixture has longer tails.
+        """
+        about = np.einsum("l,lij->ij", self.weight, self.covariance)
+        about += np.einsum("l,li,lj->ij", self.weight, self.moved, self.moved)
+        std = np.sqrt(np.maximum(np.diag(about), 1e-300))
+        own = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 1e-300))
+        wide = np.array([self._half_width(self.moved[:, k], own[:, k]) for k in range(std.size)]) / _HALF_OF_95
+        return about * np.outer(wide / std, wide / std)
+
+    def _half_width(self, mean: FloatArray, std: FloatArray) -> float:
+        """Half of the interval about zero that holds 95 %, each tail with no more than half of the rest."""
+        reach = float(np.abs(mean).max() + 10 * std.max())
+
+        def beyond(side: float) -> float:
+            def excess(end: float) -> float:
+                return float(self.weight @ special.ndtr((side * mean - end) / std)) - 0.025
+
+            return float(optimize.brentq(excess, -reach, reach, xtol=1e-6 * reach))
+
+        return max(beyond(1.0), beyond(-1.0))
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """How much alike the runs of a fit are.
+
+    Args:
+        stated: relative standard deviation of springs, damping and friction from run to run, known before.
+        is_usual: whether the study left it to what is usual.
+        told: the level that the runs speak for, the median of what is known after them; None without departures.
+        mass_if_alike: standard deviation of the mass over what it is, were all runs alike; None without a mass.
+    """
+
+    stated: float
+    is_usual: bool
+    told: float | None = None
+    mass_if_alike: float | None = None
+
+
+def repeatability_of(fit: Fit, stated: float, *, is_usual: bool, std_of_inverse_mass: float | None) -> Repeatability:
+    """Return how much alike the runs of a fit are.
+
+    Args:
+        fit: of a model.
+        stated: repeatability.
+        is_usual: whether the study left it to what is usual.
+        std_of_inverse_mass: as it is told, 1/kg; None where it is not fitted.
+    """
+    if not fit.model.repeatability:
+        return Repeatability(stated, is_usual)
+    found, fraction = levels(fit, stated), None
+    if std_of_inverse_mass:
+        place = fit.model.names.index("inverse_mass")
+        # the lowest level is far below what any data tell
+        fraction = min(1.0, float(np.sqrt(found.covariance[0, place, place])) / std_of_inverse_mass)
+    return Repeatability(stated, is_usual, found.median, fraction)
+
+
+def levels(fit: Fit, stated: float) -> Levels:
+    """Return what the runs say at each level of repeatability, to first order about a fit.
+
+    Args:
+        fit: with departures at some level.
+        stated: repeatability.
+    """
+    model, known = fit.model, fit.model.settings.repeatability
+    n, errors = fit.n_data, fit.errors
+    free = np.zeros(fit.theta.size, dtype=bool)
+    for place in range(len(model.runs)):
+        free[model.places_of_run(place)[1]] = True
+    weight = np.concatenate([np.full(n, 1 / np.sqrt(fit.variance)), np.ones(errors.stacked.size - n)])
+    jacobian, left = errors.jacobian * weight[:, np.newaxis], errors.stacked * weight
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    # without what was known of the departures, in units of each column
+    before = np.where(free, 1 / (model.repeatability * size), 0.0) ** 2
+    gram = (jacobian / size).T @ (jacobian / size) - np.diag(before)
+    departure = fit.theta * size
+    along = -(jacobian / size).T @ left + before * departure
+    log_level = np.linspace(*known.reach, known.n_levels)
+    repeatability = stated * np.exp(log_level * np.log(known.doubt))
+    log_weight, moved, covariance = [], [], []
+    for level, log in zip(repeatability, log_level, strict=True):
+        prior = np.where(free, 1 / (level * size), 0.0) ** 2
+        inside = gram + np.diag(prior)
+        inverse = np.linalg.pinv(inside, rcond=1e-13, hermitian=True)
+        slope = along - prior * departure
+        step = inverse @ slope
+        likely = 0.5 * float(slope @ step) - 0.5 * float(np.sum(prior * departure**2))
+        likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.linalg.slogdet(inside)[1])
+        log_weight.append(likely - 0.5 * log**2)
+        moved.append(step / size)
+        covariance.append(inverse / np.outer(size, size))
+    weights = special.softmax(log_weight)
+    return Levels(repeatability, weights, np.array(moved), np.array(covariance))
+
+
+def with_departures(fit: Fit, repeatability: float) -> Fit:
+    """Fit once more with springs, damping and friction of each run let go.
+
+    Args:
+        fit: with the same in all runs.
+        repeatability: relative standard deviation of each.
+    """
+    model = replace(fit.model, repeatability=repeatability)
+    theta = np.zeros(model.n_shared + model.n_own * len(model.runs))
+    theta[: model.n_shared] = fit.theta[: model.n_shared]
+    for place in range(len(model.runs)):
+        theta[model.places_of_run(place)[0]] = fit.theta[fit.model.places_of_run(place)[0]]
+    try:
+        return fit_model(model, theta)
+    except NO_FIT:
+        return fit
+
+
+def with_own_repeatability(fit: Fit) -> Fit:
+    """Fit once more at the repeatability that the runs themselves speak for; a fit without departures as it is."""
+    if not fit.model.repeatability:
+        return fit
+    told = levels(fit, fit.model.repeatability).median
+    try:
+        return fit_model(replace(fit.model, repeatability=told), fit.theta)
+    except NO_FIT:
+        return fit

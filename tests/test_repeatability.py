@@ -1,0 +1,164 @@
+"""No two runs are alike: what differs is found, and the interval of the mass allows for what may differ."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_study, study_of
+
+from opid.errors import InputError
+from opid.mechanics.driven import Interface
+from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.mechanics.laws import LAWS, LINEAR, default_law, law
+from opid.mechanics.repeatability import PARTS, Departure, part_of
+from opid.report.gear_text import gear_text
+from opid.suspensions.fit import fit_model
+from opid.suspensions.identification import identify
+from opid.suspensions.repeatability import levels, with_departures
+from opid.suspensions.study import Run
+
+LAW = "arctan_velocity"
+
+
+def runs_that_differ(departure=None, *, third=None, seed=0, gear=None, **settings):
+    """A heavy and a light run whose strut departs, and a third one at the first mass that departs as `third`."""
+    given = {"duration_s": 20, "fs": 256} | settings
+    rng = np.random.default_rng(seed)
+    test = taxi_test(gear or LandingGear(), rng=rng, departures=(Departure(), departure or Departure()), **given)
+    runs = [Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg)]
+    if third is not None:
+        changed = third.of(Interface(STIFFNESS, DAMPING, 0.0, LandingGear().law))
+        again = LandingGear(
+            suspension_stiffness_n_per_m=changed.stiffness,
+            suspension_damping_n_s_per_m=changed.damping,
+            law=changed.law,
+        )
+        runs.append(Run("again", taxi_run(again, rng=rng, **given).recording))
+    return runs
+
+
+def test_every_kind_of_law_belongs_to_springs_damping_or_friction():
+    parts = {name: part_of(kind) for name, kind in LAWS.items()}
+    assert set(parts.values()) == set(PARTS)
+    for name, part in parts.items():
+        usual = default_law(name).terms[0]
+        by_travel = usual.evaluate(np.array([-0.01, 0.01]), np.zeros(2))[0]
+        assert bool(by_travel.any()) == (part == "spring"), name
+
+
+def test_a_departure_multiplies_its_own_part_alone():
+    laws = {
+        "arctan_velocity": {"amplitude_n": 400.0, "scale_m_per_s": 0.02},
+        "cubic_stiffness": {"stiffness_n_per_m3": 1e8},
+        "quadratic_damping": {"damping_n_s2_per_m2": 1e4},
+    }
+    strut = Interface(2e5, 4e3, 1e3, law("+".join(laws), **laws))
+    found = Departure(0.1, 0.2, 0.3).of(strut)
+    assert (found.stiffness, found.damping, found.ground_stiffness) == pytest.approx((2.2e5, 4.8e3, 1e3))
+    before = {term.name: term.amplitude for term in strut.law.terms}
+    factors = {"arctan_velocity": 1.3, "cubic_stiffness": 1.1, "quadratic_damping": 1.2}
+    assert {term.name: term.amplitude / before[term.name] for term in found.law.terms} == pytest.approx(factors)
+
+
+def test_derivatives_by_departures_are_those_of_the_parameters_they_multiply():
+    """In its own run a departure of the springs does what their stiffness does, and nothing in the other."""
+    fit = identify(study_of(), law=LAW).evidence[0].fit
+    model, plain = replace(fit.model, repeatability=0.01), fit.model
+    theta = with_departures(fit, 0.01).theta
+    theta[np.r_[model.places_of_run(0)[1], model.places_of_run(1)[1]]] = 0.0
+    n, n_first = fit.n_data, 2 * fit.errors.lines[0].size
+    same = np.concatenate([theta[: model.n_shared], *(theta[model.places_of_run(place)[0]] for place in (0, 1))])
+    found, usual = model.evaluate(theta).jacobian[:n], plain.evaluate(same).jacobian[:n]
+    # springs, damping, and the amplitude of the friction
+    for part, entry in enumerate((0, 1, 2)):
+        for place, rows in enumerate((slice(0, n_first), slice(n_first, n))):
+            column = found[:, model.places_of_run(place)[1].start + part]
+            np.testing.assert_allclose(column[rows], usual[rows, entry] * same[entry], rtol=1e-9, atol=1e-12)
+            assert np.count_nonzero(column) == np.count_nonzero(column[rows])
+
+
+def test_a_second_flight_with_a_stiffer_spring_moves_no_mass_beyond_its_interval():
+    """Two per cent of stiffness moved the mass by 7 %, with an interval of 0.3 %."""
+    runs = runs_that_differ(Departure(spring=0.02), duration_s=40, fs=512)
+    same = identify(gear_study(*runs, repeatability=0.0), law=LAW).parameters.sprung_mass_kg
+    assert abs(same.value - MASS_KG) > 5 * same.std
+    result = identify(gear_study(*runs, repeatability=None), law=LAW)
+    mass = result.parameters.sprung_mass_kg
+    assert mass.holds(MASS_KG)
+    assert abs(mass.value - MASS_KG) < abs(same.value - MASS_KG)
+    assert result.evidence[0].repeatability.told > 2e-3
+
+
+def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
+    runs = runs_that_differ(duration_s=40, fs=512)
+    same, usual = (identify(gear_study(*runs, repeatability=each), law=LAW) for each in (0.0, None))
+    masses = [each.parameters.sprung_mass_kg for each in (same, usual)]
+    assert masses[1].holds(MASS_KG)
+    assert abs(masses[1].value - masses[0].value) < 2 * masses[0].std
+    assert masses[1].std > masses[0].std
+    (alike,) = (each.repeatability for each in usual.evidence)
+    assert alike.is_usual
+    assert alike.told < 0.3 * alike.stated
+    assert alike.mass_if_alike == pytest.approx(masses[0].std / masses[1].std, rel=0.2)
+    text = " ".join(gear_text(usual).split())
+    assert "may differ from run to run by about 1 %" in text
+    assert "a further run at a mass that was flown would tell how much alike the runs are" in text.lower()
+    assert "taken to be the same in all runs (`repeatability = 0`)" in " ".join(gear_text(same).split())
+
+
+def test_the_first_mass_flown_again_tells_how_much_alike_the_runs_are():
+    """Two runs of a linear strut leave it open which of mass and strut changed."""
+    gear = LandingGear(law=LINEAR)
+    two = identify(gear_study(*runs_that_differ(gear=gear), repeatability=None), law="linear")
+    rng = np.random.default_rng(5)
+    again = Run("again", taxi_run(gear, rng=rng, duration_s=20, fs=256).recording)
+    three = identify(gear_study(*runs_that_differ(gear=gear), again, repeatability=None), law="linear")
+    assert three.evidence[0].repeatability.told < two.evidence[0].repeatability.told
+    widths = [each.parameters.sprung_mass_kg.std for each in (two, three)]
+    assert widths[1] < 0.8 * widths[0]
+    assert three.parameters.sprung_mass_kg.holds(MASS_KG)
+
+
+def test_a_strut_that_changed_between_two_runs_of_one_mass_is_named():
+    runs = runs_that_differ(third=Departure(spring=0.02, friction=-0.03))
+    result = identify(gear_study(*runs, repeatability=None), law=LAW)
+    told = [each for each in result.warnings if "in run 'again'" in each]
+    assert any(
+        each.startswith("the stiffness in run 'again' is 2") and "more than in run 'heavy'" in each for each in told
+    )
+    assert any(each.startswith("the friction in run 'again' is") and "less than" in each for each in told)
+    # told run by run
+    first, last = (each.stiffness for each in (result.interfaces[0].at_rest[0], result.interfaces[0].at_rest[2]))
+    assert last.value / first.value == pytest.approx(1.02, abs=2e-3)
+
+
+def test_levels_are_those_of_fits_at_each_of_them():
+    """To first order about one fit, against fits."""
+    runs = runs_that_differ(Departure(0.01, -0.01, 0.005))
+    fit = identify(gear_study(*runs, repeatability=0.01), law=LAW).evidence[0].fit
+    found = levels(fit, 0.01)
+    assert found.weight.sum() == pytest.approx(1.0)
+    place = fit.model.names.index("inverse_mass")
+    for k in np.flatnonzero((found.repeatability > 2e-3) & (found.repeatability < 3e-2))[::3]:
+        other = fit_model(replace(fit.model, repeatability=float(found.repeatability[k])), fit.theta)
+        moved, std = other.theta[place] - fit.theta[place], np.sqrt(found.covariance[k, place, place])
+        assert abs(moved - found.moved[k, place]) < 0.1 * std
+        assert std == pytest.approx(other.std[place], rel=0.1)
+
+
+def test_one_run_has_nothing_to_differ_from():
+    result = identify(gear_study(runs_that_differ()[0], repeatability=None), law=LAW)
+    assert result.evidence[0].repeatability.told is None
+    assert result.ratios.stiffness_per_mass.holds(STIFFNESS / MASS_KG)
+
+
+@pytest.mark.parametrize("wrong", [-0.01, 0.5, float("nan")])
+def test_a_repeatability_that_cannot_be_is_refused(wrong):
+    with pytest.raises(InputError, match="give the relative standard deviation by which springs"):
+        gear_study(runs_that_differ()[0], repeatability=wrong)
+
+
+def test_equal_masses_that_were_not_equal_are_not_taken_for_another_strut():
+    heavy, light = runs_that_differ()
+    result = identify(gear_study(heavy, replace(light, loading=()), repeatability=None), law=LAW)
+    assert "natural frequencies" in result.not_determined
