@@ -33,10 +33,13 @@ def gear_study(
     sprung: str = "upper_z",
     unsprung: str = "lower_z",
     sensors: SensorPair = IDEAL_PAIR,
+    repeatability: float | None = None,
 ) -> Study:
     """Return the study of one gear from (name, recording, mass change in kg) of each run."""
     told = tuple(Run(name, recording, change_kg) for name, recording, change_kg in runs)
-    return study_of_gear(title, sprung=sprung, unsprung=unsprung, runs=told, sensors=sensors, repeatability=0.0)
+    return study_of_gear(
+        title, sprung=sprung, unsprung=unsprung, runs=told, sensors=sensors, repeatability=repeatability
+    )
 
 
 def aircraft_study(
@@ -47,7 +50,7 @@ def aircraft_study(
     *,
     date: date | None = None,
 ) -> Study:
-    """Return the study of an aircraft from (name, recording, loading) of each run."""
+    """Return the study of an aircraft from (name, recording, loading) of each run, the same struts in all."""
     told = tuple(
         Run(name, recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
         for name, recording, loading in runs

@@ -217,7 +217,9 @@ def body_limits(result: Identification) -> str:
     n_loadings = len({run.loading for run in result.runs})
     scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
     alike = " ".join(
-        f"{each[0].upper()}{each[1:]}." for each in how_alike(result.evidence[0].repeatability, result.study)
+        f"{each[0].upper()}{each[1:]}."
+        for evidence in result.evidence[:1]
+        for each in how_alike(evidence.repeatability, result.study, result.parameters.sprung_mass_kg)
     )
     return (
         f"From {n_runs} run{'s' * (n_runs > 1)} at {scale}: {n_sensors} sensor{'s' * (n_sensors > 1)} on the body "

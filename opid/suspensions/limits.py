@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import GROUND
@@ -40,10 +41,11 @@ _RULES = 0.5
 def limits(fit: Fit, covariance: FloatArray, study: Study, alike: Repeatability) -> Iterator[str]:
     """Yield what limits the mass and the laws, one sentence each."""
     mass_changes_kg = [run.mass_change_kg for run in study.runs]
-    duration_s = sum(run.recording.duration_s for run in study.runs)
+    duration_s, told = sum(run.recording.duration_s for run in study.runs), Estimate()
     if fit.model.mass_free and fit.value("inverse_mass") > 0:
         place, mu = fit.model.names.index("inverse_mass"), fit.value("inverse_mass")
         mass, std = 1 / mu, float(np.sqrt(max(covariance[place, place], 0.0))) / mu**2
+        told = Estimate(mass, std)
         fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass
         if fraction > 0:
             rules = alike.mass_if_alike is not None and alike.mass_if_alike < _RULES
@@ -54,7 +56,7 @@ def limits(fit: Fit, covariance: FloatArray, study: Study, alike: Repeatability)
                 f"multiplies {does} by {1 / fraction:.0f}; doubling it{more} would halve the interval"
             )
         yield from _named(fit, covariance, place, "the mass")
-    yield from how_alike(alike, study)
+    yield from how_alike(alike, study, told)
     for number in range(len(fit.model.groups)):
         places = fit.model.law_places(number)
         for place in range(places.start, places.stop):
@@ -64,12 +66,13 @@ def limits(fit: Fit, covariance: FloatArray, study: Study, alike: Repeatability)
                 return
 
 
-def how_alike(alike: Repeatability, study: Study) -> Iterator[str]:
+def how_alike(alike: Repeatability, study: Study, mass: Estimate) -> Iterator[str]:
     """Yield how much alike the runs are taken to be, and what would tell it better, one sentence each.
 
     Args:
         alike: of a fitted structure.
         study: it was fitted to.
+        mass: of the body.
     """
     if len(study.runs) < 2:
         return
@@ -81,10 +84,11 @@ def how_alike(alike: Repeatability, study: Study) -> Iterator[str]:
         f"springs, damping and friction may differ from run to run by about {100 * alike.stated:.2g} % ({source}), and "
         f"the runs speak for {100 * alike.told:.1g} %"
     )
-    if alike.mass_if_alike is None:
+    if alike.mass_if_alike is None or mass.value is None or mass.std is None:
         yield said
         return
-    yield f"{said}: were all alike, the interval of the mass would be {alike.mass_if_alike:.2g} times as wide"
+    at_best = 196 * alike.mass_if_alike * mass.std / mass.value
+    yield f"{said}; were all alike, the mass would be known to {at_best:.2g} %"
     flown_twice = len({run.masses for run in study.runs}) < len(study.runs)
     if alike.mass_if_alike < _RULES:
         yield (
