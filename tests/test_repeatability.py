@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from body_runs import aircraft
+from body_runs import study as body_study
 from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_study, study_of
 
 from opid.errors import InputError
@@ -11,6 +13,7 @@ from opid.mechanics.driven import Interface
 from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
 from opid.mechanics.laws import LAWS, LINEAR, default_law, law
 from opid.mechanics.repeatability import PARTS, Departure, part_of
+from opid.report.body_text import body_text
 from opid.report.gear_text import gear_text
 from opid.suspensions.fit import fit_model
 from opid.suspensions.identification import identify
@@ -86,7 +89,7 @@ def test_a_second_flight_with_a_stiffer_spring_moves_no_mass_beyond_its_interval
     mass = result.parameters.sprung_mass_kg
     assert mass.holds(MASS_KG)
     assert abs(mass.value - MASS_KG) < abs(same.value - MASS_KG)
-    assert result.evidence[0].repeatability.told > 2e-3
+    assert result.evidence[0].repeatability.estimated > 2e-3
 
 
 def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
@@ -98,7 +101,7 @@ def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
     assert masses[1].std > masses[0].std
     (alike,) = (each.repeatability for each in usual.evidence)
     assert alike.is_usual
-    assert alike.told < 0.3 * alike.stated
+    assert alike.estimated < 0.3 * alike.stated
     assert alike.mass_if_alike == pytest.approx(masses[0].std / masses[1].std, rel=0.2)
     text = " ".join(gear_text(usual).split())
     assert "may differ from run to run by about 1 %" in text
@@ -113,7 +116,7 @@ def test_the_first_mass_flown_again_tells_how_much_alike_the_runs_are():
     rng = np.random.default_rng(5)
     again = Run("again", taxi_run(gear, rng=rng, duration_s=20, fs=256).recording)
     three = identify(gear_study(*runs_that_differ(gear=gear), again, repeatability=None), law="linear")
-    assert three.evidence[0].repeatability.told < two.evidence[0].repeatability.told
+    assert three.evidence[0].repeatability.estimated < two.evidence[0].repeatability.estimated
     widths = [each.parameters.sprung_mass_kg.std for each in (two, three)]
     assert widths[1] < 0.8 * widths[0]
     assert three.parameters.sprung_mass_kg.holds(MASS_KG)
@@ -148,7 +151,7 @@ def test_levels_are_those_of_fits_at_each_of_them():
 
 def test_one_run_has_nothing_to_differ_from():
     result = identify(gear_study(runs_that_differ()[0], repeatability=None), law=LAW)
-    assert result.evidence[0].repeatability.told is None
+    assert result.evidence[0].repeatability.estimated is None
     assert result.ratios.stiffness_per_mass.holds(STIFFNESS / MASS_KG)
 
 
@@ -162,3 +165,55 @@ def test_equal_masses_that_were_not_equal_are_not_taken_for_another_strut():
     heavy, light = runs_that_differ()
     result = identify(gear_study(heavy, replace(light, loading=()), repeatability=None), law=LAW)
     assert "natural frequencies" in result.not_determined
+
+
+def test_two_runs_that_differ_say_that_something_changed_though_not_what():
+    result = identify(gear_study(*runs_that_differ(Departure(spring=0.02)), repeatability=None), law=LAW)
+    (said,) = (each for each in result.warnings if "are not those in run 'heavy'" in each)
+    assert said.startswith("the stiffness and the ")
+    assert "in run 'light'" in said
+    assert result.parameters.sprung_mass_kg.holds(MASS_KG)
+
+
+def test_a_run_whose_forces_all_changed_by_one_ratio_has_another_mass():
+    """The third run is 60 kg heavier than stated: that is no strut that changed."""
+    heavy, light = runs_that_differ(duration_s=40)
+    gear = LandingGear(sprung_mass_kg=MASS_KG - 110.0)
+    third = taxi_run(gear, rng=np.random.default_rng(9), duration_s=40, fs=256).recording
+    result = identify(gear_study(heavy, light, Run("third", third, -170.0), repeatability=None), law=LAW)
+    (said,) = (each for each in result.warnings if "check the mass_change_kg of all runs" in each)
+    assert "in run 'third' are all" in said
+    kg = float(said.split("as if it carried ")[1].split(" kg")[0])
+    assert "more than stated" in said
+    assert kg == pytest.approx(60, abs=15)
+
+
+def test_a_stated_repeatability_that_the_runs_contradict_is_named():
+    runs = runs_that_differ(Departure(0.02, -0.02, 0.01), duration_s=40)
+    result = identify(gear_study(*runs, repeatability=0.001), law=LAW)
+    assert any("more than the stated repeatability of 0.1 %" in each for each in result.warnings)
+
+
+def test_no_number_is_known_better_than_at_the_level_that_knows_it_best():
+    fit = identify(gear_study(*runs_that_differ(), repeatability=0.01), law=LAW).evidence[0].fit
+    found = levels(fit, 0.01)
+    rng = np.random.default_rng(0)
+    appreciable = np.flatnonzero(found.weight > 1e-3)
+    for _ in range(20):
+        slopes = rng.standard_normal(fit.theta.size) / np.sqrt(np.diag(found.covariance[0]))
+        each = [np.sqrt(slopes @ found.covariance[k] @ slopes) for k in appreciable]
+        assert found.deviation(slopes) > 0.99 * min(each)
+
+
+@pytest.mark.parametrize("shared", [(), (("left", "right"),)])
+def test_a_body_whose_runs_may_differ_is_told_with_wider_intervals(shared):
+    """Three gears, each with departures of its own, or two of them with the same."""
+    given = body_study(shared=shared)
+    same, usual = (identify(replace(given, repeatability=each), law=LAW) for each in (0.0, None))
+    (fit,) = (each.fit for each in usual.evidence)
+    assert fit.model.n_own == 6 + 3 * len(fit.model.groups)
+    masses = [each.parameters.sprung_mass_kg for each in (same, usual)]
+    assert masses[1].std > masses[0].std
+    assert masses[1].holds(aircraft().mass_kg)
+    assert abs(masses[1].value - masses[0].value) < 3 * masses[1].std
+    assert "may differ from run to run" in " ".join(body_text(usual).split())

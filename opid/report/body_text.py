@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from opid.estimate import Estimate
 from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
-from opid.suspensions.limits import how_alike
+from opid.suspensions.limits import how_alike, repeatability_rules
 from opid.suspensions.residual import over_noise
 from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
@@ -219,7 +220,13 @@ def body_limits(result: Identification) -> str:
     alike = " ".join(
         f"{each[0].upper()}{each[1:]}."
         for evidence in result.evidence[:1]
-        for each in how_alike(evidence.repeatability, result.study, result.parameters.sprung_mass_kg)
+        for each in how_alike(
+            evidence.repeatability,
+            result.study,
+            # of gears that were fitted one by one, each has a share of its own
+            result.parameters.sprung_mass_kg if len(result.evidence) == 1 else Estimate(),
+            rules=repeatability_rules(evidence.repeatability, evidence.fit),
+        )
     )
     return (
         f"From {n_runs} run{'s' * (n_runs > 1)} at {scale}: {n_sensors} sensor{'s' * (n_sensors > 1)} on the body "

@@ -120,8 +120,9 @@ def _limits_of_model(result: Identification) -> str:
         return predicted
     checked = evidence.bootstrap_over_white.get("inverse_mass")
     check = f" (resampled blocks of time give {checked:.2f} times that of the mass)" if checked and white else ""
+    unlike = " and of runs that are not quite alike" * (evidence.repeatability.estimated is not None)
     sentences = [
-        f"{predicted} The intervals are those of {'such noise' if white else 'errors so coloured'}{check}.",
+        f"{predicted} The intervals are those of {'such noise' if white else 'errors so coloured'}{check}{unlike}.",
         *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence.limits),
     ]
     return " ".join(sentences) + _chosen_among(result.options.law, result.options.kinds)

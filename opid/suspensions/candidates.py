@@ -19,7 +19,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
 from opid.suspensions.faults import Demand
 from opid.suspensions.fit import NO_FIT, Fit, loading_changes, runs_contradict_each_other
-from opid.suspensions.intervals import Parameters, honest_covariance
+from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Group, Model, noise_level
 from opid.suspensions.noise import with_own_noise
@@ -70,7 +70,7 @@ class Task:
     def repeatability(self) -> float:
         """Relative standard deviation of springs, damping and friction from run to run, as stated or as usual."""
         if self.study is None:
-            return 0.0  # a user's own structure is what it is
+            return 0.0  # the suspensions of a user's own structure are taken to be the same in all runs
         stated = self.study.repeatability
         return self.settings.repeatability.usual if stated is None else stated
 
@@ -164,7 +164,7 @@ class Fitted:
         # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
         alone = self.task.study is not None and self.task.study.is_one_gear
         wider = max(1.0, self.residual_over_noise / self.settings.verdicts.doubtful) if alone else 1.0
-        return Parameters(self.fit, wider**2 * honest_covariance(self.fit, self.task.repeatability))
+        return known_parameters(self.fit, self.task.repeatability, wider=wider)
 
 
 @dataclass(frozen=True, eq=False)
@@ -417,9 +417,9 @@ def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Mo
 def _with_departures(
     task: Task, found: Found, model: Model, start: Start, begin: Callable[..., tuple[Model, Start]]
 ) -> Found:
-    """Where a search ended with springs, damping and friction of each run let go; searched anew where that mends much.
+    """Where a search ended, with springs, damping and friction of each run let go.
 
-    Runs that are alike are told apart by the search itself no better than those that are taken to be.
+    The search began with runs that are alike. Where letting them go mends much, laws and faults are searched again.
     """
     stated, known = task.repeatability, task.settings.repeatability
     if is_hopeless(found.fit) or runs_contradict_each_other(found.fit):

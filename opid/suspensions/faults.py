@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.signals.recording import FloatArray
-from opid.suspensions.fit import NO_FIT, Fit, carried_over, fit_model
+from opid.suspensions.fit import NO_FIT, Fit, carried_over, fit_model, rows_with_departures
 from opid.suspensions.model import Model
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SensorFacts, Sensors, Side
@@ -167,8 +167,9 @@ def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[floa
         The gain of each group: of the one among its names that gains most, the others of the group being adapted.
     """
     errors = model.evaluate(carried_over(fit, model))
-    # what was known before is left out
-    jacobian, stacked = errors.jacobian[: fit.n_data], errors.stacked[: fit.n_data]
+    # what was known before is left out, but for the struts of the runs
+    rows = rows_with_departures(fit, model)
+    jacobian, stacked = errors.jacobian[rows], errors.stacked[rows]
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     gram, along = (jacobian / size).T @ (jacobian / size), (jacobian / size).T @ stacked
     place = {name: k for k, name in enumerate(model.names)}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import Law
@@ -84,10 +85,10 @@ class Fit:
     @cached_property
     def bic(self) -> float:
         """Bayesian information criterion (Schwarz 1978): smaller is better."""
-        # known to a tolerance before, a place is no free parameter; it costs to move it, and a sensor, far from there
-        n_places = len(self.model.body.coordinates)
-        n_free = self.model.n_shared - n_places
-        moved = self.errors.stacked[self.n_data :][: n_places + len(self.model.faults)]
+        # known to a tolerance before, a place is no free parameter; it costs to move it, and a sensor or the strut of a
+        # run, far from there
+        n_free = self.model.n_shared - len(self.model.body.coordinates)
+        moved = self.errors.stacked[self.n_data :][self.model.is_weighed]
         likelihood = self.model.log_likelihood(self.errors, self.theta)
         return float(n_free * np.log(self.n_data) - 2 * likelihood + moved @ moved)
 
@@ -253,6 +254,18 @@ def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) 
     return np.array([*(known.get(name, 0.0) for name in model.names), *fit.theta[fit.model.n_shared :]])
 
 
+def rows_with_departures(fit: Fit, model: Model) -> NDArray[np.int64]:
+    """Return the rows of a model's errors that tell of data, and of how far the struts of the runs depart.
+
+    Args:
+        fit: of the same runs.
+        model: the fitted one, or one with more that is free.
+    """
+    n_known = len(model.faults) + len(model.body.coordinates)
+    departs = np.flatnonzero(model.is_weighed[n_known:]) + n_known
+    return np.concatenate([np.arange(fit.n_data), fit.n_data + departs])
+
+
 def fastest_rate(model: Model, theta: FloatArray) -> float:
     """Return the largest rate of the linear structure, frequency or decay, rad/s or 1/s.
 
@@ -278,16 +291,15 @@ def turnover_rate(fit: Fit) -> float:
         fit: of any laws.
     """
     model = fit.model
-    laws = [slot.law for slot in model.interfaces(fit.theta)[0] if isinstance(slot.law, Law)]
-    slopes = np.array([float(law.gradient(0.0, 0.0)[1]) for law in laws])
+    slopes = np.array([float(slot.law.gradient(0.0, 0.0)[1]) for slot in model.interfaces(fit.theta)[0]])
     return float(np.abs(np.linalg.eigvals(model.mobility(fit.theta, 0).accelerance * slopes)).max())
 
 
 def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
     """Return the residual over the noise of each run as a fit of the others predicts it; None where there is none.
 
-    Of the run left out only its start is fitted. The mass stays that of all runs, the one left out among them, where
-    the others have one loading.
+    Of the run left out its start is fitted, and its departures against what is known of them. The mass stays that of
+    all runs, the one left out among them, where the others have one loading.
 
     Args:
         fit: of all runs.

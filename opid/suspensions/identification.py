@@ -327,12 +327,8 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
     assert found is not None  # parts have fits
     rng = np.random.default_rng(options.seed)
     resampled = [] if is_refused else bootstrap_over_white(fit, rng).tolist()
-    alike = repeatability_of(
-        fit,
-        part.task.repeatability,
-        is_usual=study.repeatability is None,
-        std_of_inverse_mass=part.known.inverse_mass[1] if fit.model.mass_free else None,
-    )
+    stated, is_usual = part.task.repeatability, study.repeatability is None
+    alike = repeatability_of(fit, part.known.levels, stated, is_usual=is_usual)
     return Evidence(
         fit=fit,
         noise=part.level,
@@ -344,7 +340,7 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
         surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
-        limits=tuple(limits(fit, part.known.covariance, study, alike)),
+        limits=tuple(limits(part.known, study, alike)),
         repeatability=alike,
         n_starts=found.n_starts,
     )

@@ -16,25 +16,34 @@ from opid.suspensions.covariance import score_products
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
-from opid.suspensions.repeatability import levels
+from opid.suspensions.repeatability import Levels, levels
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
 
-def honest_covariance(fit: Fit, repeatability: float = 0.0) -> FloatArray:
-    """Return the covariance of the vector, widened where the residual is coloured or runs may not be alike.
+def honest_covariance(fit: Fit) -> FloatArray:
+    """Return the covariance of the vector, widened where the residual is coloured.
 
     The sandwich over cells of neighbouring lines; no parameter becomes better known than for a white residual.
-
-    Args:
-        fit: of a model.
-        repeatability: as stated, of a fit with departures.
 
     Returns:
         (n_unknowns, n_unknowns).
     """
     wider = std_over_white(fit)
-    covariance = levels(fit, repeatability).mixed() if repeatability and fit.model.repeatability else fit.covariance
-    return np.asarray(covariance * np.outer(wider, wider))
+    return np.asarray(fit.covariance * np.outer(wider, wider))
+
+
+def known_parameters(fit: Fit, repeatability: float, *, wider: float = 1.0) -> Parameters:
+    """Return the parameters of a fit and how well they are known.
+
+    Args:
+        fit: of a model.
+        repeatability: as stated.
+        wider: by how much every deviation is to be larger.
+    """
+    if not fit.model.repeatability:
+        return Parameters(fit, wider**2 * honest_covariance(fit))
+    found = levels(fit, repeatability).widened(wider * std_over_white(fit))
+    return Parameters(fit, found.second_moments(), found)
 
 
 def std_over_white(fit: Fit) -> FloatArray:
@@ -104,14 +113,23 @@ class Parameters:
     Args:
         fit: of a model.
         covariance: (n_unknowns, n_unknowns) of its vector, as of `honest_covariance`.
+        levels: what the runs say at each level of repeatability; None where they were fitted as alike. A mixture has
+            long tails: deviations are then those of its 95 % intervals.
     """
 
     fit: Fit
     covariance: FloatArray
+    levels: Levels | None = None
 
     def std(self, place: int) -> float:
         """Return the standard deviation of an entry of the vector."""
-        return float(np.sqrt(max(self.covariance[place, place], 0.0)))
+        return self.deviation(np.eye(1, self.fit.theta.size, place)[0])
+
+    def deviation(self, slopes: FloatArray) -> float:
+        """Return the standard deviation of a function of the vector with these derivatives, (n_unknowns,)."""
+        if self.levels is not None:
+            return self.levels.deviation(slopes)
+        return float(np.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0)))
 
     def estimate(self, value: float, gradient: Mapping[str | int, float]) -> Estimate:
         """Return a function of the parameters with its interval, by the delta method.
@@ -121,7 +139,7 @@ class Parameters:
         names, slopes = self.fit.model.names, np.zeros(self.fit.theta.size)
         for key, slope in gradient.items():
             slopes[names.index(key) if isinstance(key, str) else key] = slope
-        return Estimate.normal(value, float(np.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))))
+        return Estimate.normal(value, self.deviation(slopes))
 
     def per_force(self, place: int, *, per_mass: bool = False) -> Estimate:
         """Return an entry of the vector that multiplies a force or a mass, times the mass where that is fitted."""
@@ -195,8 +213,9 @@ class Parameters:
                 ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
                 ahead[place], back[place] = ahead[place] + step, back[place] - step
                 slopes[:, place] = (function(ahead) - function(back)) / (2 * step)
-        std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slopes, self.covariance, slopes), 0.0))
-        return [Estimate.normal(*each) for each in zip(values.tolist(), std.tolist(), strict=True)]
+        return [
+            Estimate.normal(value, self.deviation(each)) for value, each in zip(values.tolist(), slopes, strict=True)
+        ]
 
     def at_rest(self, slot: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
         """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +12,14 @@ from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import Fit, carried_over
+from opid.suspensions.fit import Fit, carried_over, rows_with_departures
 from opid.suspensions.model import Model
 from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.settings import IntervalSettings
 from opid.suspensions.study import Study
+
+if TYPE_CHECKING:
+    from opid.suspensions.intervals import Parameters
 
 _WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
 
@@ -34,29 +38,34 @@ class GroundImitations:
     sentences: tuple[str, ...]
 
 
-# of the interval of the mass: below, the noise is not what rules
-_RULES = 0.5
+def limits(known: Parameters, study: Study, alike: Repeatability) -> Iterator[str]:
+    """Yield what limits the mass and the laws, one sentence each.
 
-
-def limits(fit: Fit, covariance: FloatArray, study: Study, alike: Repeatability) -> Iterator[str]:
-    """Yield what limits the mass and the laws, one sentence each."""
+    Args:
+        known: parameters of a fit.
+        study: it was fitted to.
+        alike: how much alike its runs are.
+    """
+    fit, covariance = known.fit, known.covariance
     mass_changes_kg = [run.mass_change_kg for run in study.runs]
-    duration_s, told = sum(run.recording.duration_s for run in study.runs), Estimate()
-    if fit.model.mass_free and fit.value("inverse_mass") > 0:
-        place, mu = fit.model.names.index("inverse_mass"), fit.value("inverse_mass")
-        mass, std = 1 / mu, float(np.sqrt(max(covariance[place, place], 0.0))) / mu**2
-        told = Estimate(mass, std)
-        fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass
-        if fraction > 0:
-            rules = alike.mass_if_alike is not None and alike.mass_if_alike < _RULES
-            more = "" if rules else f", or four times the {duration_s:.0f} s of running,"
-            does = "what runs that are not alike do" if rules else "what the sensors' noise does"
+    duration_s = sum(run.recording.duration_s for run in study.runs)
+    mass = known.mass if fit.model.mass_free else Estimate()
+    if mass.value is not None and mass.std is not None:
+        fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass.value
+        percent, change = 196 * mass.std / mass.value, f"the mass change, {100 * fraction:.0f} % of the mass"
+        if fraction > 0 and repeatability_rules(alike, fit):
             yield (
-                f"the mass is known to {196 * std / mass:.2g} %: the mass change, {100 * fraction:.0f} % of the mass, "
-                f"multiplies {does} by {1 / fraction:.0f}; doubling it{more} would halve the interval"
+                f"the mass is known to {percent:.2g} %: {change}, makes 1 % of stiffness {1 / fraction:.0f} % of mass, "
+                "and suspensions are not the same in two runs; doubling it would halve the interval"
             )
-        yield from _named(fit, covariance, place, "the mass")
-    yield from how_alike(alike, study, told)
+        elif fraction > 0:
+            yield (
+                f"the mass is known to {percent:.2g} %: {change}, multiplies what the sensors' noise does by "
+                f"{1 / fraction:.0f}; doubling it, or four times the {duration_s:.0f} s of running, would halve the "
+                "interval"
+            )
+        yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
+    yield from how_alike(alike, study, mass, rules=repeatability_rules(alike, fit))
     for number in range(len(fit.model.groups)):
         places = fit.model.law_places(number)
         for place in range(places.start, places.stop):
@@ -66,31 +75,44 @@ def limits(fit: Fit, covariance: FloatArray, study: Study, alike: Repeatability)
                 return
 
 
-def how_alike(alike: Repeatability, study: Study, mass: Estimate) -> Iterator[str]:
+def repeatability_rules(alike: Repeatability, fit: Fit) -> bool:
+    """Return whether the interval of the mass is that of runs that may not be alike, more than that of the noise.
+
+    Args:
+        alike: how much alike the runs of a fit are.
+        fit: of them.
+    """
+    rules = fit.model.settings.repeatability.rules_below
+    return alike.mass_if_alike is not None and alike.mass_if_alike < rules
+
+
+def how_alike(alike: Repeatability, study: Study, mass: Estimate, *, rules: bool) -> Iterator[str]:
     """Yield how much alike the runs are taken to be, and what would tell it better, one sentence each.
 
     Args:
         alike: of a fitted structure.
         study: it was fitted to.
         mass: of the body.
+        rules: whether that makes the interval of the mass.
     """
     if len(study.runs) < 2:
         return
-    if alike.told is None:
-        yield "springs, damping and friction are taken to be the same in all runs (`repeatability = 0`)"
+    if alike.estimated is None:
+        if alike.stated == 0:
+            yield "springs, damping and friction are taken to be the same in all runs (`repeatability = 0`)"
         return
     source = "what is usual; state `repeatability`" if alike.is_usual else "as stated"
     said = (
         f"springs, damping and friction may differ from run to run by about {100 * alike.stated:.2g} % ({source}), and "
-        f"the runs speak for {100 * alike.told:.1g} %"
+        f"the runs speak for {100 * alike.estimated:.1g} %"
     )
     if alike.mass_if_alike is None or mass.value is None or mass.std is None:
         yield said
         return
-    at_best = 196 * alike.mass_if_alike * mass.std / mass.value
-    yield f"{said}; were all alike, the mass would be known to {at_best:.2g} %"
+    percent = 196 * alike.mass_if_alike * mass.std / mass.value
+    yield f"{said}; were all alike, the mass would be known to {percent:.2g} %"
     flown_twice = len({run.masses for run in study.runs}) < len(study.runs)
-    if alike.mass_if_alike < _RULES:
+    if rules:
         yield (
             "a further run at either mass would tell how much alike the runs are"
             if flown_twice
@@ -137,9 +159,9 @@ def ground_imitations(fit: Fit) -> GroundImitations:
         errors = model.evaluate(carried_over(fit, model, values))
     except UnboundedResponseError:
         return GroundImitations((None,) * len(model.groups), ())
-    n = fit.n_data
-    size = np.maximum(np.linalg.norm(errors.jacobian[:n], axis=0), 1e-300)
-    gram = (errors.jacobian[:n] / size).T @ (errors.jacobian[:n] / size)
+    jacobian = errors.jacobian[rows_with_departures(fit, model)]
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    gram = (jacobian / size).T @ (jacobian / size)
     names = list(model.names)
     springs = [names.index(group.called(GROUND)) for group in model.groups]
     kept = [names.index(name) for name in fit.model.names if name in names]

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.mechanics.driven import N_HEAD, Interface, UnboundedResponseError
 from opid.mechanics.laws import LINEAR, Law, Term, TermSet
@@ -193,6 +194,16 @@ class Model:
         first = self.n_shared + self.n_own * place
         middle = first + 2 * self.body.n_interfaces
         return slice(first, middle), slice(middle, first + self.n_own)
+
+    @cached_property
+    def is_weighed(self) -> NDArray[np.bool_]:
+        """Which of the departures from what was known count for a model: all but those of how a run begins."""
+        first = self._first_fault
+        weighed = np.ones(self.n_shared - first + self.n_own * len(self.runs), dtype=bool)
+        for place in range(len(self.runs)):
+            start = self.places_of_run(place)[0]
+            weighed[start.start - first : start.stop - first] = False
+        return weighed
 
     def departures(self, theta: FloatArray, place: int) -> tuple[Departure, ...]:
         """Return by how much each group departs in a run from what it is in all."""

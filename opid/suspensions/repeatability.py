@@ -17,7 +17,7 @@ import numpy as np
 from scipy import optimize, special
 
 from opid.signals.recording import FloatArray
-from opid.suspensions.fit import NO_FIT, Fit, fit_model
+from opid.suspensions.fit import Fit, fit_model
 
 _HALF_OF_95 = 1.96
 
@@ -43,29 +43,39 @@ class Levels:
         """The level that half of the probability lies below."""
         return float(np.exp(np.interp(0.5, np.cumsum(self.weight), np.log(self.repeatability))))
 
-    def mixed(self) -> FloatArray:
-        """Return the covariance of the vector over all levels, about that of the fit.
+    def widened(self, factors: FloatArray) -> Levels:
+        """Return the levels with wider deviations.
 
-        Each deviation is that of a normal distribution with the same 95 % interval; a mixture has longer tails.
+        Args:
+            factors: (n_unknowns,) of the deviation of each entry.
         """
-        about = np.einsum("l,lij->ij", self.weight, self.covariance)
-        about += np.einsum("l,li,lj->ij", self.weight, self.moved, self.moved)
-        std = np.sqrt(np.maximum(np.diag(about), 1e-300))
-        own = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 1e-300))
-        wide = np.array([self._half_width(self.moved[:, k], own[:, k]) for k in range(std.size)]) / _HALF_OF_95
-        return about * np.outer(wide / std, wide / std)
+        return replace(self, covariance=self.covariance * np.outer(factors, factors))
 
-    def _half_width(self, mean: FloatArray, std: FloatArray) -> float:
-        """Half of the interval about zero that holds 95 %, each tail with no more than half of the rest."""
+    def second_moments(self) -> FloatArray:
+        """Return the mean square of the vector less that of the fit, over all levels, (n_unknowns, n_unknowns)."""
+        about = np.einsum("l,lij->ij", self.weight, self.covariance)
+        return np.asarray(about + np.einsum("l,li,lj->ij", self.weight, self.moved, self.moved))
+
+    def deviation(self, slopes: FloatArray) -> float:
+        """Return the standard deviation of the normal distribution whose 95 % interval holds 95 % of a mixture.
+
+        It is that of a linear function of the vector over all levels, about its value at the fit; neither tail has
+        more than half of the rest.
+
+        Args:
+            slopes: (n_unknowns,) of the function.
+        """
+        mean = self.moved @ slopes
+        std = np.sqrt(np.maximum(np.einsum("i,lij,j->l", slopes, self.covariance, slopes), 1e-300))
         reach = float(np.abs(mean).max() + 10 * std.max())
 
-        def beyond(side: float) -> float:
-            def excess(end: float) -> float:
-                return float(self.weight @ special.ndtr((side * mean - end) / std)) - 0.025
+        def end(side: float) -> float:
+            def excess(value: float) -> float:
+                return float(self.weight @ special.ndtr((side * mean - value) / std)) - 0.025
 
             return float(optimize.brentq(excess, -reach, reach, xtol=1e-6 * reach))
 
-        return max(beyond(1.0), beyond(-1.0))
+        return max(end(1.0), end(-1.0)) / _HALF_OF_95
 
 
 @dataclass(frozen=True)
@@ -75,33 +85,39 @@ class Repeatability:
     Args:
         stated: relative standard deviation of springs, damping and friction from run to run, known before.
         is_usual: whether the study left it to what is usual.
-        told: the level that the runs speak for, the median of what is known after them; None without departures.
+        estimated: the level that the runs speak for, the median of what is known after them; None where the runs were
+            fitted as alike.
+        exceeds: whether the runs speak for more than the stated level, as told by the settings.
         mass_if_alike: standard deviation of the mass over what it is, were all runs alike; None without a mass.
     """
 
     stated: float
     is_usual: bool
-    told: float | None = None
+    estimated: float | None = None
+    exceeds: bool = False
     mass_if_alike: float | None = None
 
 
-def repeatability_of(fit: Fit, stated: float, *, is_usual: bool, std_of_inverse_mass: float | None) -> Repeatability:
+def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual: bool) -> Repeatability:
     """Return how much alike the runs of a fit are.
 
     Args:
         fit: of a model.
+        found: what the runs say at each level; None where they were fitted as alike.
         stated: repeatability.
         is_usual: whether the study left it to what is usual.
-        std_of_inverse_mass: as it is told, 1/kg; None where it is not fitted.
     """
-    if not fit.model.repeatability:
+    if found is None:
         return Repeatability(stated, is_usual)
-    found, fraction = levels(fit, stated), None
-    if std_of_inverse_mass:
-        place = fit.model.names.index("inverse_mass")
+    known, fraction = fit.model.settings.repeatability, None
+    above = float(found.weight[found.repeatability > known.contradicted * stated].sum())
+    if fit.model.mass_free:
+        slopes = np.zeros(fit.theta.size)
+        slopes[fit.model.names.index("inverse_mass")] = 1.0
         # the lowest level is far below what any data tell
-        fraction = min(1.0, float(np.sqrt(found.covariance[0, place, place])) / std_of_inverse_mass)
-    return Repeatability(stated, is_usual, found.median, fraction)
+        alike = float(np.sqrt(slopes @ found.covariance[0] @ slopes))
+        fraction = min(1.0, alike / found.deviation(slopes))
+    return Repeatability(stated, is_usual, found.median, above > known.contradicted_weight, fraction)
 
 
 def levels(fit: Fit, stated: float) -> Levels:
@@ -123,8 +139,8 @@ def levels(fit: Fit, stated: float) -> Levels:
     # without what was known of the departures, in units of each column
     before = np.where(free, 1 / (model.repeatability * size), 0.0) ** 2
     gram = (jacobian / size).T @ (jacobian / size) - np.diag(before)
-    departure = fit.theta * size
-    along = -(jacobian / size).T @ left + before * departure
+    scaled = fit.theta * size
+    along = -(jacobian / size).T @ left + before * scaled
     log_level = np.linspace(*known.reach, known.n_levels)
     repeatability = stated * np.exp(log_level * np.log(known.doubt))
     log_weight, moved, covariance = [], [], []
@@ -132,9 +148,9 @@ def levels(fit: Fit, stated: float) -> Levels:
         prior = np.where(free, 1 / (level * size), 0.0) ** 2
         inside = gram + np.diag(prior)
         inverse = np.linalg.pinv(inside, rcond=1e-13, hermitian=True)
-        slope = along - prior * departure
+        slope = along - prior * scaled
         step = inverse @ slope
-        likely = 0.5 * float(slope @ step) - 0.5 * float(np.sum(prior * departure**2))
+        likely = 0.5 * float(slope @ step) - 0.5 * float(np.sum(prior * scaled**2))
         likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.linalg.slogdet(inside)[1])
         log_weight.append(likely - 0.5 * log**2)
         moved.append(step / size)
@@ -155,18 +171,12 @@ def with_departures(fit: Fit, repeatability: float) -> Fit:
     theta[: model.n_shared] = fit.theta[: model.n_shared]
     for place in range(len(model.runs)):
         theta[model.places_of_run(place)[0]] = fit.theta[fit.model.places_of_run(place)[0]]
-    try:
-        return fit_model(model, theta)
-    except NO_FIT:
-        return fit
+    return fit_model(model, theta)
 
 
 def with_own_repeatability(fit: Fit) -> Fit:
     """Fit once more at the repeatability that the runs themselves speak for; a fit without departures as it is."""
     if not fit.model.repeatability:
         return fit
-    told = levels(fit, fit.model.repeatability).median
-    try:
-        return fit_model(replace(fit.model, repeatability=told), fit.theta)
-    except NO_FIT:
-        return fit
+    estimated = levels(fit, fit.model.repeatability).median
+    return fit_model(replace(fit.model, repeatability=estimated), fit.theta)

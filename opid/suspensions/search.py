@@ -308,8 +308,8 @@ class _Search:
         fit = fit_model(whole, fit.theta)
         finer = _with_more_steps(fit, demands)
         if finer is not fit:
-            # what was let in for steps too long for the law
-            fit, demands, is_coarse = finer, (), False
+            # laws and faults may have made up for steps that were too long
+            fit, demands, is_coarse = finer, (), True
         late = bool(demands)
         for _ in range(2):
             # what only all readings together show
@@ -370,8 +370,11 @@ def judged(found: Found, question: Question) -> Found:
 def _thinned(fit: Fit) -> Fit:
     """The fit at a coarse rate; as it is where the body moves too fast for that."""
     model, known = fit.model.coarse, fit.model.settings.fit
-    fastest = max(fastest_rate(fit.model, fit.theta), turnover_rate(fit))
-    if model is fit.model or fastest > known.fastest * model.runs[0].fs:
+    fs = model.runs[0].fs
+    is_fast = (
+        fastest_rate(fit.model, fit.theta) > known.fastest * fs or turnover_rate(fit) > known.turnover_in_step * fs
+    )
+    if model is fit.model or is_fast:
         return fit
     try:
         return fit_model(model, fit.theta, least_promise=known.promise_in_search)
@@ -382,7 +385,7 @@ def _thinned(fit: Fit) -> Fit:
 def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:
     """The fit without demands and with steps so short that its laws do not turn over within one; else as it is."""
     known, run = fit.model.settings.fit, fit.model.runs[0]
-    by = int(np.ceil(turnover_rate(fit) / (known.sharpest * run.fs)))
+    by = int(np.ceil(turnover_rate(fit) / (known.turnover_in_step * run.fs)))
     if by <= 1:
         return fit
     by, model = min(by, known.most_steps), fit.model

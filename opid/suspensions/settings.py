@@ -123,8 +123,8 @@ class FitSettings:
         held_fraction: while a fit comes from afar, tolerances of coordinates are multiplied by this: places are not to
             make up for what is still wrong.
         fastest: a motion of this rate times its length is put off by two parts in a thousand by a step.
-        sharpest: where a friction turns over at a larger rate times the length of a step, the found model is fitted
-            with more steps to a sample: at 0.6 of it damping is off by seven standard deviations, at 0.2 by none.
+        turnover_in_step: where a friction turns over at a larger rate times the length of a step, the found model is
+            fitted with more steps to a sample: at 0.6 damping was off by seven standard deviations, at 0.2 by none.
         most_steps: to a sample, at the most.
         most_folded: power over that of the noise that a coarse rate may fold into the band.
         first_damping: damping of the step after one that failed, over the squared size of each column ...
@@ -147,7 +147,7 @@ class FitSettings:
     farthest_std: float = 8.0
     held_fraction: float = 1e-3
     fastest: float = 0.7
-    sharpest: float = 0.2
+    turnover_in_step: float = 0.2
     most_steps: int = 8
     most_folded: float = 2.0
     first_damping: float = 1e-3
@@ -177,7 +177,8 @@ class SearchSettings:
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
         alike_bic: criteria that are closer do not tell two laws apart.
-        overfit_fraction: a law that mends more than this fraction of what smaller ones leave is not too large.
+        overfit_fraction: a law is too large only where a smaller one leaves at most this fraction more: a term too many
+            mends a few per cent; laws that were wrongly given up left 5 and 11 times as much.
         good_fraction: where a fit would be refused, laws are tried only if the best of them promise to explain this
             fraction of the squared error, to first order: none mends what a wrong structure leaves. Of aircraft that
             bend, the best laws promise 1 to 6 %.
@@ -325,11 +326,16 @@ class RepeatabilitySettings:
         doubt: the stated one is believed within this factor, one standard deviation of its logarithm. Intervals of 2
             or 3 forces then hold in 95 to 96 % of flights that differ as stated, 93 to 95 % at twice that, and more
             below.
-        reach: of the levels that are weighed, in powers of that factor.
+        reach: of the levels that are weighed, in powers of that factor: from far below what any data tell to where runs
+            would contradict each other.
         n_levels: so many, about ten to a power of ten.
         bic_margin: runs that are let go are searched anew, law and faults of sensors, where that lowers the information
             criterion by this: what was found for runs that are alike may make up for what is not.
         farthest_std: no departure is looked for farther from none: runs that differ by more contradict each other.
+        contradicted: the stated level is contradicted where the runs speak for more than this many times as much ...
+        contradicted_weight: ... with this probability.
+        rules_below: where the mass would be known to less than this fraction of its interval were all runs alike, it is
+            the repeatability that rules it.
     """
 
     usual: float = 0.01
@@ -338,6 +344,9 @@ class RepeatabilitySettings:
     n_levels: int = 46
     bic_margin: float = 20.0
     farthest_std: float = 5.0
+    contradicted: float = 2.0
+    contradicted_weight: float = 0.9
+    rules_below: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -421,13 +430,15 @@ class WarningSettings:
         straight_rms: a term whose scale lies beyond this many rms motions is a straight line over what was visited ...
         usual_reach_rms: ... unless its kind is looked for beyond this many: a scale that may be long by nature bends
             within it all the same.
-        sharpest: a friction that stops a motion at more than this many times the rate of the record is not told from
-            damping: at 1.3 damping was off by five standard deviations, at 0.8 by two.
+        turnover_between_samples: a friction that stops a motion at more than this many times the rate of the record is
+            not told from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two.
         left_out_more: runs of one gear that the others predict are worth a warning where they leave this many times
             what the fit leaves.
         left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:
             a smaller excess then points to a run.
-        unlike_std: springs, damping or friction of two runs that differ by more standard deviations are named.
+        unlike_std: springs, damping or friction of two runs that differ by more standard deviations are named; of many
+            comparisons some exceed three.
+        as_one: where all of them changed by more than this many times what they differ by, it was the mass.
         slow_fraction: a residual below this fraction of the resonance is slow motion ...
         fast_fraction: ... and one above this multiple of it is another resonance.
         loose_mass: a mass change is worth doubling where the mass is known to no better than this, relative.
@@ -437,10 +448,11 @@ class WarningSettings:
     least_mass_kg: float = 50.0
     straight_rms: float = 2.0
     usual_reach_rms: float = 3.0
-    sharpest: float = 1.0
+    turnover_between_samples: float = 1.0
     left_out_more: float = 1.2
     left_out_more_of_body: float = 1.1
-    unlike_std: float = 3.0
+    unlike_std: float = 4.0
+    as_one: float = 5.0
     slow_fraction: float = 0.6
     fast_fraction: float = 2.5
     loose_mass: float = 0.02

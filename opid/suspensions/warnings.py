@@ -9,11 +9,11 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS
-from opid.mechanics.repeatability import PARTS
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import Fit, fits_of_each_run, turnover_rate
+from opid.suspensions.fit import Fit, fits_of_each_run
+from opid.suspensions.limits import repeatability_rules
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import (
     BodyParameters,
@@ -23,11 +23,11 @@ from opid.suspensions.result import (
     GearRatios,
     InterfaceEstimate,
 )
+from opid.suspensions.run_differences import run_differences
 from opid.suspensions.settings import Verdicts, WarningSettings
 from opid.suspensions.straight_terms import StraightTerm
 from opid.suspensions.study import Run, Study, rigid_faults
 
-_PARTS_IN_WORDS = {"spring": "the stiffness", "damper": "the damping", "friction": "the friction"}
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
 
 
@@ -37,8 +37,7 @@ def straight_terms(part: Fitted) -> list[StraightTerm]:
     Their scale lies far beyond the rms motion, or they turn over between two samples.
     """
     fit, loosely_known, settings = part.fit, part.settings.verdicts.loosely_known, part.settings.warnings
-    run = fit.model.runs[0]
-    found, sharpness = [], turnover_rate(fit) * run.finer / run.recorded_fs
+    found, run, accelerance = [], fit.model.runs[0], fit.model.mobility(fit.theta, 0).accelerance
     for number, (group, law) in enumerate(zip(fit.groups, fit.laws.values(), strict=True)):
         place = fit.model.law_places(number).start
         travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
@@ -52,7 +51,9 @@ def straight_terms(part: Fitted) -> list[StraightTerm]:
                 rms = float((velocity if parameter.unit == "m/s" else travel).std())
                 if value > settings.straight_rms * rms and std > loosely_known * abs(term.amplitude):
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
-                elif parameter.unit == "m/s" and sharpness > settings.sharpest:
+                steepest = abs(term.amplitude * float(term.evaluate(np.array(0.0), np.array(0.0))[2]))
+                sharpness = steepest * max(accelerance[k, k] for k in group.slots) * run.finer / run.recorded_fs
+                if parameter.unit == "m/s" and sharpness > settings.turnover_between_samples:
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms, sharpness))
     return found
 
@@ -293,10 +294,11 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     for part in told:
         yield from _of_the_demands(part)
         yield from _of_stated_facts(part)
-        yield from _of_unlike_runs(choice.study, part)
+        yield from run_differences(choice.study, part)
     if told:
         yield from _of_the_ground(answer)
-    yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings)
+    rules = any(repeatability_rules(each.repeatability, each.fit) for each in answer.evidence)
+    yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:
         yield _untold_motion(motion)
     for part in told:
@@ -439,28 +441,6 @@ def _of_the_demands(part: Fitted) -> Iterator[str]:
         )
 
 
-def _of_unlike_runs(study: Study, part: Fitted) -> Iterator[str]:
-    """What differs between runs by more than its interval."""
-    fit, known = part.fit, part.settings.warnings
-    if not fit.model.repeatability:
-        return
-    entries = [fit.model.places_of_run(place)[1] for place in range(len(fit.model.runs))]
-    groups = [group.name for group in fit.model.groups]
-    first = entries[0].start
-    for place, own in enumerate(entries[1:], start=1):
-        for k in range(own.stop - own.start):
-            slopes = np.zeros(fit.theta.size)
-            slopes[own.start + k], slopes[first + k] = 1.0, -1.0
-            differs, std = float(slopes @ fit.theta), float(np.sqrt(slopes @ part.known.covariance @ slopes))
-            if abs(differs) > known.unlike_std * std:
-                what = _PARTS_IN_WORDS[PARTS[k % len(PARTS)]]
-                where = f" at {groups[k // len(PARTS)]!r}" * bool(groups[k // len(PARTS)])
-                yield (
-                    f"{what}{where} in run {study.runs[place].name!r} is {100 * abs(differs):.2g} +- {100 * std:.1g} % "
-                    f"{'more' if differs > 0 else 'less'} than in run {study.runs[0].name!r}"
-                )
-
-
 def _of_stated_facts(part: Fitted) -> Iterator[str]:
     """A fact of a sensor that the fit contradicts: it is wrong, or stands in for something else."""
     demanded = {demand.name for demand in part.demands}
@@ -504,14 +484,15 @@ def _of_the_ground(answer: Answer) -> Iterator[str]:
     )
 
 
-def _of_the_scale(study: Study, mass: Estimate, settings: WarningSettings) -> Iterator[str]:
+def _of_the_scale(study: Study, mass: Estimate, settings: WarningSettings, *, rules: bool) -> Iterator[str]:
     """A loading in tonnes scales everything, and is seen by nobody."""
     if mass.value is None:
         return
     if study.is_one_gear:
         changes = [run.mass_change_kg for run in study.runs]
         fraction = (max(changes) - min(changes)) / mass.value
-        if mass.std is not None and mass.std / mass.value > settings.loose_mass:
+        # where runs that are not alike rule, the limits say so
+        if mass.std is not None and mass.std / mass.value > settings.loose_mass and not rules:
             yield (
                 f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by "
                 f"about {1 / fraction:.0f}: doubling it would halve the interval of the mass"
