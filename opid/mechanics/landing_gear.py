@@ -244,7 +244,7 @@ def taxi_test(
 ) -> TaxiTest:
     """Return a heavy run of the gear and a light one with less sprung mass, each over a road of its own.
 
-    The light one rests where its weight puts it on the law of the strut.
+    Each rests where its weight puts it on the law of its strut.
 
     Args:
         gear: the gear at its heavy mass, its law where it rests then.
@@ -265,22 +265,33 @@ def taxi_test(
             f"mass_removed_kg is {mass_removed_kg}, the sprung mass {gear.sprung_mass_kg} kg: "
             "give zero or more, and less than the sprung mass"
         )
-    strut = Interface(gear.suspension_stiffness_n_per_m, 0.0, gear.ground_stiffness_n_per_m, gear.law)
-    law = resting_under([strut], np.ones((1, 1)), np.array([mass_removed_kg * GRAVITY_M_PER_S2]))[0]
-    light = replace(gear, sprung_mass_kg=gear.sprung_mass_kg - mass_removed_kg, law=law)
-    heavy, light = (_departed(each, by) for each, by in zip((gear, light), departures, strict=True))
+    heavy, light = (
+        _flown(gear, removed_kg, departure)
+        for removed_kg, departure in zip((0.0, mass_removed_kg), departures, strict=True)
+    )
     heavy_rng, light_rng = rng.spawn(2)
     return TaxiTest(taxi_run(heavy, rng=heavy_rng, **settings), taxi_run(light, rng=light_rng, **settings))
 
 
-def _departed(gear: LandingGear, departure: Departure) -> LandingGear:
-    strut = departure.of(Interface(gear.suspension_stiffness_n_per_m, gear.suspension_damping_n_s_per_m, 0.0, gear.law))
-    assert isinstance(strut.law, Law)  # as it was
+def _flown(gear: LandingGear, removed_kg: float, departure: Departure) -> LandingGear:
+    """The gear as it is in one run, where it rests in it."""
+    strut = departure.of(
+        Interface(
+            gear.suspension_stiffness_n_per_m,
+            gear.suspension_damping_n_s_per_m,
+            gear.ground_stiffness_n_per_m,
+            gear.law,
+        )
+    )
+    # springs that are stiffer carry more where they were: the body is lifted
+    lifted_kg = removed_kg + departure.spring * gear.sprung_mass_kg
+    (law,) = resting_under([strut], np.ones((1, 1)), np.array([lifted_kg * GRAVITY_M_PER_S2]))
     return replace(
         gear,
+        sprung_mass_kg=gear.sprung_mass_kg - removed_kg,
         suspension_stiffness_n_per_m=strut.stiffness,
         suspension_damping_n_s_per_m=strut.damping,
-        law=strut.law,
+        law=law,
     )
 
 

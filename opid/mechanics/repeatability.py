@@ -41,7 +41,7 @@ class Departure:
         return self.spring, self.damper, self.friction
 
     def of(self, slot: Interface) -> Interface:
-        """Return the suspension as it is in that run; where it rests is not changed.
+        """Return the suspension as it is in that run, without what that does to the place where it rests.
 
         Args:
             slot: as it is on average.

@@ -49,20 +49,22 @@ class Rest:
 
 
 @_QUIETLY
-def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> Rest:
+def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, held: FloatArray | float = 0.0) -> Rest:
     """Return where the suspensions rest under a load.
 
     Args:
         slots: the suspensions, each law where it rests in the reference run; forces per unit of the reference mass.
         rows: (n_slots, n_dof) j of each.
         load: (n_dof,) what the run's loading weighs, likewise.
+        held: (n_dof,) what the suspensions carry of the body less than in the reference run, likewise.
 
     Raises:
         UnboundedResponseError: no place where springs and weight balance.
     """
     travel = np.zeros(len(slots))
     carried, slope = _springs(slots, travel)
-    missing = load
+    total = load + held
+    missing = total
     for _ in range(_MOST_STEPS):
         push = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
         step = push @ missing
@@ -73,7 +75,7 @@ def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -
         # where a spring gives way, Newton's step goes too far: what is missing, as travel, must become less
         for _ in range(_MOST_HALVINGS):
             force, slope = _springs(slots, travel + step)
-            missing = load - rows.T @ (force - carried)
+            missing = total - rows.T @ (force - carried)
             if np.abs(push @ missing).max() < size:
                 break
             step = 0.5 * step

@@ -23,7 +23,7 @@ from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Group, Model, noise_level
 from opid.suspensions.noise import with_own_noise
-from opid.suspensions.repeatability import with_departures, with_own_repeatability
+from opid.suspensions.repeatability import mends_much, with_departures, with_own_repeatability
 from opid.suspensions.residual import mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import Found, Ladder, Question, find_from_reference, find_model, is_hopeless, judged
@@ -401,11 +401,11 @@ def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Mo
     found: Found | None = None
     failed: Exception | None = None
     try:
-        found = find_model(model, start, task.question, progress=task.say)
+        found = find_model(model, start, replace(task.question, repeatability=task.repeatability), progress=task.say)
     except NO_FIT as error:
         failed = error
     reference = [run for run in model.runs if not run.loading.any()]
-    is_unclear = found is None or found.fit.ratio > model.settings.verdicts.explained
+    is_unclear = found is None or (found.fit.ratio > model.settings.verdicts.explained and not found.is_unlike)
     if is_unclear and reference and model.mass_free and model.body.fall is not None:
         found = _from_reference(task, found, model, lambda: begin(reference, mass_free=False))
     if found is None:
@@ -421,12 +421,12 @@ def _with_departures(
 
     The search began with runs that are alike. Where letting them go mends much, laws and faults are searched again.
     """
-    stated, known = task.repeatability, task.settings.repeatability
-    if is_hopeless(found.fit) or runs_contradict_each_other(found.fit):
+    stated = task.repeatability
+    if (is_hopeless(found.fit) and not found.is_unlike) or runs_contradict_each_other(found.fit):
         return found
     freed = with_departures(found.fit, stated)
     now = replace(found, fit=freed, demands=tuple(demand.updated(freed) for demand in found.demands))
-    if freed.bic > found.fit.bic - known.bic_margin:
+    if not mends_much(freed, found.fit):
         return now
     try:
         other = partial(begin, repeatability=stated)

@@ -111,12 +111,13 @@ def how_alike(alike: Repeatability, study: Study, mass: Estimate, *, rules: bool
         return
     percent = 196 * alike.mass_if_alike * mass.std / mass.value
     yield f"{said}; were all alike, the mass would be known to {percent:.2g} %"
+    yield "what changes all three by one ratio, as a mass change in error does, is not told from mass"
     flown_twice = len({run.masses for run in study.runs}) < len(study.runs)
     if rules:
         yield (
-            "a further run at either mass would tell how much alike the runs are"
+            "further runs with the masses in turn would tell how much alike the runs are"
             if flown_twice
-            else "a further run at a mass that was flown would tell how much alike the runs are, and help most"
+            else "a further run at each mass, flown in turn, would tell how much alike the runs are, and help most"
         )
 
 

@@ -340,11 +340,21 @@ class Model:
         self, theta: FloatArray, place: int, slots: Sequence[Interface], *, straight: bool = False
     ) -> Rest | None:
         fall, loading = self.body.fall, self.runs[place].loading
-        if fall is None or not loading.any():
+        stiffer = self._stiffer(theta, place)
+        if fall is None or not (loading.any() or stiffer):
             return None
         if not straight and not any(depends_on_travel(slot.law) for slot in slots):
             return None
-        return rest_under(slots, self.body.rows, self.inverse_mass(theta) * (loading @ fall))
+        load = self.inverse_mass(theta) * (loading @ fall)
+        if not stiffer:
+            return rest_under(slots, self.body.rows, load)
+        return rest_under(self._departed(list(slots), theta, place), self.body.rows, load, -stiffer * fall)
+
+    def _stiffer(self, theta: FloatArray, place: int) -> float:
+        """By how much the springs of one gear depart in a run; 0 for bodies, of which gears carry shares not known."""
+        if not self._n_departures or self.body.n_slots > 1:
+            return 0.0
+        return self.departures(theta, place)[0].spring
 
     def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
         """Return the suspensions of all slots as they are in a run, where they rest in it."""
@@ -412,7 +422,7 @@ class Model:
             if self._n_departures:
                 self._add_departures(lines, resting, theta, place, by)
             if rest is not None:
-                self._add_rest(lines, rest, of_reference, theta)
+                self._add_rest(lines, rest, of_reference, theta, place, by)
             further = self._sort_out(lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
         # a hundred times larger than the rest, and used up
         return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
@@ -506,13 +516,27 @@ class Model:
                     start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
         return start, covariance
 
-    def _add_rest(self, change: ComplexArray, rest: Rest, slots: Sequence[Interface], theta: FloatArray) -> None:
-        """Add what stiffness, law and mass do to the lines by way of the place where a run rests."""
+    def _add_rest(
+        self,
+        change: ComplexArray,
+        rest: Rest,
+        slots: Sequence[Interface],
+        theta: FloatArray,
+        place: int,
+        by: ComplexArray,
+    ) -> None:
+        """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
         firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
         by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
+        stiffer, fall = self._stiffer(theta, place), self.body.fall
         for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
             moved = np.tensordot(-rest.push[:, number], by_travel, axes=1)
-            change[firsts[number] : firsts[number + 1]] += np.multiply.outer(by_parameters(slot, travel), moved)
+            force = (1.0 + stiffer) * by_parameters(slot, travel)
+            force[2] = travel  # the spring to the ground is none of the strut's
+            change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
+            if self._n_departures and len(slots) == 1 and fall is not None:
+                own = slot.stiffness * travel + float(slot.law.force(travel, 0.0))
+                by[self.places_of_run(place)[1].start] += (own + fall[0]) * moved
         if self.mass_free:
             row = firsts[-1] + len(self.body.names)
             change[row] += np.tensordot(rest.by_load / self.inverse_mass(theta), by_travel, axes=1)

@@ -174,6 +174,16 @@ def with_departures(fit: Fit, repeatability: float) -> Fit:
     return fit_model(model, theta)
 
 
+def mends_much(freed: Fit, fit: Fit) -> bool:
+    """Return whether runs that were let go are explained much better.
+
+    Args:
+        freed: of `with_departures`.
+        fit: with the same suspensions in all runs.
+    """
+    return freed.bic < fit.bic - fit.model.settings.repeatability.bic_margin
+
+
 def with_own_repeatability(fit: Fit) -> Fit:
     """Fit once more at the repeatability that the runs themselves speak for; a fit without departures as it is."""
     if not fit.model.repeatability:

@@ -100,7 +100,7 @@ def _of_unlike_run(study: Study, change: _Change, where: str, known: WarningSett
         first, second = (_PARTS_IN_WORDS[name] for name in change.surest)
         yield (
             f"{first} and {second}{named} are not those {than}: one of them changed by {100 * abs(value):.2g} +- "
-            f"{100 * std:.1g} % against the other, and which is not told; a further run at a mass that was flown would "
+            f"{100 * std:.1g} % against the other, and which is not told; further runs with the masses in turn would "
             "tell"
         )
 

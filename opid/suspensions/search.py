@@ -40,6 +40,7 @@ from opid.suspensions.law_search import (
 )
 from opid.suspensions.model import Model
 from opid.suspensions.origins import search_origins
+from opid.suspensions.repeatability import mends_much, with_departures
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.start import Start
 
@@ -57,12 +58,14 @@ class Found:
         ladder: laws that were tried, the chosen one last among those that were kept.
         demands: what was let in beside the suspensions.
         n_starts: ways that were tried.
+        is_unlike: whether the search ended because the suspensions are not the same in all runs.
     """
 
     fit: Fit
     ladder: Ladder
     demands: tuple[Demand, ...] = ()
     n_starts: int = 1
+    is_unlike: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,8 @@ class Question:
         faults: whether unstated faults of sensors may be let in.
         method_of_law: one of `METHODS_OF_LAW`: how laws are searched.
         kinds: of law that may enter.
+        repeatability: of springs, damping and friction from run to run: a search that takes them to be the same ends
+            where they are not.
     """
 
     law_is_given: bool = False
@@ -82,6 +87,7 @@ class Question:
     faults: bool = True
     method_of_law: str = "pursuit"
     kinds: tuple[str, ...] = ()
+    repeatability: float = 0.0
 
 
 def find_model(model: Model, start: Start, question: Question, *, progress: Say | None = None) -> Found:
@@ -185,6 +191,9 @@ class _Search:
                 break
             if best is not None and runs_contradict_each_other(best.fit):
                 break
+            if n_starts == 1 and best is not None and self._are_unlike(best.fit):
+                # other ways would make up for what is not the same in all runs
+                return replace(best, n_starts=1, is_unlike=True)
             n_starts += 1
             try:
                 found = way()
@@ -196,6 +205,12 @@ class _Search:
             assert failed is not None  # no way without a fit or an error
             raise failed
         return replace(best, n_starts=n_starts)
+
+    def _are_unlike(self, fit: Fit) -> bool:
+        """Whether letting springs, damping and friction of each run go mends much."""
+        if not self.question.repeatability or fit.model.repeatability or len(fit.model.runs) < 2:
+            return False
+        return mends_much(with_departures(fit, self.question.repeatability), fit)
 
     def way(
         self,
