@@ -55,7 +55,6 @@ class Outcome:
     error_if_same: float
     half_width_if_same: float
     holds_if_same: bool | None
-    law_right: bool
     n_forces: int
 
 
@@ -81,10 +80,10 @@ def run(job: Job) -> Outcome:
         error = np.nan if mass.value is None else 100 * (mass.value / true - 1)
         ends = mass.interval95
         half_width = np.nan if ends is None else 50 * (ends[1] - ends[0]) / true
-        found.append((error, half_width, None if ends is None else mass.holds(true), result.law.name))
-    (error, wide, holds, name), (error_same, wide_same, holds_same, _) = found
+        found.append((error, half_width, None if ends is None else mass.holds(true)))
+    (error, wide, holds), (error_same, wide_same, holds_same) = found
     n_forces = 2 + any(term.kind.is_friction for term in case.gear.law.terms)
-    return Outcome(job, error, wide, holds, error_same, wide_same, holds_same, name == case.gear.law.name, n_forces)
+    return Outcome(job, error, wide, holds, error_same, wide_same, holds_same, n_forces)
 
 
 def print_table(outcomes: list[Outcome]) -> None:

@@ -328,8 +328,8 @@ def test_a_body_that_is_written_reads_back(tmp_path):
         runs,
         StructureSettings("rigid_body", (("left", "right"),), 0.02, 4e-3),
         (BodySensor("tail", -4.0, 0.0, SensorFacts(corner_hz=0.3)),),
-        0.02,
         date(2026, 3, 1),
+        repeatability=0.02,
     )
     is_as_before(study, tmp_path / "study.toml")
     with pytest.raises(InputError, match="call it by one plain word"):

@@ -134,8 +134,15 @@ def _limits_of_chain(result: PaperIdentification) -> str:
         f"{_from_runs(len(result.chain.runs), result.chain.band_hz)}the fitted equation leaves "
         f"{_mm_per_s2(result.joint.noise_m_per_s2)} rms unexplained, the noise floor of the airframe sensor is at most "
         f"{_mm_per_s2(result.chain.noise_floor_m_per_s2)}. Each transmissibility rests on {averages:.1f} independent "
-        f"averages (the parameters do not come from it).{_chosen_among(result.settings.law, result.tried_kinds)}"
+        f"averages (the parameters do not come from it).{_the_same_strut(result)}"
+        f"{_chosen_among(result.settings.law, result.tried_kinds)}"
     )
+
+
+def _the_same_strut(result: PaperIdentification) -> str:
+    if len(result.chain.runs) < 2:
+        return ""
+    return " Springs, damping and friction are taken to be the same in all runs; the driven model lets them differ."
 
 
 def _from_runs(n_runs: int, band_hz: tuple[float, float]) -> str:

@@ -188,10 +188,10 @@ class Study:
         runs: one or more.
         structure: what is said of the body.
         sensors: further ones on the body.
-        repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
-            run to run; 0 where they are known to be the same, None for what is usual.
         date: of the runs; None if it is not known.
         source: the study file, None if the study was made otherwise.
+        repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
+            run to run; 0 where they are known to be the same, None for what is usual.
 
     Raises:
         InputError: everything that is wrong at once: a missing channel, another unit than m/s^2, different rates, a run
@@ -203,9 +203,9 @@ class Study:
     runs: tuple[Run, ...]
     structure: StructureSettings = field(default_factory=StructureSettings)
     sensors: tuple[BodySensor, ...] = ()
-    repeatability: float | None = None
     date: date | None = None
     source: Path | None = None
+    repeatability: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("interfaces", "runs", "sensors"):
