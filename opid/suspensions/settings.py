@@ -323,9 +323,8 @@ class RepeatabilitySettings:
     Args:
         usual: relative standard deviation of springs, damping and friction from run to run where the study states
             none: seals settle, gas and oil warm up by some kelvins.
-        doubt: the stated one is believed within this factor, one standard deviation of its logarithm. Intervals of 2
-            or 3 forces then hold in 95 to 96 % of flights that differ as stated, 93 to 95 % at twice that, and more
-            below.
+        doubt: the stated one is believed within this factor, one standard deviation of its logarithm: intervals then
+            hold in 92 to 95 % of flights that differ as stated (`benchmarks/unlike_flights.py`), and in more below.
         reach: of the levels that are weighed, in powers of that factor: from far below what any data tell to where runs
             would contradict each other.
         n_levels: so many, about ten to a power of ten.
