@@ -171,6 +171,7 @@ def is_hopeless(fit: Fit) -> bool:
 class _Search:
     def __init__(self, start: Start, question: Question, say: Say) -> None:
         self.start, self.question, self.say = start, question, say
+        self.asked: list[tuple[Fit, tuple[Fit, tuple[Demand, ...]]]] = []
 
     def ways(self, model: Model, theta: FloatArray) -> Found:
         """The first way, and others while what is left is more than noise: minima differ from way to way."""
@@ -309,7 +310,14 @@ class _Search:
         """The fit with what the runs demand, and without what they demanded before and no longer do."""
         if not self.question.faults or runs_contradict_each_other(fit):
             return fit, ()
-        return let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
+        for earlier, answer in self.asked:
+            if not before and _is_same(fit, earlier):
+                # several ways end at one place: what the runs demand there is asked once
+                return answer if answer[1] else (fit, ())
+        answer = let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
+        if not before:
+            self.asked.append((fit, answer))
+        return answer
 
     def with_all_readings(self, found: Found, runs: tuple[DrivenRun, ...]) -> Found:
         """A fit at a coarse rate, and the laws that were tried, with all readings."""
@@ -380,6 +388,15 @@ def judged(found: Found, question: Question) -> Found:
     tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in told]
     story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _is_same(fit: Fit, other: Fit) -> bool:
+    """Whether two fits are of one model and the same runs, and ended at one place."""
+    same_runs = all(a is b for a, b in zip(fit.model.runs, other.model.runs, strict=True))
+    if not same_runs or fit.model.names != other.model.names or fit.law_name != other.law_name:
+        return False
+    moved = np.abs(fit.theta - other.theta)[: fit.model.n_shared]
+    return bool((moved <= fit.model.settings.fit.same_std * other.std).all())
 
 
 def _thinned(fit: Fit) -> Fit:

@@ -127,6 +127,7 @@ class FitSettings:
             fitted with more steps to a sample: at 0.6 damping was off by seven standard deviations, at 0.2 by none.
         most_steps: to a sample, at the most.
         most_folded: power over that of the noise that a coarse rate may fold into the band.
+        same_std: fits of one model whose parameters differ by at most so many standard deviations ended at one place.
         first_damping: damping of the step after one that failed, over the squared size of each column ...
         least_damping: ... and a smaller one is none: the step of Gauss and Newton is taken.
     """
@@ -150,6 +151,7 @@ class FitSettings:
     turnover_in_step: float = 0.2
     most_steps: int = 8
     most_folded: float = 2.0
+    same_std: float = 0.1
     first_damping: float = 1e-3
     least_damping: float = 1e-6
 
