@@ -51,7 +51,7 @@ def columns(truth: Mapping[str, Any] | None) -> tuple[str, ...]:
 
 
 def wrapped(text: str, head: str = "") -> list[str]:
-    """Return a paragraph as lines of at most 80 characters, `head` before the first.
+    """Return a paragraph as lines of at most 80 characters but for longer words (paths), `head` before the first.
 
     Args:
         text: the paragraph.
@@ -60,7 +60,14 @@ def wrapped(text: str, head: str = "") -> list[str]:
     >>> wrapped("a " * 50, "Note: ")[1][:8]
     '      a '
     """
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
+    return textwrap.wrap(
+        text,
+        WIDTH,
+        initial_indent=head,
+        subsequent_indent=" " * len(head),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def rounded(value: float | None, std: float | None = None) -> str:
