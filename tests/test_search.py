@@ -228,7 +228,7 @@ def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(f
 def test_friction_that_turns_over_within_a_step_is_fitted_with_shorter_ones(fs, is_told):
     """Where it turns over between two samples, too, no step helps: damping is told without an interval."""
     gear = LandingGear(law=law("coulomb_friction", amplitude_n=3000.0, scale_m_per_s=0.005))
-    result = identify(study_of(gear, fs=fs))
+    result = identify(study_of(gear, fs=fs, duration_s=12))
     (evidence,) = result.evidence
     assert evidence.fit.model.runs[0].finer > 1
     damping = result.parameters.suspension_damping_n_s_per_m

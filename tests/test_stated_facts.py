@@ -31,7 +31,7 @@ def gears_study(left, right, *, kind, facts, noise=0.0):
         for side, y_m, each in zip(("left", "right"), (1.0, -1.0), facts, strict=True)
     )
     runs = (Run("heavy", recordings[0]), Run("light", recordings[1], loading))
-    return Study("two gears", interfaces, runs, StructureSettings(kind, noise_m_per_s2=NOISE))
+    return Study("two gears", interfaces, runs, StructureSettings(kind, noise_m_per_s2=NOISE), repeatability=0.0)
 
 
 def gear_test(seed, sensor, **more):
