@@ -42,7 +42,7 @@ def test_an_own_kind_is_a_law_like_any_other():
     z, v = np.random.default_rng(0).standard_normal((2, 50)) * [[3e-3], [0.05]]
     expected = 3e9 * z**3 + 1.5e5 * z * np.exp(-((z / 0.005) ** 2))
     np.testing.assert_allclose(subject.force(z, v), expected, rtol=1e-12)
-    _, codes, values = law_arrays(subject)
+    _, codes, values, *_ = law_arrays(subject)
     np.testing.assert_allclose(force_kernel(codes, values, z, v), expected, rtol=1e-12)
     with pytest.raises(InputError, match="did you mean 'softening'"):
         law("softning")

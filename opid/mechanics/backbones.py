@@ -124,7 +124,7 @@ def backbone(
     [103.0, 112.0]
     """
     laws = laws_of_joints(law, system)
-    firsts, codes, values = law_arrays(*laws)
+    firsts, codes, values, *_ = law_arrays(*laws)
     terms = tuple(term for each in laws for term in each.terms)
     curves = _curves(system, terms, (firsts[:-1], firsts[1:], codes), mode, sensor, amplitude, harmonics)
     eigenvalue, shapes, extension = (found[0] for found in curves.solve(values[np.newaxis]))

@@ -185,8 +185,7 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
 
     Returns:
         Stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law,
-        (n_interfaces, 4); rows, codes, number of inner values and values of the laws, see
-        `opid.mechanics.kernels.law_arrays`.
+        (n_interfaces, 4); rows, codes, number of inner values, and the rest of `opid.mechanics.kernels.LawArrays`.
 
     Raises:
         InputError: a ground stiffness with ground=False.
@@ -198,9 +197,9 @@ def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.n
         # a kind may divide zero by zero at rest before it puts the right value in place
         with np.errstate(all="ignore"):
             linear[:, 3] = [i.stiffness + float(i.law.gradient(0.0, 0.0)[0]) for i in interfaces]
-    firsts, codes, values = law_arrays(*(interface.law for interface in interfaces))
+    firsts, codes, *others = law_arrays(*(interface.law for interface in interfaces))
     n_inner = np.array([len(term.inner) for i in interfaces for term in i.law.terms], dtype=np.int64)
-    return linear, firsts, codes, n_inner, values
+    return linear, firsts, codes, n_inner, *others
 
 
 def directions(name: str, given: ArrayLike | None, empty: tuple[int, ...]) -> FloatArray:

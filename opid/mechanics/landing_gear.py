@@ -10,6 +10,7 @@ from scipy import signal
 
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
+from opid.mechanics.hysteresis import Sliders
 from opid.mechanics.laws import FloatArray, Law, law
 from opid.mechanics.repeatability import Departure
 from opid.mechanics.response import Response, time_response
@@ -44,6 +45,7 @@ class LandingGear:
         tyre_damping_n_s_per_m: C1.
         ground_stiffness_n_per_m: K3, from the sprung mass to the ground; 0 for a free aircraft.
         law: f(z, z') of the strut.
+        sliders: of the strut, beside the law; None for none.
 
     Raises:
         InputError: a mass, tyre or suspension stiffness that is not positive, another value that is negative.
@@ -57,10 +59,11 @@ class LandingGear:
     tyre_damping_n_s_per_m: float = 1.5e3
     ground_stiffness_n_per_m: float = 0.0
     law: Law = DEFAULT_LAW
+    sliders: Sliders | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name == "law":
+            if name in ("law", "sliders"):
                 continue
             may_be_zero = "damping" in name or name == "ground_stiffness_n_per_m"
             if not (0.0 <= value < np.inf) or (value == 0.0 and not may_be_zero):
@@ -129,6 +132,7 @@ def gear_structure(gear: LandingGear) -> Structure:
                 gear.suspension_stiffness_n_per_m,
                 gear.suspension_damping_n_s_per_m,
                 gear.law,
+                gear.sliders,
             ),
         ),
         names=("unsprung", "sprung"),

@@ -64,13 +64,15 @@ class Term:
         return self.values[1:]
 
     def evaluate(self, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
-        """Return the force for unit amplitude and its derivatives by z, v and the (at most two) inner values.
+        """Return the force for unit amplitude and its derivatives by z, v and the first two inner values.
+
+        That of a term with memory is the force of a slow motion that goes on in one direction.
 
         Args:
             z: extension, m.
             v: its rate, m/s, of the same shape.
         """
-        return self.kind.function(z, v, *self.inner, *(1.0,) * (2 - len(self.inner)))
+        return self.kind.function(z, v, *(*self.inner, 1.0, 1.0)[:2])
 
     def evaluate_about(self, rest_m: float, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
         """Return the same about a rest position: the force and its derivatives by inner values are zero there.
@@ -100,6 +102,11 @@ class TermSet:
 
     terms: tuple[Term, ...] = ()
     rest_m: float = 0.0
+
+    @property
+    def n_faint(self) -> int:
+        """How many of the last terms are too weak to move anything: their memory follows the motion."""
+        return 0
 
     @property
     def vector(self) -> FloatArray:
@@ -135,10 +142,23 @@ class TermSet:
         for term in self.terms:
             shape, _, _, *by_inner = term.evaluate_about(self.rest_m, z, v)
             gradient[..., column] = shape
-            for place in range(len(term.inner)):
-                gradient[..., column + 1 + place] = term.amplitude * by_inner[place]
+            for place, by_value in enumerate(by_inner[: len(term.inner)]):
+                gradient[..., column + 1 + place] = term.amplitude * by_value
             column += len(term.values)
         return gradient
+
+
+@dataclass(frozen=True)
+class WithCandidates(TermSet):
+    """A law with further terms behind it that are too weak to move anything.
+
+    Args:
+        terms: those of the law, then the others.
+        rest_m: where on them the joint rests, m.
+        n_faint: how many others.
+    """
+
+    n_faint: int = 0
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ def register_kind(kind: Kind) -> None:
             by z, v, a and b, 0.0 where there is none.
 
     Raises:
-        InputError: a name that is taken or no identifier, parameters out of order, a function that numba cannot
-            compile, that is not finite or not zero at rest, or a derivative that is wrong.
+        InputError: a name that is taken or no identifier, a memory, parameters out of order, a function that numba
+            cannot compile, that is not finite or not zero at rest, or a derivative that is wrong.
 
     >>> def softening(z, v, s, _):
     ...     by_ratio = np.exp(-((z / s) ** 2))
@@ -71,6 +71,10 @@ def _check_description(kind: Kind) -> None:
         raise InputError(f"a law cannot be called {kind.name!r}: give letters, digits and underscores, not 'linear'")
     if kind.name in KNOWN:
         raise InputError(f"there is a law {kind.name!r} already: give another name, or unregister_kind it first")
+    if kind.memory is not None:
+        raise InputError(
+            f"{kind.name} has a memory: laws that remember are built in, give a force of travel and velocity alone"
+        )
     roles = [parameter.role for parameter in kind.parameters]
     if not 1 <= len(roles) <= 3 or roles[0] != "amplitude" or "amplitude" in roles[1:]:
         raise InputError(

@@ -14,6 +14,9 @@ from opid.mechanics.kernels import law_arrays, runge_kutta_4
 from opid.mechanics.laws import FloatArray
 from opid.mechanics.structure import Structure
 
+# what a memory may decay by in a step: its rate times the step; at 2.8 the steps would grow without bound
+_MOST_DECAY = 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Response:
@@ -42,11 +45,13 @@ class State:
         displacement: (n_dof,) m.
         velocity: (n_dof,) m/s.
         slider_positions: (n_sliders,) m, of all joints in their order.
+        memory: (n_memories,) what the laws with memory remember, of all joints in their order.
     """
 
     displacement: FloatArray
     velocity: FloatArray
     slider_positions: FloatArray
+    memory: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +62,7 @@ class Assembled:
         n_dof: number of degrees of freedom.
         n_inputs: number of forces.
         n_sliders: number of sliders of all joints.
+        n_memories: number of terms with memory in the laws of all joints.
         matrices: stiffness and damping without the joints, first and last nonzero of each row, and M^-1 loads.
         joints: directions, places, linear stiffness and damping, loads, laws, and stiffness and reach of the
             sliders, of the joints.
@@ -66,6 +72,7 @@ class Assembled:
     n_dof: int
     n_inputs: int
     n_sliders: int
+    n_memories: int
     matrices: tuple[Any, ...]
     joints: tuple[Any, ...]
     kernel: Any
@@ -101,7 +108,8 @@ def time_response(
         steps_per_sample: steps from one sample to the next.
 
     Raises:
-        InputError: a force of the wrong shape or not finite, or a response that grows without bound.
+        InputError: a force of the wrong shape or not finite, a response that grows without bound, or a law with
+            memory that turns over within a step.
 
     >>> swing = Structure([[1.0]], [[0.0]], [[(2.0 * np.pi) ** 2]])
     >>> motion = time_response(swing, lambda t: np.zeros((t.size, 1)), fs=1000.0, duration_s=1.0,
@@ -152,16 +160,24 @@ def assembled(structure: Structure, loads: ArrayLike | None = None) -> Assembled
         for each in (joint.sliders for joint in joints)
     ]
     slider_firsts = np.cumsum([0, *(len(each[0]) for each in sliders)], dtype=np.int64)
-    law_firsts, codes, values = law_arrays(*(joint.law for joint in joints))
-    places = [slider_firsts[:-1], slider_firsts[1:], law_firsts[:-1], law_firsts[1:]]
+    laws = law_arrays(*(joint.law for joint in joints))
+    places = [slider_firsts[:-1], slider_firsts[1:], laws.firsts[:-1], laws.firsts[1:]]
     spans = np.column_stack([_spans(directions != 0), _spans(loads_of_joints != 0), *places])
     table = np.hstack([np.empty((2, 0)), *sliders])
     return Assembled(
         n_dof=n_dof,
         n_inputs=inputs.shape[1],
         n_sliders=table.shape[1],
+        n_memories=len(laws.elements),
         matrices=matrices,
-        joints=(directions, spans, linear, loads_of_joints, (codes, values), table),
+        joints=(
+            directions,
+            spans,
+            linear,
+            loads_of_joints,
+            laws[1:5],
+            table,
+        ),
         kernel=runge_kutta_4(),
     )
 
@@ -181,6 +197,7 @@ def state_at(ready: Assembled, displacement: ArrayLike | None = None, velocity: 
         _state("initial_displacement", displacement, ready.n_dof),
         _state("initial_velocity", velocity, ready.n_dof),
         np.zeros(ready.n_sliders),
+        np.zeros(ready.n_memories),
     )
 
 
@@ -200,7 +217,8 @@ def advance(
         steps_per_sample: steps from one sample to the next.
 
     Raises:
-        InputError: forces of another shape or not finite, or a response that grows without bound.
+        InputError: forces of another shape or not finite, a response that grows without bound, or a law with memory
+            that turns over within a step.
 
     >>> swing = assembled(Structure([[1.0]], [[0.0]], [[(2.0 * np.pi) ** 2]]))
     >>> state = state_at(swing, [1.0])
@@ -217,7 +235,7 @@ def advance(
         )
     if not np.isfinite(forces).all():
         raise InputError("the force has values that are not finite: mend it before it drives a structure")
-    displacement, velocity, acceleration, positions = ready.kernel(
+    displacement, velocity, acceleration, positions, memory, quickest = ready.kernel(
         ready.matrices,
         ready.joints,
         np.ascontiguousarray(forces),
@@ -226,12 +244,20 @@ def advance(
         state.displacement,
         state.velocity,
         state.slider_positions,
+        state.memory,
     )
     if not np.isfinite(acceleration).all():
-        _refuse_unbounded(acceleration, fs, steps_per_sample)
+        _refuse_unbounded(acceleration, fs, steps_per_sample, has_memory=ready.n_memories > 0)
+    needed = int(np.ceil(quickest / (_MOST_DECAY * fs)))
+    if needed > steps_per_sample:
+        raise InputError(
+            f"a law with memory turns over within {1e3 / quickest:.2g} ms where the structure moves fastest, and a "
+            f"step is {1e3 / (fs * steps_per_sample):.2g} ms: take {needed} steps a sample, or a longer presliding "
+            "travel"
+        )
     time_s = np.arange(acceleration.shape[0]) / fs
     motion = Response(time_s, displacement, velocity, acceleration, float(fs))
-    return motion, State(displacement[-1].copy(), velocity[-1].copy(), positions)
+    return motion, State(displacement[-1].copy(), velocity[-1].copy(), positions, memory)
 
 
 def _spans(nonzero: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -267,10 +293,11 @@ def _check_steps(steps_per_sample: int) -> None:
         raise InputError(f"steps_per_sample is {steps_per_sample}: give a whole number, 1 or more")
 
 
-def _refuse_unbounded(acceleration: FloatArray, fs: float, steps_per_sample: int) -> None:
+def _refuse_unbounded(acceleration: FloatArray, fs: float, steps_per_sample: int, *, has_memory: bool) -> None:
     unbounded = ~np.isfinite(acceleration).all(axis=1)
     rate = f"fs above {fs:g} Hz" if steps_per_sample == 1 else f"steps_per_sample above {steps_per_sample}"
     raise InputError(
         f"the response grows without bound and overflows at {np.argmax(unbounded) / fs:g} s: "
-        f"take {rate}, or look for negative stiffness or damping"
+        f"take {rate}{' (a law with memory turns over fast)' if has_memory else ''}, or look for negative stiffness or "
+        "damping"
     )

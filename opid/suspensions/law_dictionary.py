@@ -88,6 +88,10 @@ class LawDictionary:
         return sorted((self.proposal(move) for move in self._moves()), key=lambda proposal: proposal.bic)
 
     def _moves(self) -> Iterator[tuple[str, ...]]:
+        # memories imitate one another: two of them explain what one almost does, and tell nothing
+        return (names for names in self._near() if sum(LAWS[name].memory is not None for name in names) < 2)
+
+    def _near(self) -> Iterator[tuple[str, ...]]:
         have, others = list(self.fitted), list(self.offered)
         if have:
             yield from combinations(have, len(have) - 1)

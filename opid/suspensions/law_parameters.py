@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.kinds import Kind
+from opid.mechanics.kinds import Kind, Parameter
 from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.settings import SearchSettings
@@ -51,7 +51,7 @@ def from_free(law: Law, free: FloatArray) -> tuple[Law, FloatArray]:
 
 
 def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper bounds of `to_free`, (n_parameters,) each, infinite but for scales.
+    """Return the lower and upper bounds of `to_free`, (n_parameters,) each, infinite but for scales and exponents.
 
     Args:
         law: any law.
@@ -62,9 +62,24 @@ def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[Fl
     upper = -lower
     for i, parameter in enumerate(law.parameter_list):
         if parameter.role == "scale":
-            rms = max(velocity_rms if parameter.unit == "m/s" else travel_rms, 1e-12)
+            rms = reference(parameter, travel_rms, velocity_rms)
             lower[i], upper[i] = np.log(np.multiply(parameter.over_rms, rms))
+        elif parameter.role == "exponent":
+            with np.errstate(divide="ignore"):
+                lower[i], upper[i] = np.log(parameter.within)
     return lower, upper
+
+
+def reference(parameter: Parameter, travel_rms: float, velocity_rms: float) -> float:
+    """Return the rms motion that an inner parameter is compared with: of travel, of velocity, or their ratio.
+
+    Args:
+        parameter: of a kind of law.
+        travel_rms: m.
+        velocity_rms: m/s.
+    """
+    travel, velocity = max(travel_rms, 1e-12), max(velocity_rms, 1e-12)
+    return {"m/s": velocity, "s": travel / velocity}.get(parameter.unit, travel)
 
 
 def has_slope(kind: Kind) -> bool:
@@ -149,7 +164,7 @@ def offered_terms(
             for exponent in exponents if "exponent" in roles and exponents else (None,):
                 values = []
                 for parameter in inner:
-                    rms = velocity_rms if parameter.unit == "m/s" else float(np.hypot(travel_rms, lag * velocity_rms))
+                    rms = reference(parameter, float(np.hypot(travel_rms, lag * velocity_rms)), velocity_rms)
                     low, high = np.log(np.multiply(parameter.over_rms, rms))
                     given = {"scale": float(np.exp(low + fraction * (high - low))), "lag": float(lag)}
                     given |= {} if exponent is None else {"exponent": exponent}

@@ -284,7 +284,7 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             total = sum(each.bic for each in joint.values())
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
     for group, law in fit.laws.items():
-        moves += [_Move({group: simpler}, 0.0, 0) for simpler in _limits(law, kinds)]
+        moves += [_Move({group: other}, 0.0, 0) for other in (*_limits(law, kinds), *_relatives(law, kinds))]
     return sorted(moves, key=lambda move: move.bic)
 
 
@@ -301,6 +301,19 @@ def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
         ):
             if limit.name in kinds and limit.name not in law.parameters:
                 yield Law((*others, limit), law.rest_m)
+
+
+def _relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+    """Laws with another friction that remembers, of the same force and travel: their columns alone look much alike."""
+    for term in law.terms:
+        if term.kind.memory is None or not term.kind.is_friction:
+            continue
+        others = tuple(each for each in law.terms if each is not term)
+        for name in kinds:
+            kind = LAWS[name]
+            if kind.memory is not None and kind.is_friction and name not in law.parameters:
+                values = (*term.values[:2], *(parameter.default for parameter in kind.parameters[2:]))
+                yield Law((*others, Term(name, values)), law.rest_m)
 
 
 def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set[tuple[str, ...]], say: Say) -> list[F]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.mechanics.driven import N_HEAD, Interface, UnboundedResponseError
-from opid.mechanics.laws import LINEAR, Law, Term, TermSet
+from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.mechanics.repeatability import PARTS, Departure, part_rows
 from opid.mechanics.weight import Rest, by_parameters, depends_on_travel, rest_under, resting
@@ -310,7 +310,8 @@ class Model:
             group, force = self.groups[number], law
             slopes.append(slope)
             if candidates and number in candidates:
-                force = TermSet((*law.terms, *candidates[number]), law.rest_m)  # type: ignore[assignment]
+                further = tuple(candidates[number])
+                force = WithCandidates((*law.terms, *further), law.rest_m, len(further))  # type: ignore[assignment]
             ground = float(theta[first + 2]) if group.ground else 0.0
             for slot in group.slots:
                 slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)

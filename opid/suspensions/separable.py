@@ -15,6 +15,7 @@ import numpy as np
 
 from opid.mechanics.laws import Law, Parameter, Term
 from opid.signals.recording import FloatArray
+from opid.suspensions.law_parameters import reference
 
 
 @dataclass(frozen=True)
@@ -248,8 +249,7 @@ def _with_inner(law: Law, free: list[int], inner: FloatArray) -> Law:
 
 def _reference(parameter: Parameter, z: FloatArray, v: FloatArray) -> float:
     """Return the rms motion that an inner parameter is to be compared with."""
-    travel, velocity = (max(float(np.sqrt(np.mean(values**2))), 1e-12) for values in (z, v))
-    return {"m/s": velocity, "s": travel / velocity}.get(parameter.unit, travel)
+    return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (z, v)))
 
 
 def _search_bounds(

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from opid.mechanics.kernels.backbone_steps import _backbones
 from opid.mechanics.kernels.choice import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
 from opid.mechanics.kernels.steps import _force_many, _structure_steps
-from opid.mechanics.kinds import Kind
+from opid.mechanics.kinds import BUILT_IN, Kind
 from opid.mechanics.laws import FloatArray, Law, TermSet
 
 __all__ = [
@@ -31,34 +31,58 @@ __all__ = [
 ]
 
 
-def law_arrays(*laws: Law | TermSet) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Return laws as the compiled functions take them: one table with the terms of all.
+class LawArrays(NamedTuple):
+    """Laws as the compiled functions take them: one table with the terms of all.
+
+    Args:
+        firsts: (n_laws + 1,) row at which each law begins and, at the end, the number of rows.
+        codes: (n_terms,) of each term, see `code_of`.
+        values: (n_terms, 10) amplitude and two inner values, filled up with ones; where it rests; at rest the force for
+            unit amplitude and its derivatives by z and by both inner values; the fourth inner value, 0 where there is
+            none; the third one, 1 where there is none.
+        memories: (n_terms, 2) first of its memories and how many a term has; the first is -1 where it has none, and
+            -2 - q where a faint term's first is that of the place q among those of all faint terms.
+        elements: (n_memories, 2) u of each memory and what it does not pass, see `opid.mechanics.kinds.Kind`.
+        elements_followed: the same of the memories of faint terms.
+    """
+
+    firsts: NDArray[np.int64]
+    codes: NDArray[np.int64]
+    values: FloatArray
+    memories: NDArray[np.int64]
+    elements: FloatArray
+    elements_followed: FloatArray
+
+
+def law_arrays(*laws: Law | TermSet) -> LawArrays:
+    """Return laws as the compiled functions take them.
 
     Args:
         laws: any laws.
 
-    Returns:
-        The row at which each law begins and, at the end, the number of rows, (n_laws + 1,);
-        the code of each term, (n_terms,), see `code_of`; and (n_terms, 8) its values, filled up with ones, where it
-        rests, and at rest the force for unit amplitude and its derivatives by z and by both inner values.
-
     >>> from opid.mechanics.laws import default_law
-    >>> law_arrays(default_law("arctan_velocity"))[2][:, :4].tolist()
+    >>> law_arrays(default_law("arctan_velocity")).values[:, :4].tolist()
     [[400.0, 0.02, 1.0, 0.0]]
     """
-    terms = [term for law in laws for term in law.terms]
     firsts = np.cumsum([0, *(len(law.terms) for law in laws)], dtype=np.int64)
-    codes = np.array([code_of(term.name) for term in terms], dtype=np.int64)
-    # an amplitude and two inner values
-    values = np.ones((len(terms), 8))
-    rests = [law.rest_m for law in laws for _ in law.terms]
-    for row, term, rest_m in zip(values, terms, rests, strict=True):
-        row[: len(term.values)] = term.values
-        # a kind may divide zero by zero at rest before it puts the right value in place
-        with np.errstate(all="ignore"):
-            shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
-        row[3:] = rest_m, shape, by_z, first, second
-    return firsts, codes, values
+    terms = [(term, law.rest_m, k >= len(law.terms) - law.n_faint) for law in laws for k, term in enumerate(law.terms)]
+    codes = np.array([code_of(term.name) for term, _, _ in terms], dtype=np.int64)
+    values, memories = np.ones((len(terms), 10)), np.tile(np.array([-1, 0]), (len(terms), 1))
+    elements: tuple[list[tuple[float, float]], list[tuple[float, float]]] = [], []
+    for row, (term, rest_m, is_faint) in enumerate(terms):
+        values[row, : min(3, len(term.values))] = term.values[:3]
+        values[row, 8:] = (*term.values[4:], 0.0)[0], (*term.values[3:], 1.0)[0]
+        if term.kind.memory is None:
+            # a kind may divide zero by zero at rest before it puts the right value in place
+            with np.errstate(all="ignore"):
+                shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
+            values[row, 3:8] = rest_m, shape, by_z, first, second
+        else:
+            own, begun = [(u, term.kind.limit) for u in term.kind.elements], len(elements[is_faint])
+            memories[row] = -2 - begun if is_faint else begun, len(own)
+            values[row, 3:8] = 0.0
+            elements[is_faint].extend(own)
+    return LawArrays(firsts, codes, values, memories, *(np.array(each).reshape(-1, 2) for each in elements))
 
 
 def force_kernel(codes: NDArray[np.int64], values: FloatArray, z: FloatArray, v: FloatArray) -> FloatArray:
@@ -76,9 +100,9 @@ def force_kernel(codes: NDArray[np.int64], values: FloatArray, z: FloatArray, v:
 def runge_kutta_4() -> Any:
     """Return the compiled time step of a structure, `opid.mechanics.kernels.steps._structure_steps`.
 
-    It takes (matrices, joints, forces, step_s, steps_per_sample, x, v, positions), as `opid.mechanics.response` makes
-    them, and returns displacement, velocity and acceleration at each sample, (n, n_dof) each, and the sliders'
-    positions after the last.
+    It takes (matrices, joints, forces, step_s, steps_per_sample, x, v, positions, memory), as `opid.mechanics.response`
+    makes them, and returns displacement, velocity and acceleration at each sample, (n, n_dof) each, the sliders'
+    positions and what the laws remember after the last, and how fast the quickest memory decayed, 1/s.
     """
     return _structure_steps
 
@@ -112,7 +136,7 @@ def predictions(
 
     Args:
         joints: stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law
-            (n_interfaces, 4); rows, codes, number of inner values and values of the laws.
+            (n_interfaces, 4); rows, codes, number of inner values, and the rest of `LawArrays`.
         accelerance: (n_interfaces, n_interfaces), 1/kg.
         by_mass: (n_directions, n_interfaces, n_interfaces) directions of the accelerance.
         reading: (n_interfaces, n_interfaces) what the sensor of the row reads of a force on the column, 1/kg.
@@ -131,16 +155,25 @@ def predictions(
     n = drive.shape[1]
     # nothing is corrected where the state is certain and nothing disturbs it
     correct = bool(covariance_start.any() or noise[[0, 2, 3, 4]].any())
-    # the kernel follows z, v, both offsets, [d, e]
-    into = np.eye(start.size)
-    if ground:
-        into = into[np.arange(6 * n).reshape(6, n)[[0, 1, 4, 5, 2, 3]].ravel()]
+    # the kernel follows z, v, what the laws remember, both offsets, [d, e]
+    order = np.arange(start.size).reshape(-1, n)
+    offsets = order[[4, 5, 2, 3]] if ground else order[2:]
+    memory_start = memory_starts(joints)
+    into = np.zeros((start.size + memory_start.size, start.size))
+    into[: 2 * n] = np.eye(2 * n, start.size)
+    into[2 * n + memory_start.size :] = np.eye(start.size)[offsets.ravel()]
+    covariance = into @ covariance_start @ into.T
+    covariance[np.arange(2 * n, 2 * n + memory_start.size), np.arange(2 * n, 2 * n + memory_start.size)] = (
+        memory_start**2 if correct else 0.0
+    )
+    # the kernel of one interface is without memory
+    single = n == 1 and not memory_start.size
     # directions last: the innermost loops go over them
     ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     innovation, spread, changes, motion = _predictions(
         # None, not 1 and not False: numba compiles a kernel of its own for it and leaves out what is behind it
-        None if n == 1 else n,
-        (ground or None) if n == 1 else ground,
+        None if single else n,
+        (ground or None) if single else ground,
         joints,
         accelerance,
         ways[0],
@@ -153,13 +186,24 @@ def predictions(
         step_s,
         into @ start,
         into[:, : start.size - 2 * n].copy(),
-        into @ covariance_start @ into.T,
+        covariance,
         noise,
         correct,
         sensitivity,
     )
     # made sample by sample: rows of a whole record, a power of two apart, would share few places of the cache
     return innovation, spread, changes.transpose(1, 2, 0), motion
+
+
+def memory_starts(joints: tuple[Any, ...]) -> FloatArray:
+    """Return how uncertain each memory is where a record begins, (n_memories,).
+
+    Args:
+        joints: as of `predictions`.
+    """
+    codes, memories = joints[2], joints[5]
+    rows = np.flatnonzero(memories[:, 0] >= 0)
+    return np.repeat([BUILT_IN[code].memory_start for code in codes[rows]], memories[rows, 1]).astype(np.float64)
 
 
 def check_compiles(kind: Kind) -> None:

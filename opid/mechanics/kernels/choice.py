@@ -6,6 +6,7 @@ alone and its code is the address of what was compiled: no kernel is compiled an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -19,7 +20,6 @@ from opid.mechanics.kinds import BUILT_IN, LAWS, Kind
 # Any: the functions it decorates take one argument less than they state
 _intrinsic: Any = extending.intrinsic
 _NUMBER = types.float64
-_FIVE = types.UniTuple(_NUMBER, 5)
 _PLACES = {kind.name: place for place, kind in enumerate(BUILT_IN)}
 
 
@@ -45,16 +45,13 @@ def _compile_own(kind: Kind) -> Any:
 
 
 @cache
-def _inlined(kind: Kind) -> Any:
-    return part(inline=True)(kind.function)
+def _inlined(function: Callable[..., Any]) -> Any:
+    return part(inline=True)(function)
 
 
 @_intrinsic
 def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
     """Compile a call of the kind with this code: (code, z, v, a, b) -> force for unit amplitude and its derivatives.
-
-    Compiled code cannot index a tuple of functions, so the choice is written in the language of LLVM: one branch a
-    kind, and one for an address.
 
     Args:
         code: see `code_of`.
@@ -63,40 +60,68 @@ def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
         a: first inner value.
         b: second inner value.
     """
-    four = (_NUMBER,) * 4
-    functions = [_typing.resolve_value_type(_inlined(kind)) for kind in BUILT_IN]
-    signatures = [function.get_call_type(_typing, four, {}) for function in functions]
+    functions = {place: kind.function for place, kind in enumerate(BUILT_IN)}
+    return _compiled_choice(_typing, functions, n_in=4, n_out=5)
+
+
+@_intrinsic
+def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: Any) -> Any:
+    """Compile a call of the kind with memory of this code: (code, h, v, a, b, c, u) -> h', by h, v, a, b, c.
+
+    Args:
+        code: see `code_of`, of a built-in kind with memory.
+        h: what the kind remembers.
+        v: rate of the extension, m/s.
+        a: first inner value.
+        b: second inner value.
+        c: third inner value.
+        u: element.
+    """
+    functions = {place: kind.memory for place, kind in enumerate(BUILT_IN) if kind.memory is not None}
+    return _compiled_choice(_typing, functions, n_in=6, n_out=6)
+
+
+def _compiled_choice(typing: Any, functions: dict[int, Callable[..., Any]], *, n_in: int, n_out: int) -> Any:
+    """Signature and code of a call of one of several functions of numbers, by its key.
+
+    Compiled code cannot index a tuple of functions, so the choice is written in the language of LLVM: one branch a
+    function, and one for an address.
+    """
+    answer_type = types.UniTuple(_NUMBER, n_out)
+    parts = {key: typing.resolve_value_type(_inlined(function)) for key, function in functions.items()}
+    signatures = {key: each.get_call_type(typing, (_NUMBER,) * n_in, {}) for key, each in parts.items()}
 
     def write_choice(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         code, *numbers = arguments
         own, done = builder.append_basic_block("own"), builder.append_basic_block("done")
         choice = builder.switch(code, own)
         answers = []
-        for place, (kind, function, signature) in enumerate(zip(BUILT_IN, functions, signatures, strict=True)):
-            block = builder.append_basic_block(kind.name)
-            choice.add_case(place, block)
+        for key, signature in signatures.items():
+            block = builder.append_basic_block(f"case_{key}")
+            choice.add_case(key, block)
             builder.position_at_end(block)
-            call = context.get_function(function, signature)
+            call = context.get_function(parts[key], signature)
             context.add_linking_libs(getattr(call, "libs", ()))
-            answer = context.cast(builder, call(builder, numbers), signature.return_type, _FIVE)
-            answers.append((cgutils.unpack_tuple(builder, answer, 5), builder.block))
+            answer = context.cast(builder, call(builder, numbers), signature.return_type, answer_type)
+            answers.append((cgutils.unpack_tuple(builder, answer, n_out), builder.block))
             builder.branch(done)
         builder.position_at_end(own)
-        answers.append((_call_address(context, builder, code, numbers), builder.block))
+        answers.append((_call_address(context, builder, code, numbers, answer_type), builder.block))
         builder.branch(done)
         builder.position_at_end(done)
-        values = [builder.phi(ir.DoubleType()) for _ in range(5)]
+        values = [builder.phi(ir.DoubleType()) for _ in range(n_out)]
         for answer, block in answers:
             for value, incoming in zip(values, answer, strict=True):
                 value.add_incoming(incoming, block)
-        return context.make_tuple(builder, _FIVE, values)
+        return context.make_tuple(builder, answer_type, values)
 
-    return _FIVE(types.int64, *four), write_choice
+    return answer_type(types.int64, *(_NUMBER,) * n_in), write_choice
 
 
-def _call_address(context: Any, builder: Any, address: Any, numbers: Any) -> Any:
+def _call_address(context: Any, builder: Any, address: Any, numbers: Any, answer_type: Any) -> Any:
     double, pointer = ir.DoubleType(), ir.DoubleType().as_pointer()
-    function = builder.inttoptr(address, ir.FunctionType(ir.VoidType(), [double] * 4 + [pointer]).as_pointer())
-    room = cgutils.alloca_once(builder, context.get_value_type(_FIVE))
+    takes = [double] * len(numbers) + [pointer]
+    function = builder.inttoptr(address, ir.FunctionType(ir.VoidType(), takes).as_pointer())
+    room = cgutils.alloca_once(builder, context.get_value_type(answer_type))
     builder.call(function, [*numbers, builder.bitcast(room, pointer)])
-    return cgutils.unpack_tuple(builder, builder.load(room), 5)
+    return cgutils.unpack_tuple(builder, builder.load(room), len(answer_type))

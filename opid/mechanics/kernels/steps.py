@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from opid.mechanics.kernels.choice import evaluate
+from opid.mechanics.kernels.choice import evaluate, evolve
 from opid.mechanics.kernels.compilation import kernel, part
 
 
@@ -15,6 +15,32 @@ def _force(codes, values, first, last, z, v):  # type: ignore[no-untyped-def]
         shape = evaluate(codes[row], z + values[row, 3], v, values[row, 1], values[row, 2])[0]
         total += values[row, 0] * (shape - values[row, 4])
     return total
+
+
+@part(inline=True)
+def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ignore[no-untyped-def]
+    """Force of the terms of a law, and how fast the quickest memory decays, 1/s; rates of memories go to `rates`."""
+    codes, values, memories, elements = law_table
+    total, quickest = 0.0, 0.0
+    for row in range(first, last):
+        begin, count = memories[row, 0], memories[row, 1]
+        if count == 0:
+            total += _force(codes, values, row, row + 1, z, v)
+        for q in range(begin, begin + count):
+            h = _confined(memory[q], elements[q, 1])
+            rate, by_h, _, _, _, _ = evolve(
+                codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
+            )
+            total += values[row, 0] / count * (h + values[row, 8] * rate)
+            rates[q], quickest = rate, max(quickest, np.abs(by_h))
+    return total, quickest
+
+
+@part(inline=True)
+def _confined(h, limit):  # type: ignore[no-untyped-def]
+    # written so that nan stays nan
+    h = limit if h > limit else h
+    return -limit if h < -limit else h
 
 
 @part(inline=True, freedom="any order")
@@ -77,25 +103,29 @@ def _drive(inputs, spans, forces, half_step, out):  # type: ignore[no-untyped-de
 
 
 @part(inline=True)
-def _accelerate(matrices, joints, drive, positions, x, v, out):  # type: ignore[no-untyped-def]
+def _accelerate(matrices, joints, drive, positions, memory, x, v, out, rates):  # type: ignore[no-untyped-def]
     """out = drive - stiffness x - damping v - sum_j loads_j (K_j z + C_j w + f_j(z, w) + sliders_j), z = d_j x.
 
-    Of each row of a matrix only what lies between its first and its last nonzero (`spans`) is taken.
+    Of each row of a matrix only what lies between its first and its last nonzero (`spans`) is taken. The rates of
+    memories go to `rates`; how fast the quickest of them decays is returned.
     """
+    quickest = 0.0
     stiffness, damping, spans, _ = matrices
     for i in range(x.size):
         out[i] = drive[i] - _dot_of_two(stiffness, damping, i, spans[i, 0], spans[i, 1], x, v)
     directions, joint_spans, linear, loads, law_table, sliders = joints
-    codes, values = law_table
     for j in range(directions.shape[0]):
         z = _dot(directions, j, joint_spans[j, 0], joint_spans[j, 1], x)
         w = _dot(directions, j, joint_spans[j, 0], joint_spans[j, 1], v)
         force = linear[j, 0] * z + linear[j, 1] * w
-        force += _force(codes, values, joint_spans[j, 6], joint_spans[j, 7], z, w)
+        of_law, decay = _force_with_memory(law_table, joint_spans[j, 6], joint_spans[j, 7], z, w, memory, rates)
+        force += of_law
+        quickest = max(quickest, decay)
         force += _slider_force(sliders, joint_spans[j, 4], joint_spans[j, 5], positions, z)
         begin = max(0, joint_spans[j, 2])
         for i in range(joint_spans[j, 3] - joint_spans[j, 2]):
             out[begin + i] -= loads[j, begin + i] * force
+    return quickest
 
 
 @kernel()
@@ -113,28 +143,33 @@ _STAGE_STEP = (0.5, 0.5, 1.0, 0.0)
 
 
 @kernel()
-def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0):  # type: ignore[no-untyped-def]
+def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0, positions0, memory0):  # type: ignore[no-untyped-def]
     n_steps = forces.shape[0] // 2
     n_samples = n_steps // steps_per_sample + 1
     displacement = np.empty((n_samples, x0.size))
     velocity = np.empty((n_samples, x0.size))
     acceleration = np.empty((n_samples, x0.size))
-    positions = positions0.copy()
+    positions, quickest = positions0.copy(), 0.0
+    memory, h_begin, h_next, rates = memory0.copy(), memory0.copy(), memory0.copy(), np.zeros(memory0.size)
     x, v, a, drive = x0.copy(), v0.copy(), np.empty(x0.size), np.empty(x0.size)
     x_begin, v_begin, x_next, v_next = x0.copy(), v0.copy(), np.empty(x0.size), np.empty(x0.size)
     _, _, spans, inputs = matrices
+    law_table = joints[4]
     _drive(inputs, spans, forces, 0, drive)
     _move_sliders(joints, x, positions)
     for step in range(n_steps + 1):
         for i in range(x0.size):
             x_begin[i] = x_next[i] = x[i]
             v_begin[i] = v_next[i] = v[i]
+        for q in range(memory.size):
+            h_begin[q] = h_next[q] = memory[q]
         sample = step // steps_per_sample
         # the last sample takes no step, it only needs its acceleration
         for stage in range(4 if step < n_steps else 1):
             if stage == 1 or stage == 3:
                 _drive(inputs, spans, forces, 2 * step + _STAGE_PLACE[stage], drive)
-            _accelerate(matrices, joints, drive, positions, x, v, a)
+            decay = _accelerate(matrices, joints, drive, positions, memory, x, v, a, rates)
+            quickest = max(quickest, decay)
             if stage == 0 and sample * steps_per_sample == step:
                 for i in range(x0.size):
                     displacement[sample, i], velocity[sample, i], acceleration[sample, i] = x[i], v[i], a[i]
@@ -143,22 +178,30 @@ def _structure_steps(matrices, joints, forces, step_s, steps_per_sample, x0, v0,
                 v_next[i] += _STAGE_WEIGHT[stage] * step_s * a[i]
                 x[i] = x_begin[i] + _STAGE_STEP[stage] * step_s * v[i]
                 v[i] = v_begin[i] + _STAGE_STEP[stage] * step_s * a[i]
+            for q in range(memory.size):
+                h_next[q] += _STAGE_WEIGHT[stage] * step_s * rates[q]
+                memory[q] = h_begin[q] + _STAGE_STEP[stage] * step_s * rates[q]
         if step < n_steps:
             for i in range(x0.size):
                 x[i] = x_next[i]
                 v[i] = v_next[i]
+            for q in range(memory.size):
+                memory[q] = _confined(h_next[q], law_table[3][q, 1])
             _move_sliders(joints, x, positions)
-    return displacement, velocity, acceleration, positions
+        else:
+            for q in range(memory.size):
+                memory[q] = h_begin[q]
+    return displacement, velocity, acceleration, positions, memory, quickest
 
 
 @part(inline=True)
 def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-untyped-def]
-    """Force of joint i, k z + c v + f(z, v) + g x, and its slopes by z and v.
+    """Force of joint i without what it remembers, k z + c v + f(z, v) + g x, and its slopes by z and v.
 
     Its derivatives by its own parameters (k, c, g, where its law rests, the law's own) go to by_own[stage] from `place`
     on; the place after them is returned, too.
     """
-    linear, firsts, codes, n_inner, values = joints
+    linear, firsts, codes, n_inner, values, memories, _, _ = joints
     k, c, g = linear[i, 0], linear[i, 1], linear[i, 2]
     total, slope_z, slope_v = k * z + c * v + g * x, k, c
     by_own[stage, place], by_own[stage, place + 1], by_own[stage, place + 2] = z, v, x
@@ -166,31 +209,143 @@ def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-u
     by_own[stage, by_rest] = 0.0
     place += 4
     for row in range(firsts[i], firsts[i + 1]):
-        amplitude = values[row, 0]
-        shape, shape_z, shape_v, first, second = evaluate(
-            codes[row], z + values[row, 3], v, values[row, 1], values[row, 2]
-        )
-        shape -= values[row, 4]
-        total += amplitude * shape
-        slope_z += amplitude * shape_z
-        slope_v += amplitude * shape_v
-        by_own[stage, by_rest] += amplitude * (shape_z - values[row, 5])
-        by_own[stage, place] = shape
-        if n_inner[row] > 0:
-            by_own[stage, place + 1] = amplitude * (first - values[row, 6])
-        if n_inner[row] > 1:
-            by_own[stage, place + 2] = amplitude * (second - values[row, 7])
+        if memories[row, 1] == 0:
+            amplitude = values[row, 0]
+            shape, shape_z, shape_v, first, second = evaluate(
+                codes[row], z + values[row, 3], v, values[row, 1], values[row, 2]
+            )
+            shape -= values[row, 4]
+            total += amplitude * shape
+            slope_z += amplitude * shape_z
+            slope_v += amplitude * shape_v
+            by_own[stage, by_rest] += amplitude * (shape_z - values[row, 5])
+            by_own[stage, place] = shape
+            if n_inner[row] > 0:
+                by_own[stage, place + 1] = amplitude * (first - values[row, 6])
+            if n_inner[row] > 1:
+                by_own[stage, place + 2] = amplitude * (second - values[row, 7])
         place += 1 + n_inner[row]
     return total, slope_z, slope_v, place
+
+
+@part(inline=True)
+def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
+    """Force of the terms of joint i that remember, A (h + d h') or its mean over several h, and its slope by v.
+
+    Their derivatives by their own parameters go to by_own[stage], from `place` on, where the law's own begin. Of each
+    memory q, h' goes to evolution[stage, q], followed by its derivatives by h and v, that of the force by h, and those
+    of h' by the inner parameters. `memory` holds h from `first_memory` on.
+    """
+    _, firsts, codes, n_inner, values, memories, elements, _ = joints
+    total, slope_v = 0.0, 0.0
+    for row in range(firsts[i], firsts[i + 1]):
+        begin, count = memories[row, 0], memories[row, 1]
+        if count > 0 and begin >= 0:
+            amplitude, lag = values[row, 0] / count, values[row, 8]
+            for k in range(1 + n_inner[row]):
+                by_own[stage, place + k] = 0.0
+            for q in range(begin, begin + count):
+                free, limit = memory[first_memory + q], elements[q, 1]
+                h = _confined(free, limit)
+                rate, by_h, by_v, by_a, by_b, by_c = evolve(
+                    codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
+                )
+                shape = h + lag * rate
+                total += amplitude * shape
+                slope_v += amplitude * lag * by_v
+                by_memory = 0.0 if np.abs(free) > limit else amplitude * (1.0 + lag * by_h)
+                for k, value in enumerate((rate, by_h, by_v, by_memory, by_a, by_b, by_c)):
+                    evolution[stage, q, k] = value
+                by_own[stage, place] += shape / count
+                for k in range(n_inner[row]):
+                    by_own[stage, place + 1 + k] += amplitude * (
+                        lag * evolution[stage, q, 4 + k] + (rate if k == 3 else 0.0)
+                    )
+        place += 1 + n_inner[row]
+    return total, slope_v
 
 
 @part(inline=False)
 def _places(joints):  # type: ignore[no-untyped-def]
     """Where the own parameters of each interface begin (k, c, g, where its law rests, and those of the law)."""
-    _, firsts, _, n_inner, _ = joints
+    _, firsts, _, n_inner, _, _, _, _ = joints
     owns = np.zeros(firsts.size, np.int64)
     for i in range(firsts.size - 1):
         owns[i + 1] = owns[i] + 4
         for row in range(firsts[i], firsts[i + 1]):
             owns[i + 1] += 1 + n_inner[row]
     return owns
+
+
+@part(inline=True)
+def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untyped-def]
+    """Move what faint terms remember over a step in which v is a straight line, by the midpoint rule.
+
+    A faint term moves nothing, so its memory h is no state: `followed` holds h and its derivatives by three inner
+    parameters, (3, n, 4), at the beginning, the middle and the end of the step.
+    """
+    _, firsts, codes, _, values, memories, _, elements = joints
+    for i in range(firsts.size - 1):
+        for row in range(firsts[i], firsts[i + 1]):
+            begin, a, b, c = -2 - memories[row, 0], values[row, 1], values[row, 2], values[row, 9]
+            for q in range(begin, begin + (memories[row, 1] if begin >= 0 else 0)):
+                u, limit = elements[q, 0], elements[q, 1]
+                for half in range(2):
+                    h, then = followed[half, q, 0], half + 1
+                    for k in range(1, 4):
+                        followed[then, q, k] = followed[half, q, k]
+                    change = 0.5 * (v_end[i] - v_begin[i])
+                    at_first = v_begin[i] + half * change
+                    decay = np.abs(evolve(codes[row], h, at_first + change, a, b, c, u)[1])
+                    n_parts = 1 + int(0.5 * step_s * decay) if 0.5 * step_s * decay < 50.0 else 50
+                    part_s = 0.5 * step_s / n_parts
+                    for k in range(n_parts):
+                        v = at_first + (k + 0.5) / n_parts * change
+                        rate = evolve(codes[row], h, v, a, b, c, u)[0]
+                        rate, by_h, _, by_a, by_b, by_c = evolve(codes[row], h + 0.5 * part_s * rate, v, a, b, c, u)
+                        free = h + part_s * rate
+                        h = _confined(free, limit)
+                        # implicit, so that it stays stable for any decay
+                        fading = 0.5 * part_s * by_h
+                        for place, by_value in enumerate((by_a, by_b, by_c)):
+                            before = followed[then, q, 1 + place] * (1.0 + fading)
+                            after = (before + part_s * by_value) / (1.0 - fading)
+                            followed[then, q, 1 + place] = after if h == free else 0.0
+                    followed[then, q, 0] = h
+
+
+@part(inline=True)
+def _followed_forces(joints, i, place, half, first_stage, last_stage, v, followed, by_own):  # type: ignore[no-untyped-def]
+    """Derivatives of the force of joint i by the parameters of its faint terms with memory, at stages of a step."""
+    _, firsts, codes, n_inner, values, memories, _, elements = joints
+    for row in range(firsts[i], firsts[i + 1]):
+        begin, count, lag = -2 - memories[row, 0], memories[row, 1], values[row, 8]
+        for q in range(begin, begin + (count if begin >= 0 else 0)):
+            h, amplitude = followed[half, q, 0], values[row, 0] / count
+            rate, by_h, _, by_a, by_b, by_c = evolve(
+                codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
+            )
+            for stage in range(first_stage, last_stage):
+                for k in range(1 + n_inner[row] if q == begin else 0):
+                    by_own[stage, place + k] = 0.0
+                by_own[stage, place] += (h + lag * rate) / count
+                for k, by_value in enumerate((by_a, by_b, by_c, 0.0)):
+                    if k < n_inner[row]:
+                        through_h = followed[half, q, 1 + k] if k < 3 else 0.0
+                        later = rate if k == 3 else 0.0
+                        by_own[stage, place + 1 + k] += amplitude * (
+                            (1.0 + lag * by_h) * through_h + lag * by_value + later
+                        )
+        place += 1 + n_inner[row]
+
+
+@part(inline=False)
+def _owners(joints):  # type: ignore[no-untyped-def]
+    """The interface that each memory belongs to."""
+    firsts, memories, elements = joints[1], joints[5], joints[6]
+    owners = np.zeros(len(elements), np.int64)
+    for i in range(firsts.size - 1):
+        for row in range(firsts[i], firsts[i + 1]):
+            for q in range(max(0, memories[row, 0]), memories[row, 0] + memories[row, 1]):
+                owners[q] = i
+    return owners

@@ -1,0 +1,155 @@
+"""Gears whose friction remembers: which law is found, and how far the mass is off, as a Markdown table.
+
+Run `python benchmarks/memory_laws.py --seeds 80 --jobs 2`. The gears, roads, rates and sensors are those of the row
+"random" of `model_figures.py`. Their friction is Dahl's, LuGre with Stribeck, Bouc-Wen or an Iwan joint of 40 sliders,
+one after the other; forces are 100 to 2000 N, presliding travels from a fiftieth of the rms travel to twice it. The law
+is searched. No seed is dropped.
+"""
+
+import argparse
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+# before numpy is loaded, here and in every process that this one starts
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import numpy as np
+from drawn_laws import Motion, log_uniform, typical_motion
+from model_figures import short
+from scenarios import random_case
+from trials import Case, simulated, study_of
+
+from opid import identify
+from opid.mechanics.hysteresis import iwan
+from opid.mechanics.landing_gear import LandingGear
+from opid.mechanics.laws import LINEAR, law
+
+KINDS = ("dahl_friction", "lugre_friction", "bouc_wen", "iwan_friction")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One gear."""
+
+    seed: int
+
+    @property
+    def kind(self) -> str:
+        return KINDS[self.seed % len(KINDS)]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was found: errors and standard deviations in %, NaN where none was given."""
+
+    job: Job
+    law_name: str
+    error: float
+    std: float
+    holds: bool | None
+    stiffness: float
+    seconds: float
+
+
+def with_memory(kind: str, gear: LandingGear, motion: Motion, rng: np.random.Generator) -> LandingGear:
+    """Return the gear with friction of a kind, drawn."""
+    force_n, travel_m = log_uniform(rng, 100, 2000), motion.travel_m
+    if kind == "dahl_friction":
+        friction = law(kind, amplitude_n=force_n, scale_m=travel_m * log_uniform(rng, 0.02, 0.5))
+    elif kind == "lugre_friction":
+        friction = law(
+            kind,
+            amplitude_n=force_n,
+            scale_m=travel_m * log_uniform(rng, 0.02, 0.5),
+            breakaway_ratio=rng.uniform(1.1, 1.6),
+            stribeck_m_per_s=motion.rate_m_per_s * log_uniform(rng, 0.05, 0.5),
+            bristle_lag_s=log_uniform(rng, 1e-4, 3e-3),
+        )
+    elif kind == "bouc_wen":
+        friction = law(
+            kind,
+            amplitude_n=force_n,
+            scale_m=travel_m * log_uniform(rng, 0.1, 1.0),
+            exponent=rng.uniform(1.0, 4.0),
+            shape=rng.uniform(0.3, 0.7),
+        )
+    else:
+        chi, beta = rng.uniform(-0.7, 0.0), rng.uniform(0.0, 1.0)
+        slip_m = travel_m * log_uniform(rng, 0.3, 2.0)
+        stiffness = force_n * (1 + beta) / (slip_m * (beta + (chi + 1) / (chi + 2)))
+        sliders = iwan(stiffness_n_per_m=stiffness, slip_force_n=force_n, chi=chi, beta=beta)
+        return replace(gear, law=LINEAR, sliders=sliders)
+    return replace(gear, law=friction)
+
+
+def memory_case(seed: int) -> Case:
+    """Return the gear of a seed."""
+    case = random_case(seed, draw_law=lambda rng: LINEAR, stream=5)
+    motion = typical_motion(case.gear, road_class=case.run["road_class"])
+    gear = with_memory(KINDS[seed % len(KINDS)], case.gear, motion, np.random.default_rng([seed, 6]))
+    # the presliding of the shortest travels needs steps shorter than usual
+    return replace(case, gear=gear, run={**case.run, "lowest_step_rate_hz": 32768.0})
+
+
+def run(job: Job) -> Outcome:
+    """Simulate and identify."""
+    case = memory_case(job.seed)
+    study = study_of(simulated(case, job.seed))
+    began = time.process_time()
+    found = identify(study)
+    seconds = time.process_time() - began
+    mass, stiffness, gear = found.parameters.sprung_mass_kg, found.parameters.suspension_stiffness_n_per_m, case.gear
+    error = np.nan if mass.value is None else 100 * (mass.value / gear.sprung_mass_kg - 1)
+    std = np.nan if mass.std is None else 100 * mass.std / gear.sprung_mass_kg
+    off = np.nan if stiffness.value is None else 100 * (stiffness.value / gear.suspension_stiffness_n_per_m - 1)
+    holds = None if mass.interval95 is None else mass.holds(gear.sprung_mass_kg)
+    name = found.law.name
+    return Outcome(job, name, error, std, holds, off, seconds)
+
+
+def print_table(outcomes: list[Outcome]) -> None:
+    """Print a row for each kind, and one for all."""
+    print(
+        "\n| friction | gears | answered | kind found | mass, median / 95th percentile / worst, % | "
+        "intervals that hold | K2, median / worst, % | s, median |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for kind in (*KINDS, "all"):
+        own = [each for each in outcomes if kind in (each.job.kind, "all")]
+        if not own:
+            continue
+        given = [each for each in own if np.isfinite(each.error)]
+        right = sum(each.job.kind in each.law_name.split("+") for each in own)
+        off = np.abs([each.error for each in given]) if given else np.array([np.nan])
+        stiff = np.abs([each.stiffness for each in given]) if given else np.array([np.nan])
+        quantiles = " / ".join(short(float(np.quantile(off, each))) for each in (0.5, 0.95, 1.0))
+        told = [each.holds for each in own if each.holds is not None]
+        print(
+            f"| {kind} | {len(own)} | {len(given)} | {right} | {quantiles} | {sum(told)} of {len(told)} | "
+            f"{short(float(np.median(stiff)))} / {short(float(stiff.max()))} | "
+            f"{np.median([each.seconds for each in own]):.1f} |"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=80, help="gears, counted from 0")
+    parser.add_argument("--first", type=int, default=0, help="the first of them")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    given = parser.parse_args()
+    jobs, outcomes = [Job(seed) for seed in range(given.first, given.seeds)], []
+    with ProcessPoolExecutor(given.jobs) as pool:
+        for each in pool.map(run, jobs):
+            outcomes.append(each)
+            print(
+                f"{each.job.seed} {each.job.kind}: {each.law_name}, mass {each.error:+.3f} +- {each.std:.3f} %, "
+                f"K2 {each.stiffness:+.2f} %, {each.seconds:.1f} s",
+                flush=True,
+            )
+    print_table(outcomes)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,219 @@
+"""Laws that remember: rates and derivatives against differences, motions against solve_ivp and sliders, laws found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from law_runs import gear_study
+from scipy.integrate import solve_ivp
+
+from opid import identify
+from opid.errors import InputError
+from opid.mechanics.driven import Interface, driven_response
+from opid.mechanics.hysteresis import Sliders
+from opid.mechanics.kinds import BUILT_IN, Kind, Parameter
+from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.mechanics.laws import LINEAR, Law, Term, TermSet, WithCandidates, default_law, law
+from opid.mechanics.own_kinds import register_kind
+from opid.mechanics.prediction import Noise, predict
+from opid.mechanics.response import time_response
+from opid.mechanics.structure import Joint, Structure
+from opid.suspensions.law_search import library
+from opid.suspensions.study import Run
+
+WITH_MEMORY = [kind for kind in BUILT_IN if kind.memory is not None]
+NAMES = [kind.name for kind in WITH_MEMORY]
+FS, N, MASS_KG = 512.0, 1500, 1850.0
+SINES = ((3.0, 0.7, 0.0), (2.0, 1.3, 1.0), (2.0, 2.9, 2.0), (1.0, 6.0, 3.0))
+
+
+def _drive(t):
+    return sum(size * np.sin(2 * np.pi * f * t + phase) for size, f, phase in SINES)
+
+
+HALF_STEPS = np.arange(2 * N - 1) / (2 * FS)
+
+
+@pytest.mark.parametrize("place", range(5))
+@pytest.mark.parametrize("kind", WITH_MEMORY, ids=NAMES)
+def test_a_derivative_of_a_rate_is_the_difference(kind, place):
+    rng = np.random.default_rng(place)
+    defaults = np.array([*(parameter.default for parameter in kind.parameters[1:4]), 0.5, 0.5, 0.5])[:3]
+    points = np.array([0.9, 0.2, *defaults]) * rng.uniform(0.3, 1.0, (400, 5))
+    points[:, :2] *= rng.choice([-1.0, 1.0], (400, 2))
+    element = 0.37
+    step = 1e-6 * np.abs(points[:, place]) * np.eye(5)[:, [place]]
+    up, down = (kind.memory(*(points.T + sign * step), element)[0] for sign in (1.0, -1.0))
+    difference = (up - down) / (2 * step[place])
+    given = np.broadcast_to(kind.memory(*points.T, element)[1 + place], difference.shape)
+    np.testing.assert_allclose(given, difference, rtol=1e-6, atol=1e-7 * np.abs(difference).max())
+
+
+def _rate(name, h, v, inner):
+    """The rates as the literature has them, h the force over A (of a Maxwell arm its stretch)."""
+    if name == "dahl_friction":
+        return (v - abs(v) * h) / inner[0]
+    if name == "bouc_wen":
+        s, n, c = inner
+        return (v - 0.5 * abs(v) * abs(h) ** (n - 1) * h - c * v * abs(h) ** n) / s
+    if name == "lugre_friction":
+        s, b, w, _ = inner
+        return (v - abs(v) * h / (1 + (b - 1) * np.exp(-((v / w) ** 2)))) / s
+    return v - h / inner[0]
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+@pytest.mark.parametrize("name", ["dahl_friction", "bouc_wen", "lugre_friction", "maxwell_arm"])
+def test_a_motion_is_that_of_solve_ivp(name, scale):
+    """Also where the memory turns over ten times faster, within less than the time between two samples."""
+    usual = default_law(name)
+    subject = Law((Term(name, (*usual.vector[:1], scale * usual.vector[1], *usual.vector[2:])),))
+    amplitude, *inner = subject.vector.tolist()
+    lag = inner[3] if name == "lugre_friction" else 0.0
+
+    def rates(t, state):
+        z, v, h = state
+        rate = _rate(name, h, v, inner)
+        force = 5e4 * z + 1500 * v + amplitude * (h + lag * rate)
+        return [v, -force / MASS_KG - _drive(t), rate]
+
+    end_s = (N - 1) / FS
+    true = solve_ivp(rates, (0, end_s), [0.0] * 3, t_eval=HALF_STEPS[::2], rtol=1e-7, atol=1e-10, max_step=2e-3)
+    found = driven_response(
+        [Interface(5e4, 1500.0, law=subject)],
+        [[1 / MASS_KG]],
+        _drive(HALF_STEPS)[:, np.newaxis],
+        fs=FS,
+        ground=False,
+        sensitivity=False,
+    )
+    for got, wanted in ((found.travel[:, 0], true.y[0]), (found.velocity[:, 0], true.y[1])):
+        np.testing.assert_allclose(got, wanted, atol=1e-4 * np.abs(wanted).max())
+
+
+def test_an_iwan_joint_is_its_sliders():
+    """Six elements whose slip travels are those of the law, as the sliders of a structure."""
+    subject = law("iwan_friction", amplitude_n=900.0, scale_m=4e-3, spread=0.6, jump=0.4)
+    u = np.array(subject.terms[0].kind.elements)
+    reach = 4e-3 * np.minimum(1.4 * u, 1.0) ** 0.6
+    sliders = Sliders(150.0 / reach, np.full(6, 150.0))
+    given = _drive(HALF_STEPS)[:, np.newaxis]
+    motions = []
+    for joint in (Joint("strut", (1.0,), 5e4, 1500.0, subject), Joint("strut", (1.0,), 5e4, 1500.0, sliders=sliders)):
+        structure = Structure([[MASS_KG]], [[0.0]], [[0.0]], (joint,))
+        motions.append(time_response(structure, -MASS_KG * given, fs=FS, duration_s=N / FS).displacement[:, 0])
+    driven = driven_response(
+        [Interface(5e4, 1500.0, law=subject)], [[1 / MASS_KG]], given, fs=FS, ground=False, sensitivity=False
+    )
+    # the corners of slipping cost an order of the steps
+    for other in (motions[1], driven.travel[:, 0]):
+        np.testing.assert_allclose(other, motions[0], atol=2e-3 * np.abs(motions[0]).max())
+
+
+def _predicted(interfaces, *, ground=False, correct=False, sensitivity=True):
+    n, rng = len(interfaces), np.random.default_rng(0)
+    rows, accelerance = 6 if ground else 4, np.eye(n) / MASS_KG + 0.05 / MASS_KG
+    drive = np.stack([_drive(HALF_STEPS) * (1 + 0.3 * i) for i in range(n)], axis=1)
+    noise = Noise(5e-3, 5e-3, 1e-4, 1e-4) if correct else Noise(0.0, 1.0)
+    straight = [replace(each, law=LINEAR) for each in interfaces]
+    # where nothing is corrected the readings change nothing
+    measured = driven_response(straight, accelerance, drive, fs=FS, sensitivity=False).acceleration if correct else 0.0
+    covariance = np.eye(rows * n) * (1e-6 if correct else 0.0)
+    return predict(
+        interfaces,
+        accelerance,
+        drive,
+        measured + 5e-3 * rng.standard_normal((N, n)),
+        fs=FS,
+        noise=noise,
+        start=np.zeros((rows, n)),
+        start_covariance=covariance,
+        ground=ground,
+        sensitivity=sensitivity,
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("name", [*NAMES, "cubic_stiffness+dahl_friction", "coulomb_friction+bouc_wen+maxwell_arm"])
+def test_derivatives_are_those_of_the_steps(name, n):
+    subject, ground = default_law(name), n == 2
+
+    def world(theta):
+        own = theta.reshape(n, -1)
+        return [Interface(k, c, g, subject.with_vector(rest)) for k, c, g, _, *rest in own.tolist()]
+
+    theta = np.concatenate([[5e4 + 1e3 * i, 1500.0, 500.0 * ground, 0.0, *subject.vector] for i in range(n)])
+    given = _predicted(world(theta), ground=ground).sensitivity
+    for place in np.flatnonzero(theta):
+        step = 1e-6 * abs(theta[place]) * np.eye(theta.size)[place]
+        up, down = (
+            _predicted(world(theta + sign * step), ground=ground, sensitivity=False).innovation for sign in (1, -1)
+        )
+        difference = (up - down) / (2 * step[place])
+        np.testing.assert_allclose(given[:, place], difference, atol=2e-5 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_faint_term_has_the_derivatives_of_a_small_one(name):
+    """What a candidate would do is computed beside the motion: the same columns as those of a state, nearly."""
+    faint = default_law(name).scaled(1e-6).terms[0]
+    straight = Term("cubic_stiffness", (1.0,))
+    beside, within = (
+        _predicted([Interface(5e4, 1500.0, law=each)], correct=True).sensitivity[0]
+        for each in (WithCandidates((straight, faint), 0.0, 1), TermSet((straight, faint)))
+    )
+    first = 5
+    for column in range(first, first + len(faint.values)):
+        size = np.abs(within[column]).max()
+        np.testing.assert_allclose(beside[column], within[column], atol=0.05 * size)
+        assert np.corrcoef(beside[column], within[column])[0, 1] > 0.998
+
+
+def test_a_long_record_takes_no_more_memory_than_a_short_one():
+    """np.where of single numbers makes an array that a kernel never gives back."""
+    import resource
+
+    subject = [Interface(5e4, 1500.0, law=default_law("iwan_friction"))]
+    _predicted(subject, correct=True)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(20):
+        _predicted(subject, correct=True)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000
+
+
+@pytest.mark.parametrize(
+    ("scale_m", "message"),
+    [(6e-4, r"turns over within .* ms .* steps a sample"), (1e-4, r"a law with memory turns over fast")],
+)
+def test_steps_that_are_too_long_for_a_memory_are_refused(scale_m, message):
+    subject = law("dahl_friction", amplitude_n=400.0, scale_m=scale_m)
+    structure = Structure([[MASS_KG]], [[0.0]], [[0.0]], (Joint("strut", (1.0,), 5e4, 1500.0, subject),))
+    with pytest.raises(InputError, match=message):
+        time_response(structure, -MASS_KG * _drive(HALF_STEPS)[:, np.newaxis], fs=FS, duration_s=N / FS)
+
+
+def test_own_kinds_have_no_memory():
+    parameters = (Parameter("amplitude_n", "N", "amplitude", 1.0), Parameter("scale_m", "m", "scale", 1e-3))
+    own = Kind("own_dahl", "A h", parameters, WITH_MEMORY[0].function, memory=WITH_MEMORY[0].memory)
+    with pytest.raises(InputError, match="memory"):
+        register_kind(own)
+
+
+def _study_of(gear, seed=0):
+    test = taxi_test(gear, rng=np.random.default_rng(seed), duration_s=20, fs=256, lowest_step_rate_hz=16384.0)
+    return gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+
+
+@pytest.mark.parametrize("name", ["dahl_friction", "bouc_wen", "lugre_friction", "maxwell_arm"])
+def test_a_law_that_remembers_is_found(name):
+    gear = replace(LandingGear(), law=default_law(name))
+    found = identify(_study_of(gear))
+    assert found.law.name == name
+    mass = found.parameters.sprung_mass_kg
+    assert abs(mass.value / gear.sprung_mass_kg - 1) < 0.006
+    assert mass.holds(gear.sprung_mass_kg)
+    np.testing.assert_allclose(found.law.vector[:2], gear.law.vector[:2], rtol=0.03)
+
+
+def test_every_memory_is_searched():
+    assert set(NAMES) <= set(library())
