@@ -432,7 +432,7 @@ BUILT_IN = (
         (
             Parameter("amplitude_n", "N", "amplitude", 400.0),
             Parameter("scale_m", "m", "scale", 2e-3, over_rms=(0.01, 3.0)),
-            Parameter("exponent", "1", "exponent", 2.0, within=(0.3, 10.0)),
+            Parameter("exponent", "1", "exponent", 2.0, within=(1.0, 10.0)),
             Parameter("shape", "1", "shape", 0.5),
         ),
         _sliding,

@@ -170,6 +170,6 @@ def predict(
         ground,
         sensitivity,
     )
-    if not np.isfinite(innovation[:, -1]).all():
+    if not (np.isfinite(innovation[:, -1]).all() and np.isfinite(changes[..., -1]).all()):
         raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
     return Prediction(innovation, spread, changes, motion[0].T, motion[1].T, motion[2].T)

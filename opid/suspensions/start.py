@@ -17,6 +17,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.mechanics.laws import LINEAR, Law, Term
+from opid.mechanics.memory import force_along
 from opid.signals.motion import filter_like, integrate
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body
@@ -174,8 +175,10 @@ class _Equation:
     def of_term(self, group: Group, term: Term) -> FloatArray:
         """Column of a term of unit amplitude in the law of a group."""
         unit = Law((Term(term.name, (1.0, *term.inner)),))
-        slots = list(group.slots)
-        forces = [self.body.rows[slots].T @ unit.force(m.travel[slots], m.velocity[slots]) for m in self.motions]
+        forces = []
+        for motion, run in zip(self.motions, self.runs, strict=True):
+            own = [force_along(unit, motion.travel[k], motion.velocity[k], run.recorded_fs) for k in group.slots]
+            forces.append(self.body.rows[list(group.slots)].T @ np.stack(own))
         return self.column(forces)
 
     @property
@@ -259,7 +262,9 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         left = target - basis @ (basis.T @ target)
         gains = []
         for k, term, column in offered:
-            taken = term.name in groups[k].law.parameters or len(groups[k].law.terms) >= most_terms
+            have = groups[k].law
+            taken = term.name in have.parameters or len(have.terms) >= most_terms
+            taken |= term.kind.memory is not None and have.has_memory
             rest = column - basis @ (basis.T @ column)
             size = float(rest @ rest)
             gains.append(float(rest @ left) ** 2 / size if not taken and size > 1e-8 * float(column @ column) else 0.0)

@@ -16,7 +16,7 @@ from opid.errors import InputError
 from opid.mechanics.kernels.backbone_steps import _backbones
 from opid.mechanics.kernels.choice import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
-from opid.mechanics.kernels.steps import _force_many, _structure_steps
+from opid.mechanics.kernels.steps import _force_many, _remembered_along, _structure_steps
 from opid.mechanics.kinds import BUILT_IN, Kind
 from opid.mechanics.laws import FloatArray, Law, TermSet
 
@@ -27,6 +27,7 @@ __all__ = [
     "force_kernel",
     "law_arrays",
     "predictions",
+    "remembered_along",
     "runge_kutta_4",
 ]
 
@@ -204,6 +205,21 @@ def memory_starts(joints: tuple[Any, ...]) -> FloatArray:
     codes, memories = joints[2], joints[5]
     rows = np.flatnonzero(memories[:, 0] >= 0)
     return np.repeat([BUILT_IN[code].memory_start for code in codes[rows]], memories[rows, 1]).astype(np.float64)
+
+
+def remembered_along(joints: tuple[Any, ...], v: FloatArray, step_s: float) -> FloatArray:
+    """Return the derivatives of the force of one joint by its parameters along a motion, those of memories alone.
+
+    Args:
+        joints: of one interface, as of `predictions`, all terms of its law faint.
+        v: (n,) rate of its extension, m/s.
+        step_s: from one value to the next, s.
+
+    Returns:
+        (n, n_parameters), by stiffness, damping, ground stiffness, rest and law in turn.
+    """
+    found: FloatArray = _remembered_along(joints, v, step_s)
+    return found
 
 
 def check_compiles(kind: Kind) -> None:

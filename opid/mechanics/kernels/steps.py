@@ -349,3 +349,22 @@ def _owners(joints):  # type: ignore[no-untyped-def]
             for q in range(max(0, memories[row, 0]), memories[row, 0] + memories[row, 1]):
                 owners[q] = i
     return owners
+
+
+@kernel()
+def _remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
+    """Derivatives of the force of one joint, all of whose terms are faint, along a motion: (n, n_own)."""
+    n_followed, n_own = len(joints[7]), _places(joints)[1]
+    followed, by_own, pace = np.zeros((3, n_followed, 4)), np.zeros((1, n_own)), np.zeros((2, 1))
+    found = np.empty((v.size, n_own))
+    for k in range(v.size):
+        _followed_forces(joints, 0, 4, 2, 0, 1, v[k], followed, by_own)
+        for p in range(n_own):
+            found[k, p] = by_own[0, p]
+        if k + 1 < v.size:
+            for q in range(n_followed):
+                for place in range(4):
+                    followed[0, q, place] = followed[2, q, place]
+            pace[0, 0], pace[1, 0] = v[k], v[k + 1]
+            _follow(joints, step_s, pace[0], pace[1], followed)
+    return found
