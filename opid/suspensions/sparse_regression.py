@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.mechanics.laws import LINEAR, Law, default_law
+from opid.mechanics.laws import LAWS, LINEAR, Law, default_law
 from opid.signals.recording import FloatArray
 from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.fit import Fit
@@ -58,9 +58,11 @@ def search_by_regression(
 def regress(fit: Fit, slot: int, kinds: Sequence[str], settings: RegressionSettings) -> tuple[Law, ...]:
     """Propose laws of one suspension from the force on the motion that a fit predicts.
 
-    They stand in the order of their error on blocks left out, the chosen one first.
+    They stand in the order of their error on blocks left out, the chosen one first. Laws that remember are no functions
+    of the predicted motion and are left to the pursuit.
     """
-    return _proposed(_thinned(force_points(fit, slot), settings.n_samples), kinds, settings)
+    static = [kind for kind in kinds if LAWS[kind].memory is None]
+    return _proposed(_thinned(force_points(fit, slot), settings.n_samples), static, settings)
 
 
 def _thinned(points: ForcePoints, n_samples: int) -> ForcePoints:
