@@ -6,7 +6,7 @@ from opid.mechanics.backbones import backbone
 from opid.mechanics.driven import Interface
 from opid.mechanics.jointed_modes import JointedModes
 from opid.mechanics.landing_gear import LandingGear, taxi_run
-from opid.mechanics.laws import default_law, law
+from opid.mechanics.laws import LINEAR, default_law, law
 from opid.mechanics.memory import force_along
 from opid.mechanics.prediction import Noise, predict
 
@@ -14,11 +14,11 @@ taxi_run(LandingGear(), rng=np.random.default_rng(0), duration_s=2.0)
 one_mass = JointedModes([400.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
 backbone(one_mass, law("cubic_stiffness", stiffness_n_per_m3=4e9), mode=1, sensor="mass", amplitude=np.array([1e-4]))
 force_along(default_law("dahl_friction"), np.zeros(9), np.ones(9), 100.0)
-# two interfaces stand for several, and for one whose law remembers
-for n, ground in ((1, False), (1, True), (2, False)):
+friction = default_law("dahl_friction")
+for n, ground, own in ((1, False, LINEAR), (1, True, LINEAR), (1, False, friction), (2, False, LINEAR)):
     rows = 6 if ground else 4
     predict(
-        [Interface(400.0, 4.0)] * n,
+        [Interface(400.0, 4.0, law=own)] * n,
         np.eye(n),
         np.zeros((99, n)),
         np.ones((50, n)),

@@ -167,13 +167,14 @@ def predictions(
     covariance[np.arange(2 * n, 2 * n + memory_start.size), np.arange(2 * n, 2 * n + memory_start.size)] = (
         memory_start**2 if correct else 0.0
     )
-    # the kernel of one interface is without memory
-    single = n == 1 and not memory_start.size
+    # what is compiled for one interface has room for few states
+    single = n == 1 and memory_start.size <= (0 if ground else 1)
     # directions last: the innermost loops go over them
     ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     innovation, spread, changes, motion = _predictions(
         # None, not 1 and not False: numba compiles a kernel of its own for it and leaves out what is behind it
         None if single else n,
+        (0.0,) * memory_start.size if single else (),
         (ground or None) if single else ground,
         joints,
         accelerance,

@@ -41,10 +41,11 @@ from opid.mechanics.kernels.steps import (
     _remembered_force,
 )
 
-# what a memory may decay by in a step, as its rate times the step: there four stages are exact to 0.008
-_MOST_DECAY = 1.0
+# what a memory may decay by in a step, as its rate times the step; at 2.8 the steps would grow without bound. So fast a
+# memory is nearly where it ends: after a reversal, where it matters, the velocity and with it the decay are small
+_MOST_DECAY = 2.0
 # of a sample: a memory that needs more is a step, and static laws describe it
-_MOST_STEPS = 100
+_MOST_STEPS = 30
 
 
 @part(inline=True, freedom="fused")
@@ -322,13 +323,14 @@ def _push_ground(place, step_s, first_drive, by_drive, resting):  # type: ignore
 
 @kernel(freedom="fused")
 def _predictions(  # type: ignore[no-untyped-def]
-    several, ground_is_followed, joints, accelerance, by_mass, reading, by_reading, drive, by_drive, measured,
-    by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
+    several, remembered, ground_is_followed, joints, accelerance, by_mass, reading, by_reading, drive, by_drive,
+    measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
 ):  # fmt: skip
     """Predict each sample from the ones before it, see `opid.mechanics.prediction`.
 
     `several` is the number of interfaces, or None for one: the compiler then knows the sizes of all small arrays and
-    keeps their numbers in registers. For one interface `ground_is_followed` is True or None, for several a bool.
+    keeps their numbers in registers. For one interface `remembered` is a tuple with a number for each memory, and
+    `ground_is_followed` True or None; for several they are empty and a bool.
 
     The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
     reading sees it in the long run, and with it z: their small difference would drown.
@@ -338,8 +340,7 @@ def _predictions(  # type: ignore[no-untyped-def]
     """
     n = 1 if several is None else several
     ground = False if ground_is_followed is None else ground_is_followed
-    # the kernel of one interface is for laws without memory
-    n_moving = 2 * n if several is None else 2 * n + len(joints[6])
+    n_moving = 2 * n + len(remembered) if several is None else 2 * n + len(joints[6])
     n_states = n_moving + 4 * n if ground else n_moving + 2 * n
     n_samples, linear = measured.shape[0], joints[0]
     owns, owners = _places(joints), _owners(joints)
@@ -370,7 +371,7 @@ def _predictions(  # type: ignore[no-untyped-def]
         small_zeros(several, (5, n)),
         np.zeros((5, n_own)),
     )
-    evolution = np.zeros((5, n_moving - 2 * n, 8))
+    evolution = small_zeros(several, (5, n_moving - 2 * n, 8))
     of_acceleration, of_force, of_drive, of_memory = (
         small_zeros(several, (4, n_moving, n)),
         small_zeros(several, (4, n_moving, n)),
@@ -386,7 +387,7 @@ def _predictions(  # type: ignore[no-untyped-def]
     )
     white, change = small_zeros(several, (n,)), np.zeros((n, width))
     here, following = small_zeros(several, (4, n)), small_zeros(several, (4, n))
-    memory, memory_next = np.zeros(n_moving - 2 * n), np.zeros(n_moving - 2 * n)
+    memory, memory_next = small_zeros(several, (n_moving - 2 * n,)), small_zeros(several, (n_moving - 2 * n,))
     part_drive, part_by_drive = np.zeros((3, 1, n)), np.zeros((3, n_drive, n))
     whole_drive = drive.reshape(drive.shape[0], 1, n)
     # what faint terms remember, and v where a step begins and ends

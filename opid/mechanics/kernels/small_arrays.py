@@ -12,8 +12,8 @@ from numba.np.arrayobj import make_array, populate_array
 
 # Any: the function it decorates takes one argument less than it states
 _intrinsic: Any = extending.intrinsic
-# the largest array of one interface: its six states by six
-_MOST_NUMBERS = 36
+# the largest array of one interface: of its six states by six, and what a memory does at five stages
+_MOST_NUMBERS = 40
 
 
 @_intrinsic
@@ -22,7 +22,7 @@ def small_zeros(_: Any, several: Any, shape: Any) -> Any:
 
     Args:
         several: the number of interfaces, or None for one.
-        shape: tuple of whole numbers; no more than 36 elements for one interface.
+        shape: tuple of whole numbers; no more than 40 elements for one interface.
     """
     array = types.Array(types.float64, len(shape), "C")
 
