@@ -21,6 +21,7 @@ from scipy import signal
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.laws import LAWS, Law, Term
+from opid.mechanics.memory import force_along
 from opid.suspensions.bench.law import BenchLaw, law_of_bench
 from opid.suspensions.bench.record import Bench
 
@@ -46,6 +47,11 @@ SCALES = {
     "blow_off_damping": (0.5, 1.2),
     "dead_zone_stiffness": (0.5, 1.2),
     "gas_spring": (3.5, 8.0),
+    "dahl_friction": (0.03, 0.5),
+    "bouc_wen": (0.1, 0.5),
+    "lugre_friction": (0.03, 0.5),
+    "iwan_friction": (0.3, 1.0),
+    "maxwell_arm": (0.2, 2.0),
 }
 # away from 1, 2 and 3, which are other kinds
 EXPONENTS = ((0.4, 0.7), (1.35, 1.65), (2.35, 2.65))
@@ -94,10 +100,13 @@ def term_of(kind: str, z: np.ndarray, v: np.ndarray, rng: np.random.Generator) -
         if parameter.role == "lag":
             lag = float(z.std() / v.std() * np.exp(rng.uniform(np.log(0.3), np.log(3.0))))
             inner.append(lag)
+        elif LAWS[kind].memory is not None and parameter.role != "scale":
+            inner.append(parameter.default)
         elif parameter.role == "exponent":
             inner.append(float(rng.uniform(*EXPONENTS[rng.integers(len(EXPONENTS))])))
         else:
-            reference = float(np.std(v) if parameter.unit == "m/s" else np.std(z + lag * v))
+            references = {"m/s": np.std(v), "s": np.std(z) / np.std(v), "m": np.std(z + lag * v)}
+            reference = float(references[parameter.unit])
             if kind == "gas_spring":
                 # no column is shorter than the stroke
                 reference = max(reference, float(-z.min()) / 2.5)
@@ -105,7 +114,8 @@ def term_of(kind: str, z: np.ndarray, v: np.ndarray, rng: np.random.Generator) -
     unit = Law((Term(kind, (1.0, *inner[::-1])),))
     sign = -1.0 if kind == "blow_off_damping" else 1.0
     beside = float(np.std(STIFFNESS * z + DAMPING * v))
-    return unit.scaled(sign * float(np.exp(rng.uniform(*np.log(FORCES)))) * beside / float(np.std(unit.force(z, v))))
+    size = float(np.std(force_along(unit, z, v, FS)))
+    return unit.scaled(sign * float(np.exp(rng.uniform(*np.log(FORCES)))) * beside / size)
 
 
 def record_of(kinds: tuple[str, ...], motion: str, seed: int, n: int, noise: float) -> tuple[Bench, Law]:
@@ -113,7 +123,7 @@ def record_of(kinds: tuple[str, ...], motion: str, seed: int, n: int, noise: flo
     rng = np.random.default_rng([seed, MOTIONS.index(motion), *(list(LAWS).index(kind) for kind in kinds)])
     z, v = motion_of(motion, n, rng)
     law = Law(tuple(term for kind in kinds for term in term_of(kind, z, v, rng).terms))
-    force = OFFSET + STIFFNESS * z + DAMPING * v + law.force(z, v)
+    force = OFFSET + STIFFNESS * z + DAMPING * v + force_along(law, z, v, FS)
     force = force + noise * force.std() * rng.standard_normal(n)
     channels: dict[str, str | None] = {"force": "F", "travel": "z", "velocity": "v"}
     return Bench(z, v, force, FS, 0.0, "recorded", None, channels, ()), law

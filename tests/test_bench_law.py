@@ -266,7 +266,7 @@ def test_hysteresis_is_told(kind):
     assert found.memory.cause == "hysteresis"
     assert found.memory.r2_with_past > found.memory.r2_at_most + 0.02
     assert found.r2_left_out <= found.memory.r2_at_most
-    assert "remembers the past (hysteresis or backlash), which is outside the library" in found.memory.statement
+    assert "remembers the past (hysteresis or backlash), which no law that was tried explains" in found.memory.statement
     assert found.warnings[0].startswith(found.memory.statement)
 
 

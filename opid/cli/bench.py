@@ -18,8 +18,8 @@ from opid.cli.group import end, main, progress
 def law(bench: Path, force: str, travel: str, velocity: str | None, out: Path | None) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
-    F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals; and what of the force no law of
-    travel and velocity can explain (hysteresis, backlash).
+    F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
+    among them; and what of the force no law explains (backlash, moving parts).
     """
     from opid.report import bench_text, write_bench_report
     from opid.report.directory import require_directory

@@ -2,10 +2,115 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-from opid.mechanics.driven import N_HEAD, Interface, joint_arrays
-from opid.mechanics.laws import FloatArray, TermSet, WithCandidates
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.mechanics.laws import FloatArray, Law, Term, TermSet, WithCandidates
+
+# evaluations that a recorded motion keeps: those of a fit of three or four inner parameters
+_N_KEPT = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Points at which laws are evaluated; a term with memory has the force of a slow motion in one direction there.
+
+    Args:
+        z: (n,) travel, m.
+        v: (n,) velocity, m/s.
+    """
+
+    z: FloatArray
+    v: FloatArray
+
+    def force(self, law: Law) -> FloatArray:
+        """Return the force of a law, N, (n,).
+
+        Args:
+            law: any law.
+        """
+        return self.parameter_gradient(law)[:, _amplitudes(law)] @ law.vector[_amplitudes(law)]
+
+    def parameter_gradient(self, law: Law) -> FloatArray:
+        """Return the derivatives of the force by each entry of `law.vector`, (n, n_parameters).
+
+        Args:
+            law: any law.
+        """
+        return law.parameter_gradient(self.z, self.v)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMotion(Motion):
+    """Samples of a recorded motion: what a law remembers is followed through the whole record.
+
+    Args:
+        z: (m,) travel of the samples, m.
+        v: (m,) their velocity, m/s.
+        sample: (m,) their indices in the record.
+        recorded_v: (n,) velocity of the whole record, m/s.
+        fs: its samples a second, Hz.
+        kept: the last evaluations, by the term for unit amplitude: a fit asks for the same term more than once.
+
+    >>> from opid.mechanics.laws import default_law
+    >>> v = np.full(1000, 0.01)
+    >>> motion = recorded_motion(np.cumsum(v) / 1000.0, v, 1000.0).part(np.array([0, 50, 999]))
+    >>> motion.force(default_law("dahl_friction")).round(1)
+    array([  0. , 252.8, 400. ])
+    """
+
+    sample: NDArray[np.int64]
+    recorded_v: FloatArray
+    fs: float
+    kept: dict[Term, FloatArray] = field(default_factory=dict, repr=False)
+
+    def parameter_gradient(self, law: Law) -> FloatArray:
+        """Return the derivatives of the force by each entry of `law.vector`, (m, n_parameters).
+
+        Args:
+            law: any law.
+        """
+        gradient = super().parameter_gradient(law)
+        first = 0
+        for term in law.terms:
+            last = first + len(term.values)
+            if term.kind.memory is not None:
+                gradient[:, first:last] = self._followed(Term(term.name, (1.0, *term.inner)))[self.sample]
+                gradient[:, first + 1 : last] *= term.amplitude
+            first = last
+        return gradient
+
+    def part(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> RecordedMotion:
+        """Return some of the samples.
+
+        Args:
+            chosen: which of them.
+        """
+        return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.recorded_v, self.fs, self.kept)
+
+    def _followed(self, term: Term) -> FloatArray:
+        found = self.kept.pop(term, None)
+        if found is None:
+            found = _remembered((term,), self.recorded_v, self.fs)
+        # the last one that was asked for stands last
+        self.kept[term] = found
+        while len(self.kept) > _N_KEPT:
+            del self.kept[next(iter(self.kept))]
+        return found
+
+
+def recorded_motion(z: FloatArray, v: FloatArray, fs: float) -> RecordedMotion:
+    """Return all samples of a recorded motion.
+
+    Args:
+        z: (n,) travel, m.
+        v: (n,) velocity, m/s: a straight line between samples.
+        fs: samples a second, Hz.
+    """
+    return RecordedMotion(z, v, np.arange(z.size), v, fs)
 
 
 def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatArray:
@@ -23,10 +128,8 @@ def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatA
     >>> friction[[0, 50, 999]].round(1)
     array([  0. , 252.8, 400. ])
     """
-    amplitudes = np.zeros(law.vector.size)
-    first = np.cumsum([0, *(len(term.values) for term in law.terms)])[:-1]
-    amplitudes[first] = law.vector[first]
-    return gradient_along(law, z, v, fs) @ amplitudes
+    amplitudes = _amplitudes(law)
+    return gradient_along(law, z, v, fs)[:, amplitudes] @ law.vector[amplitudes]
 
 
 def gradient_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatArray:
@@ -43,11 +146,21 @@ def gradient_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> Flo
     gradient = law.parameter_gradient(z, v)
     remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
     if remembers.any():
-        # numba takes long to load, and laws without memory do without
-        from opid.mechanics.kernels import remembered_along
-
-        faint = WithCandidates(law.terms, law.rest_m, len(law.terms))
-        joints = joint_arrays([Interface(0.0, 0.0, law=faint)], ground=False)
-        followed = remembered_along(joints, np.ascontiguousarray(v, dtype=np.float64), 1.0 / fs)
-        gradient[:, remembers] = followed[:, N_HEAD:][:, remembers]
+        gradient[:, remembers] = _remembered(law.terms, v, fs)[:, remembers]
     return gradient
+
+
+def _remembered(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
+    """Return the derivatives by the values of the terms along a motion, (n, n_parameters), of those with memory."""
+    # numba takes long to load, and laws without memory do without
+    from opid.mechanics.driven import N_HEAD, Interface, joint_arrays
+    from opid.mechanics.kernels import remembered_along
+
+    faint = WithCandidates(tuple(terms), 0.0, len(terms))
+    joints = joint_arrays([Interface(0.0, 0.0, law=faint)], ground=False)
+    return remembered_along(joints, np.ascontiguousarray(v, dtype=np.float64), 1.0 / fs)[:, N_HEAD:]
+
+
+def _amplitudes(law: TermSet) -> list[int]:
+    """Return the indices of the amplitudes in `law.vector`."""
+    return np.cumsum([0, *(len(term.values) for term in law.terms)])[:-1].tolist()

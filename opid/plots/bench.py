@@ -8,9 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from opid.mechanics.laws import Law
+from opid.mechanics.memory import force_along
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
 from opid.suspensions.bench.law import BenchLaw, Ladder
+from opid.suspensions.bench.loop import sine_of
 from opid.suspensions.bench.problem import BenchFit
+from opid.suspensions.bench.record import Bench
 from opid.suspensions.law_search import LawStep, chosen
 
 __all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
@@ -51,6 +55,8 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
 def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     """Draw the law over velocity (at z = 0) and over travel (at z' = 0), among the measured force less the rest of it.
 
+    Of a law that remembers the loop of a sine is drawn, as large and as fast as the record.
+
     Args:
         result: the law of a bench.
         axes: two Axes, or None for a new figure.
@@ -63,6 +69,8 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     scale, unit = _force_unit(bench.force)
     found = result.parameters
     slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
+    memory = Law(tuple(term for term in result.law.terms if term.kind.memory is not None))
+    remembered, cycle = force_along(memory, bench.travel, bench.velocity, bench.fs), _cycle(memory, bench)
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.7)
         for ax, raw, drawn, slope, along in zip(
@@ -71,7 +79,10 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
             line = np.linspace(raw.min(), raw.max(), 601)
             factor = 1.0 if along == "velocity" else 1e3
             curve, straight = _along(result, line, slope, along), slope * line
-            dots = _along(result, raw[shown], slope, along) + result.residual[shown]
+            dots = (_along(result, raw, slope, along) + remembered + result.residual)[shown]
+            if result.loop is not None:
+                line = cycle[0] if along == "travel" else cycle[1]
+                curve, straight = _along(result, line, slope, along) + cycle[2], slope * line
             ax.plot(drawn[shown], scale * dots, color=PALE, label="measured, less the rest of the law", **_DOTS)
             symbol = "C z′" if along == "velocity" else "K z"
             ax.plot(factor * line, scale * straight, color=GREY, linestyle="--", linewidth=1.1, label=symbol)
@@ -110,7 +121,7 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         static = max(1 - result.memory.r2_at_most, least)
         ax.axvline(static, color=INK, linestyle="--", linewidth=1)
         ax.annotate(
-            "best of any law",
+            "best without memory",
             (static, 1),
             (0, 3),
             xycoords=("data", "axes fraction"),
@@ -171,9 +182,18 @@ def _motions(result: BenchLaw) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _along(result: BenchLaw, position: np.ndarray, slope: float, along: str) -> np.ndarray:
+    """The part of the force along travel or velocity, the other zero, without what remembers."""
     zero = np.zeros_like(position)
     place = (zero, position) if along == "velocity" else (position, zero)
-    return slope * position + result.law.force(*place)
+    static = Law(tuple(term for term in result.law.terms if term.kind.memory is None))
+    return slope * position + static.force(*place)
+
+
+def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Travel, velocity and force of what remembers over the last cycle of a sine as large and as fast as the record."""
+    z, v, fs = sine_of(bench)
+    n = z.size // 4
+    return z[-n:], v[-n:], force_along(memory, z, v, fs)[-n:]
 
 
 def _force_unit(force: np.ndarray) -> tuple[float, str]:

@@ -49,7 +49,8 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
     Returns:
         `schema`, `title`, `parameters` {name: {value, std, interval95}}, `law` {name, latex, parameters {kind:
         {parameter: {value, std, interval95}}}}, `r2`, `r2_left_out`, `residual_rms_n`, `n_independent`, `ladder` [{law,
-        r2, r2_left_out, bic, kept, chosen}], `memory`, `warnings`, `not_determined`, `settings`.
+        r2, r2_left_out, bic, kept, chosen}], `memory`, `loop` {travel_amplitude_m, frequency_hz, area_j {value, std,
+        interval95}} or None, `warnings`, `not_determined`, `settings`.
     """
     return plain(
         {
@@ -80,6 +81,7 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
                 for step in result.ladder
             ],
             "memory": asdict(result.memory) | {"seen": result.memory.seen},
+            "loop": None if result.loop is None else asdict(result.loop),
             "warnings": result.warnings,
             "not_determined": result.not_determined,
             "settings": _settings(result),
@@ -153,14 +155,15 @@ def bench_pictures() -> tuple[Picture, ...]:
             "force_against_motion",
             "Force against motion",
             "What was measured (grey) and what the law makes of the same motion (in colour). Where grey loops stand "
-            "outside the colour the force depends on more than travel and velocity.",
+            "outside the colour the force depends on more than the law does.",
             lambda result, truth: plots.force_against_motion(result),
         ),
         Picture(
             "bench_curves",
             "The law",
             "Its share of the force over velocity and over travel; grey dots are the measured force less the rest of "
-            "the law. Beyond them the law is an extrapolation.",
+            "the law. Beyond them the law is an extrapolation. Of a law that remembers a loop is drawn: that of a sine "
+            "as large and as fast as the record.",
             lambda result, truth: plots.bench_curves(result),
         ),
         Picture(
@@ -168,7 +171,7 @@ def bench_pictures() -> tuple[Picture, ...]:
             "Which law",
             "Share of the force that each law leaves unexplained, on the samples it was fitted to (hollow) and on "
             "stretches of time that were left out (full): the chosen law in colour, those on the way to it in black. "
-            "No law of travel and velocity predicts better than the dashed line.",
+            "No law of travel and velocity predicts better than the dashed line, but for one that remembers.",
             lambda result, truth: plots.bench_ladder(result),
         ),
         Picture(
@@ -202,7 +205,18 @@ def quality(result: BenchLaw) -> str:
         f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
         f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.force.size} "
         f"samples at {bench.fs:.6g} Hz ({result.n_independent:.0f} independent ones in the residual); velocity: "
-        f"{bench.velocity_from}."
+        f"{bench.velocity_from}.{_loop_words(result)}"
+    )
+
+
+def _loop_words(result: BenchLaw) -> str:
+    loop = result.loop
+    if loop is None:
+        return ""
+    return (
+        f" The loop area is the energy that what remembers takes in a cycle of {1e3 * loop.travel_amplitude_m:.3g} mm "
+        f"at {loop.frequency_hz:.3g} Hz, rms travel and velocity of the record: it is known better than parameters "
+        "that trade with each other."
     )
 
 
@@ -215,7 +229,12 @@ def _law_rows(result: BenchLaw) -> Iterator[Row]:
         for parameter in term.kind.parameters:
             # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
             label = parameter.name.split("_n")[0] if parameter.role == "amplitude" else parameter.role
+            if term.kind.memory is not None and parameter.role != "amplitude":
+                # it may have two of a role
+                label = parameter.name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
             yield estimate_row(label, parameter.unit, result.law_estimates[term.name][parameter.name])
+        if term.kind.memory is not None and result.loop is not None:
+            yield estimate_row("loop area", "J", result.loop.area_j)
 
 
 def _doubts(result: BenchLaw) -> list[str]:

@@ -1,6 +1,6 @@
 """Separable least squares: only the inner parameters of a law are searched; what enters linearly is solved for.
 
-    y = sum_j w_j c_j + sum_i A_i g_i(z, v; inner parameters of term i)
+    y = sum_j w_j c_j + sum_i A_i g_i(motion; inner parameters of term i)
 
 For given inner parameters (scales, lags, exponents) the weights w and the amplitudes A follow from linear least squares
 (variable projection, Golub & Pereyra 1973). The search over the inner parameters uses the derivative of Kaufman (1975).
@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.mechanics.laws import Law, Parameter, Term
+from opid.mechanics.memory import Motion
 from opid.signals.recording import FloatArray
-from opid.suspensions.law_parameters import reference
+from opid.suspensions.law_parameters import positive, reference
 
 
 @dataclass(frozen=True)
@@ -25,13 +27,16 @@ class SeparableSettings:
     Args:
         beyond_seen: a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the
             largest: there a friction is a straight line and a gas spring a parabola.
-        exponents: least and largest exponent: 0.1 is nearly dry friction, and beyond 6 a power is a wall.
+        exponents: least and largest exponent of a kind that names none: 0.1 is nearly dry friction, and beyond 6 a
+            power is a wall.
+        shapes: largest size of a shape; of one in seconds over the ratio of the rms motions.
         start_fractions: fractions of the largest scale that can be seen from which a scale is searched: of a friction
             0.1, 0.4 and 1.5 rms velocities, of a gas column 10, 40 and 150 rms travels.
     """
 
     beyond_seen: float = 10.0
     exponents: tuple[float, float] = (0.1, 6.0)
+    shapes: float = 10.0
     start_fractions: tuple[float, ...] = (1 / 30, 2 / 15, 1 / 2)
 
 
@@ -58,8 +63,7 @@ class SeparableFit:
 def separable_fit(
     columns: FloatArray,
     law: Law,
-    z: FloatArray,
-    v: FloatArray,
+    motion: Motion,
     y: FloatArray,
     *,
     starts: Sequence[Law] | None = None,
@@ -71,26 +75,24 @@ def separable_fit(
     Args:
         columns: (n, n_columns) what enters linearly beside the law.
         law: its terms say what is fitted.
-        z: (n,) travel, m.
-        v: (n,) velocity, m/s.
+        motion: (n,) samples at which the law is evaluated.
         y: (n,) what is fitted.
         starts: laws of the same terms whose inner parameters the search starts from; None for `start_laws`.
         free_exponents: whether exponents are searched too; otherwise they stay at the first start.
         settings: where inner parameters are searched.
 
     >>> z = np.linspace(-1.0, 1.0, 201)
-    >>> friction = Law((Term("arctan_velocity", (3.0, 0.2)),))
-    >>> fit = separable_fit(z[:, np.newaxis], friction, z, np.sin(9 * z), 5 * z + friction.force(z, np.sin(9 * z)))
+    >>> friction, motion = Law((Term("arctan_velocity", (3.0, 0.2)),)), Motion(z, np.sin(9 * z))
+    >>> fit = separable_fit(z[:, np.newaxis], friction, motion, 5 * z + motion.force(friction))
     >>> np.round([*fit.weights, *fit.law.vector], 6).tolist()
     [5.0, 3.0, 0.2]
     """
     from scipy import optimize
 
-    starts = starts or start_laws(law, z, v, settings)
-    free = inner_indices(law, free_exponents=free_exponents)
-    if not free:
-        return _fitted(columns, starts[0], free, np.empty(0), z, v, y, (np.empty(0), np.empty(0)))
-    bounds = _search_bounds(law, free, z, v, settings)
+    starts = starts or start_laws(law, motion, settings)
+    search = _search_of(starts[0], motion, inner_indices(law, free_exponents=free_exponents), settings)
+    if not search.free:
+        return _fitted(columns, search, np.empty(0), motion, y)
     # least_squares asks for the residual and then for its derivative at the same point
     last: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
@@ -98,19 +100,19 @@ def separable_fit(
         key = inner.tobytes()
         if key not in last:
             last.clear()
-            last[key] = _projected(columns, _with_inner(starts[0], free, inner), free, z, v, y)
+            last[key] = _projected(columns, search, inner, motion, y)
         return last[key]
 
     solutions = []
     for start in starts:
-        inner = np.clip(_encode(start, free), *bounds)
+        inner = np.clip(search.encode(start), search.lower, search.upper)
         if np.isfinite(solved(inner)[0]).all():
             solutions.append(
                 optimize.least_squares(
                     lambda inner: solved(inner)[0],
                     inner,
                     jac=lambda inner: solved(inner)[1],
-                    bounds=bounds,
+                    bounds=(search.lower, search.upper),
                     x_scale=0.5,
                     xtol=1e-7,
                     ftol=1e-7,
@@ -118,9 +120,9 @@ def separable_fit(
                 )
             )
     if not solutions:  # no start lies where the law is defined: the straight columns alone
-        return _fitted(columns, starts[0].scaled(0.0), free, _encode(starts[0], free), z, v, y, bounds)
+        return _fitted(columns, search, search.encode(starts[0]), motion, y)
     best = min(solutions, key=lambda solution: solution.cost).x
-    return _fitted(columns, starts[0], free, best, z, v, y, bounds)
+    return _fitted(columns, search, best, motion, y)
 
 
 def unit_law(law: Law) -> Law:
@@ -136,20 +138,34 @@ def unit_law(law: Law) -> Law:
 
 
 def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
-    """Return the indices in `law.vector` of what is searched: scales and lags, and exponents if they are free."""
+    """Return the indices in `law.vector` of what is searched: scales, lags and shapes, and exponents if free.
+
+    Args:
+        law: any law.
+        free_exponents: whether exponents are searched too.
+    """
     fixed = ("amplitude",) if free_exponents else ("amplitude", "exponent")
     return [k for k, parameter in enumerate(law.parameter_list) if parameter.role not in fixed]
 
 
-def start_laws(law: Law, z: FloatArray, v: FloatArray, settings: SeparableSettings = DEFAULTS) -> list[Law]:
-    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio."""
+def start_laws(law: Law, motion: Motion, settings: SeparableSettings = DEFAULTS) -> list[Law]:
+    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio.
+
+    Exponents and shapes are those of the law.
+
+    Args:
+        law: any law.
+        motion: that shows it.
+        settings: the fractions.
+    """
     starts = []
     for fraction in settings.start_fractions:
         vector = law.vector.copy()
-        for k in inner_indices(law):
-            parameter = law.parameter_list[k]
-            reference = _reference(parameter, z, v)
-            vector[k] = fraction * parameter.over_rms[1] * reference if _positive(parameter) else reference
+        for k, parameter in enumerate(law.parameter_list):
+            if parameter.role == "scale":
+                vector[k] = fraction * parameter.over_rms[1] * _reference(parameter, motion)
+            elif parameter.role == "lag":
+                vector[k] = _reference(parameter, motion)
         starts.append(law.with_vector(vector))
     return list(dict.fromkeys(starts))
 
@@ -177,90 +193,105 @@ def independent_samples(residual: FloatArray) -> float:
     return float(residual.size / max(1.0, 1 + 2 * float(np.sum(correlation[1:stop]))))
 
 
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Inner parameters as the search moves them: positive ones as logarithms, for they spread over decades.
+
+    Args:
+        law: with the values of what is not searched.
+        free: indices in `law.vector` of what is searched.
+        size: (n_free,) what each of the others is divided by.
+        lower: (n_free,) least values.
+        upper: (n_free,) largest values.
+    """
+
+    law: Law
+    free: list[int]
+    size: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def encode(self, law: Law) -> FloatArray:
+        """Return what the search moves."""
+        values = law.vector[self.free]
+        positive = self._positive
+        return np.where(positive, np.log(np.where(positive, values, 1.0)), values / self.size)
+
+    def decode(self, inner: FloatArray) -> Law:
+        """Return the law, of unit amplitudes."""
+        vector = unit_law(self.law).vector
+        positive = self._positive
+        vector[self.free] = np.where(positive, np.exp(np.where(positive, inner, 0.0)), inner * self.size)
+        return unit_law(self.law).with_vector(vector)
+
+    def stretch(self, law: Law) -> FloatArray:
+        """Return the derivatives of the searched values of a law by what the search moves."""
+        return np.where(self._positive, law.vector[self.free], self.size)
+
+    @property
+    def _positive(self) -> NDArray[np.bool_]:
+        return positive(self.law)[self.free]
+
+
+def _search_of(law: Law, motion: Motion, free: list[int], settings: SeparableSettings) -> _Search:
+    size, bounds = [], []
+    for parameter in (law.parameter_list[k] for k in free):
+        reference = 1.0 if parameter.unit == "1" else _reference(parameter, motion)
+        seen = settings.beyond_seen * parameter.over_rms[1]
+        size.append(reference)
+        if parameter.role == "scale":
+            bounds.append(tuple(np.log(np.multiply(reference, (parameter.over_rms[0], seen)))))
+        elif parameter.role == "exponent":
+            stated = np.isfinite(parameter.within[1])
+            bounds.append(tuple(np.log(parameter.within if stated else settings.exponents)))
+        else:
+            largest = settings.shapes if parameter.role == "shape" else seen
+            bounds.append((-largest, largest))
+    lower, upper = np.array(bounds).reshape(-1, 2).T
+    return _Search(law, free, np.array(size), lower, upper)
+
+
 def _projected(
-    columns: FloatArray, shapes: Law, free: list[int], z: FloatArray, v: FloatArray, y: FloatArray
+    columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual for given inner parameters and its derivative by them, as `_encode` moves them."""
-    gradient = unit_law(shapes).parameter_gradient(z, v)
+    """Return the residual for given inner parameters and its derivative by them, as the search moves them."""
+    shapes = search.decode(inner)
+    gradient = motion.parameter_gradient(shapes)
     if not np.isfinite(gradient).all():
-        return np.full(y.size, np.nan), np.zeros((y.size, len(free)))
-    q, weights = _linear(columns, shapes, gradient, y)
+        return np.full(y.size, np.nan), np.zeros((y.size, len(search.free)))
     basis = np.concatenate([columns, gradient[:, _amplitudes(shapes)]], axis=1)
+    q, weights = _linear(basis, y)
     residual = y - basis @ weights
     owner = np.cumsum([parameter.role == "amplitude" for parameter in shapes.parameter_list]) - 1
-    slopes = np.stack([gradient[:, k] * weights[columns.shape[1] + owner[k]] * _stretch(shapes, k) for k in free], 1)
+    slopes = gradient[:, search.free] * weights[columns.shape[1] + owner[search.free]] * search.stretch(shapes)
     return residual, q @ (q.T @ slopes) - slopes
 
 
-def _linear(columns: FloatArray, law: Law, gradient: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    basis = np.concatenate([columns, gradient[:, _amplitudes(law)]], axis=1)
+def _linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
     q, r = np.linalg.qr(basis / scale)
     return q, np.linalg.lstsq(r, q.T @ y, rcond=1e-12)[0] / scale
 
 
-def _fitted(
-    columns: FloatArray,
-    law: Law,
-    free: list[int],
-    inner: FloatArray,
-    z: FloatArray,
-    v: FloatArray,
-    y: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-) -> SeparableFit:
-    shapes = unit_law(_with_inner(law, free, inner))
-    gradient = shapes.parameter_gradient(z, v)
-    defined = bool(np.isfinite(gradient).all())
-    _, weights = _linear(columns, shapes, gradient if defined else np.zeros_like(gradient), y)
+def _fitted(columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray) -> SeparableFit:
+    shapes = search.decode(inner)
+    gradient = motion.parameter_gradient(shapes)
+    # where the law is not defined on the motion, it has no part in the fit
+    shape_columns = gradient[:, _amplitudes(shapes)] if np.isfinite(gradient).all() else np.zeros((y.size, 0))
+    basis = np.concatenate([columns, shape_columns], axis=1)
+    _, weights = _linear(basis, y)
     n_columns = columns.shape[1]
     amplitudes = iter(weights[n_columns:].tolist())
-    fitted = Law(tuple(Term(term.name, (next(amplitudes), *term.inner)) for term in shapes.terms))
-    residual = y - columns @ weights[:n_columns] - (fitted.force(z, v) if defined else 0.0)
+    fitted = Law(tuple(Term(term.name, (next(amplitudes, 0.0), *term.inner)) for term in shapes.terms))
     at_bound = np.zeros(fitted.vector.size, dtype=bool)
-    at_bound[free] = np.isclose(inner, bounds[0], atol=1e-3) | np.isclose(inner, bounds[1], atol=1e-3)
-    return SeparableFit(weights[:n_columns], fitted, residual, tuple(at_bound.tolist()))
+    at_bound[search.free] = np.isclose(inner, search.lower, atol=1e-3) | np.isclose(inner, search.upper, atol=1e-3)
+    return SeparableFit(weights[:n_columns], fitted, y - basis @ weights, tuple(at_bound.tolist()))
 
 
 def _amplitudes(law: Law) -> list[int]:
     return [k for k, parameter in enumerate(law.parameter_list) if parameter.role == "amplitude"]
 
 
-def _positive(parameter: Parameter) -> bool:
-    return parameter.role != "lag"
-
-
-def _stretch(law: Law, k: int) -> float:
-    """Return the derivative of an inner parameter by what the search moves: positive ones move as logarithms."""
-    return float(law.vector[k]) if _positive(law.parameter_list[k]) else 1.0
-
-
-def _encode(law: Law, free: list[int]) -> FloatArray:
-    """Positive parameters as logarithms (they spread over decades), lags as they are."""
-    return np.array([np.log(law.vector[k]) if _positive(law.parameter_list[k]) else law.vector[k] for k in free])
-
-
-def _with_inner(law: Law, free: list[int], inner: FloatArray) -> Law:
-    vector = law.vector.copy()
-    for k, value in zip(free, inner, strict=True):
-        vector[k] = np.exp(value) if _positive(law.parameter_list[k]) else value
-    return law.with_vector(vector)
-
-
-def _reference(parameter: Parameter, z: FloatArray, v: FloatArray) -> float:
+def _reference(parameter: Parameter, motion: Motion) -> float:
     """Return the rms motion that an inner parameter is to be compared with."""
-    return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (z, v)))
-
-
-def _search_bounds(
-    law: Law, free: list[int], z: FloatArray, v: FloatArray, settings: SeparableSettings
-) -> tuple[FloatArray, FloatArray]:
-    lower, upper = [], []
-    for k in free:
-        parameter = law.parameter_list[k]
-        reference = 1.0 if parameter.role == "exponent" else _reference(parameter, z, v)
-        seen = (parameter.over_rms[0], settings.beyond_seen * parameter.over_rms[1])
-        least, most = settings.exponents if parameter.role == "exponent" else seen
-        lower.append(np.log(least * reference) if _positive(parameter) else -most * reference)
-        upper.append(np.log(most * reference) if _positive(parameter) else most * reference)
-    return np.array(lower), np.array(upper)
+    return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (motion.z, motion.v)))

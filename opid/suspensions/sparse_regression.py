@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from opid.mechanics.laws import LAWS, LINEAR, Law, default_law
+from opid.mechanics.memory import Motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.fit import Fit
@@ -85,7 +86,7 @@ def _proposed(points: ForcePoints, names: Sequence[str], known: RegressionSettin
             law = Law(tuple(shapes[k].terms[0] for k in support))
             if law.name not in found:
                 start = [law] if len(support) > 1 else None
-                fitted = separable_fit(straight, law, z, v, y, starts=start).law if law.terms else law
+                fitted = separable_fit(straight, law, Motion(z, v), y, starts=start).law if law.terms else law
                 found[law.name] = (_left_out(straight, fitted, z, v, y, known.n_blocks), fitted)
         best = _chosen(found, known.block_margin)
         if best.name == held.name:
@@ -110,7 +111,7 @@ def _at_best_scale(name: str, held: Law, z: FloatArray, v: FloatArray, straight:
     law = law.scaled(1 / law.vector[0])
     if law.vector.size == 1:
         return law
-    offered = start_laws(law, z, v)
+    offered = start_laws(law, Motion(z, v))
     columns = _freed(straight, np.stack([each.force(z, v) for each in offered], axis=1))
     return offered[int(np.argmax(np.abs(columns.T @ y)))]
 

@@ -1,4 +1,4 @@
-"""A law from a test bench: measured force against motion, F = F0 + K z + C z' + f(z, z').
+"""A law from a test bench: measured force against motion, F = F0 + K z + C z' + f, f of the motion and its past.
 
 The terms of f are searched on some thousand samples (`opid.suspensions.law_search` on a `BenchLaws`), the law that is
 found is fitted to all. The intervals take the residual as it is, correlated over time or not.
@@ -14,7 +14,9 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LAWS, Law, default_law
+from opid.mechanics.memory import recorded_motion
 from opid.signals.recording import FloatArray
+from opid.suspensions.bench.loop import Loop, loop_of
 from opid.suspensions.bench.memory import Memory, measure_memory
 from opid.suspensions.bench.problem import BenchFit, BenchLaws, straight_columns, thin_record
 from opid.suspensions.bench.record import Bench
@@ -56,7 +58,8 @@ class BenchLaw:
         r2: fraction of the variance of the force that is explained.
         r2_left_out: the same on stretches of time that were left out of the fit.
         ladder: the laws that were tried, in order, each with what is left of stretches that were left out.
-        memory: what no law of travel and velocity can explain.
+        memory: what no law of travel and velocity can explain, and what of it the law remembers.
+        loop: energy that the part of the law that remembers takes per cycle; None where it remembers nothing.
         n_independent: independent samples that the residual amounts to.
         warnings: what to doubt, one sentence each.
         not_determined: why there is no law, or None.
@@ -76,6 +79,7 @@ class BenchLaw:
     r2_left_out: float
     ladder: Ladder
     memory: Memory
+    loop: Loop | None
     n_independent: float
     warnings: tuple[str, ...]
     not_determined: str | None
@@ -137,8 +141,7 @@ def law_of_bench(
     fit = separable_fit(
         straight_columns(bench.travel, bench.velocity),
         step.fit.separable.law,
-        bench.travel,
-        bench.velocity,
+        recorded_motion(bench.travel, bench.velocity, bench.fs),
         bench.force,
         starts=[step.fit.separable.law],
         free_exponents=True,
@@ -147,11 +150,20 @@ def law_of_bench(
     say("memory")
     r2_left_out = _r2_left_out(step)
     # a ceiling lies above every law that was tried, also above those that were too rich to keep
-    best = max(ladder, key=_r2_left_out)
-    is_noise = r2_left_out < settings.least_r2
-    memory = measure_memory(bench, problem.points, best.fit.left_out, is_noise=is_noise, settings=settings)
+    static = max((each for each in ladder if not _has_memory(each)), key=_r2_left_out)
+    best = max(ladder, key=_r2_left_out) if _has_memory(step) else static
+    memory = measure_memory(
+        bench,
+        problem.points,
+        best.fit.left_out,
+        static_rest=static.fit.left_out,
+        remembering="+".join(term.name for term in fit.law.terms if term.kind.memory is not None),
+        is_noise=r2_left_out < settings.least_r2,
+        settings=settings,
+    )
     n_independent = independent_samples(fit.residual)
-    estimates, cell_s = _estimates(bench, fit, n_independent, settings)
+    spread = _spread(bench, fit, n_independent, settings)
+    estimates = _estimates(fit, spread)
     amplitude = bench.force - bench.force.mean()
     result = BenchLaw(
         bench=bench,
@@ -164,13 +176,14 @@ def law_of_bench(
         r2_left_out=r2_left_out,
         ladder=ladder,
         memory=memory,
+        loop=loop_of(fit.law, spread.covariance[3:, 3:], bench, student=spread.student),
         n_independent=n_independent,
         warnings=(),
         not_determined=None,
         settings=settings,
         candidates=kinds,
         n_search_samples=problem.points.sample.size,
-        interval_cell_s=cell_s,
+        interval_cell_s=spread.cell_s,
     )
     return replace(result, warnings=_warnings(result, fit), not_determined=_reason(result))
 
@@ -189,28 +202,49 @@ def _r2_left_out(step: LawStep[BenchFit]) -> float:
     return step.fit.r2_of(float(np.sqrt(np.mean(step.fit.left_out**2))))
 
 
-def _estimates(
-    bench: Bench, fit: SeparableFit, n_independent: float, settings: BenchSettings
-) -> tuple[list[Estimate], float]:
-    """Return value and interval of every parameter, from scores added up over cells longer than the correlation."""
+def _has_memory(step: LawStep[BenchFit]) -> bool:
+    return step.fit.separable.law.has_memory
+
+
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """How far the parameters may be off.
+
+    Args:
+        covariance: of stiffness, damping, offset and the values of the law.
+        student: half width of a 95 % interval over the standard deviation.
+        cell_s: length of the cells, s.
+    """
+
+    covariance: FloatArray
+    student: float
+    cell_s: float
+
+
+def _spread(bench: Bench, fit: SeparableFit, n_independent: float, settings: BenchSettings) -> _Spread:
+    """Return the covariance from scores added up over cells longer than the correlation."""
     from scipy import special
 
-    n = bench.force.size
-    gradient = fit.law.parameter_gradient(bench.travel, bench.velocity)
+    n, n_values = bench.force.size, fit.weights.size + fit.law.vector.size
+    gradient = recorded_motion(bench.travel, bench.velocity, bench.fs).parameter_gradient(fit.law)
     jacobian = np.concatenate([straight_columns(bench.travel, bench.velocity), gradient], axis=1)
-    values = np.concatenate([fit.weights, fit.law.vector])
-    if n_independent <= 2 * values.size:
+    if n_independent <= 2 * n_values:
         raise NotDeterminedError(
-            f"the residual amounts to {n_independent:.0f} independent samples for {values.size} parameters: "
-            "record longer"
+            f"the residual amounts to {n_independent:.0f} independent samples for {n_values} parameters: record longer"
         )
     least, most = settings.cells
     length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
     cells = np.arange(n) // length
     covariance = clustered_covariance(jacobian, fit.residual, cells)
-    std = np.sqrt(np.maximum(np.diag(covariance), 0))
     # few cells: Student's interval instead of the normal one
-    wide = float(special.stdtrit(max(int(cells[-1]) + 1 - values.size, 1), 0.975))
+    student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
+    return _Spread(covariance, student, length / bench.fs)
+
+
+def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:
+    """Return value and interval of every parameter."""
+    values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
+    std = np.sqrt(np.maximum(np.diag(spread.covariance), 0))
     bound = (*(False,) * 3, *fit.at_bound)
     estimates = [
         Estimate(float(value))
@@ -224,7 +258,7 @@ def _estimates(
         if _has_long_scale(term.name):
             estimates[first:last] = _long_scaled(estimates[first:last])
         first = last
-    return estimates, length / bench.fs
+    return estimates
 
 
 def _has_long_scale(kind: str) -> bool:
@@ -260,7 +294,7 @@ def _reason(result: BenchLaw) -> str | None:
             "on stretches of time that were left out no law of travel and velocity predicts the force better than its "
             "mean: the force is noise, or belongs to another motion"
         )
-    if result.memory.seen and result.memory.r2_at_most < result.settings.least_static_r2:
+    if result.memory.seen and result.memory.r2_with_law < result.settings.least_static_r2:
         return f"{result.memory.statement}: there is no law"
     return None
 
@@ -277,11 +311,13 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
     elif not memory.testable:
         found.append(memory.statement)
     unexplained = 1 - result.r2_left_out
-    missing = memory.r2_at_most - result.r2_left_out
+    missing = memory.r2_with_law - result.r2_left_out
     if missing > max(settings.missing_of_rest * unexplained, settings.missing_r2):
+        beside = "" if result.loop is None else " beside what this one remembers"
         found.append(
-            f"a law of travel and velocity could explain {100 * memory.r2_at_most:.4g} % of the force, this one "
-            f"explains {100 * result.r2_left_out:.4g} %: the library lacks its shape, which the intervals do not cover"
+            f"a law of travel and velocity{beside} could explain {100 * memory.r2_with_law:.4g} % of the force, this "
+            f"one explains {100 * result.r2_left_out:.4g} %: the library lacks its shape, which the intervals do not "
+            "cover"
         )
     for name, others in _rivals(result).items():
         found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")

@@ -1,9 +1,10 @@
 """Does a force remember the past? What no function of travel and velocity can explain, and what explains it instead.
 
-The force that a law leaves over is predicted on stretches of time that were left out, first by the mean of its nearest
-neighbours in the plane of travel and velocity (any smooth static function), then by signals of the past, in two ways:
-what the present cannot foretell of the force is regressed on what it cannot foretell of them (Robinson, Econometrica
-56, 1988, partially linear regression), and one of them is made a third axis of the plane. The signals of the past are
+What a law without memory explains is told beside what the law that was found explains. The force that a law leaves
+over is predicted on stretches of time that were left out, first by the mean of its nearest neighbours in the plane of
+travel and velocity (any smooth static function), then by signals of the past, in two ways: what the present cannot
+foretell of the force is regressed on what it cannot foretell of them (Robinson, Econometrica 56, 1988, partially linear
+regression), and one of them is made a third axis of the plane. The signals of the past are
   hysteresis   stop operators z - P_r[z], P_r the play (backlash) of half-width r: the elements of Prandtl, Ishlinskii,
                Jenkins and Iwan, whose sums come near every rate-independent hysteresis, Bouc-Wen's too;
   relaxation   the velocity behind first-order lags, the elements of Maxwell, and of a lag between two channels;
@@ -12,7 +13,8 @@ what the present cannot foretell of the force is regressed on what it cannot for
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -33,9 +35,12 @@ class Memory:
     All fractions are of the variance of the force, on stretches of time that were left out.
 
     Args:
-        r2_at_most: fraction that the law with any smooth static correction explains.
+        r2_at_most: fraction that the best law without memory with any smooth static correction explains.
+        r2_with_law: fraction that the law that was found, with what it remembers and any smooth static correction,
+            explains: `r2_at_most` where it remembers nothing.
         r2_with_past: fraction that is explained when the past is known too.
-        cause: the kind of past that explains most by itself; None where the past is not seen.
+        cause: the kind of past that explains most of what the law that was found leaves over; None where the past is
+            not seen there.
         moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
         testable: whether the motion lets memory and law be told apart at all.
         foretold: median fraction of the stop operators that travel and velocity foretell.
@@ -43,6 +48,7 @@ class Memory:
     """
 
     r2_at_most: float
+    r2_with_law: float
     r2_with_past: float
     cause: Cause | None
     moving_mass_kg: float | None
@@ -52,12 +58,19 @@ class Memory:
 
     @property
     def seen(self) -> bool:
-        """Whether the past is seen in the force."""
+        """Whether the past is seen in what the law leaves over."""
         return self.cause is not None
 
 
 def measure_memory(
-    bench: Bench, points: Points, rest: FloatArray, *, is_noise: bool, settings: BenchSettings = DEFAULTS
+    bench: Bench,
+    points: Points,
+    rest: FloatArray,
+    *,
+    static_rest: FloatArray,
+    remembering: str,
+    is_noise: bool,
+    settings: BenchSettings = DEFAULTS,
 ) -> Memory:
     """Measure how much of what a law leaves over is static, and how much of it remembers the past.
 
@@ -65,6 +78,8 @@ def measure_memory(
         bench: the record.
         points: the samples that are looked at, and the turn in which each is left out.
         rest: (m,) force minus the best law, fitted without that turn, N.
+        static_rest: (m,) the same of the best law without memory.
+        remembering: names of the terms of the law that remember, "" where there are none.
         is_noise: whether the law itself explains next to nothing.
         settings: what counts as memory.
     """
@@ -72,7 +87,7 @@ def measure_memory(
     plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
     groups = {cause: signals[sample] for cause, signals in past_signals(bench, settings).items()}
     neighbours = [_find_neighbours(plane, fold, count) for count in known.neighbours]
-    statics = [rest, *(rest - rest[each].mean(axis=1) for each in neighbours)]
+    statics = _corrected(rest, neighbours)
     few = neighbours[0]
     news = {cause: signals - signals[few].mean(axis=1) for cause, signals in groups.items()}
     told = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
@@ -86,14 +101,16 @@ def measure_memory(
             knowing.append((rest - rest[beside].mean(axis=1), cause))
     left, best = min(knowing, key=lambda pair: float(pair[0] @ pair[0]))
     total = points.y.size * points.force_rms**2
-    static = min(statics, key=lambda each: float(each @ each))
+    static = _least(statics)
     testable = foretold < known.foretold
     seen = best if testable and _is_seen(static, left, total, known) else None
-    r2_static = 1 - float(static @ static) / total
-    r2_past = 1 - float(left @ left) / total if seen else r2_static
+    r2_law = 1 - float(static @ static) / total
+    r2_past = 1 - float(left @ left) / total if seen else r2_law
+    without = _least(_corrected(static_rest, neighbours))
+    r2_static = 1 - float(without @ without) / total
     mass = _moving_mass(groups["inertia"], plane, rest) if seen == "inertia" else None
-    words = _statement(r2_static, r2_past, seen, mass, testable, is_noise)
-    return Memory(r2_static, r2_past, seen, mass, testable, foretold, words)
+    measured = Memory(r2_static, r2_law, r2_past, seen, mass, testable, foretold, "")
+    return replace(measured, statement=_statement(measured, remembering, is_noise))
 
 
 def past_signals(bench: Bench, settings: BenchSettings = DEFAULTS) -> dict[Cause, FloatArray]:
@@ -155,6 +172,15 @@ def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
     return np.clip(entering[:, np.newaxis], least, most).reshape(-1, half_widths.size)[: z.size]
 
 
+def _corrected(rest: FloatArray, neighbours: Sequence[np.ndarray]) -> list[FloatArray]:
+    """Return what a law leaves, as it is and less the mean of its neighbours."""
+    return [rest, *(rest - rest[each].mean(axis=1) for each in neighbours)]
+
+
+def _least(rests: Sequence[FloatArray]) -> FloatArray:
+    return min(rests, key=lambda each: float(each @ each))
+
+
 def _find_neighbours(plane: FloatArray, fold: np.ndarray, count: int) -> np.ndarray:
     """Return the indices (m, count) of the nearest points in the plane that lie in other stretches of time."""
     from scipy.spatial import cKDTree
@@ -194,34 +220,34 @@ def _moving_mass(acceleration: FloatArray, plane: FloatArray, rest: FloatArray) 
     return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
 
 
-def _statement(
-    static: float, past: float, cause: Cause | None, mass: float | None, testable: bool, is_noise: bool
-) -> str:
-    rest = f"{_percent(1 - past)} is neither (noise, or what was not recorded)"
-    at_most = f"a law of travel and velocity explains at most {_percent(static)} of this force"
-    if cause == "hysteresis":
-        return (
-            f"{at_most}; {_percent(past - static)} remembers the past (hysteresis or backlash), which is outside the "
-            f"library; {rest}"
-        )
-    if cause == "relaxation":
-        return (
-            f"{at_most}; {_percent(past - static)} lags behind the motion (relaxation, or a delay between the "
-            f"channels), which is outside the library; {rest}"
-        )
-    if cause == "inertia":
-        return (
-            f"{at_most}; {_percent(past - static)} follows the acceleration (moving parts of {mass:.3g} kg between "
-            f"specimen and force cell), which is outside the library; {rest}"
-        )
-    if not testable:
+def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
+    """Say the same in words."""
+    if not memory.testable:
         return (
             "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
             "look alike: record several amplitudes or a random motion to tell them apart"
         )
+    told = f"a law of travel and velocity explains at most {_percent(memory.r2_at_most)} of this force"
+    if remembering:
+        told += f", with what {remembering} remembers {_percent(memory.r2_with_law)}"
+    if memory.cause is not None:
+        what = {
+            "hysteresis": "remembers the past (hysteresis or backlash)",
+            "relaxation": "lags behind the motion (relaxation, or a delay between the channels)",
+            "inertia": (
+                f"follows the acceleration (moving parts of {memory.moving_mass_kg or 0.0:.3g} kg between specimen and "
+                "force cell)"
+            ),
+        }[memory.cause]
+        return (
+            f"{told}; {_percent(memory.r2_with_past - memory.r2_with_law)} {what}, which no law that was tried "
+            f"explains; {_percent(1 - memory.r2_with_past)} is neither (noise, or what was not recorded)"
+        )
     if is_noise:
-        return f"{at_most}; the past does not explain the rest either"
-    return f"no memory is seen: {at_most}, and the past explains none of the rest"
+        return f"{told}; the past does not explain the rest either"
+    if remembering:
+        return f"{told}; no other memory is seen"
+    return f"no memory is seen: {told}, and the past explains none of the rest"
 
 
 def _percent(share: float) -> str:

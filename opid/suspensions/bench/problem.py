@@ -1,7 +1,8 @@
 """The laws of a bench record as the search takes them: candidates beside a fit, other laws fitted, stretches left out.
 
 Everything but the inner parameters enters the force linearly, so the columns of candidates are their shapes, and every
-fit is separable least squares. Neighbouring samples of the residual are alike: criteria count independent ones.
+fit is separable least squares. What a law remembers is followed through the whole record. Neighbouring samples of the
+residual are alike: criteria count independent ones.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws import LINEAR, Law
+from opid.mechanics.laws import LAWS, LINEAR, Law
+from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
@@ -30,16 +32,14 @@ class Points:
     Args:
         sample: (m,) their indices in the record, in order of time.
         fold: (m,) the turn in which each is left out.
-        z: (m,) travel, m.
-        v: (m,) velocity, m/s.
+        motion: (m,) travel and velocity, and the record that they are taken from.
         y: (m,) force, N.
         columns: (m, 3) what enters linearly: travel, velocity, one.
     """
 
     sample: NDArray[np.int64]
     fold: NDArray[np.int64]
-    z: FloatArray
-    v: FloatArray
+    motion: RecordedMotion
     y: FloatArray
     columns: FloatArray
 
@@ -50,8 +50,8 @@ class Points:
 
     def part(self, chosen: NDArray[np.bool_]) -> Points:
         """Return some of the samples."""
-        names = ("sample", "fold", "z", "v", "y", "columns")
-        return Points(*(getattr(self, name)[chosen] for name in names))
+        motion = self.motion.part(chosen)
+        return Points(self.sample[chosen], self.fold[chosen], motion, self.y[chosen], self.columns[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class BenchFit:
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
             part = _fit(points.part(~here), self.separable.law, self.settings)
-            predicted = points.columns[here] @ part.weights + part.law.force(points.z[here], points.v[here])
+            predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law)
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
         return errors
@@ -146,7 +146,8 @@ class BenchLaws:
     def nodes(self) -> dict[str, list[Node]]:
         """What each kind does to the errors, at a few inner parameters; kinds that this motion leaves are not there."""
         points, known = self.points, self.known
-        travel, velocity = (max(float(np.sqrt(np.mean(each**2))), 1e-12) for each in (points.z, points.v))
+        motion = points.motion
+        travel, velocity = (max(float(np.sqrt(np.mean(each**2))), 1e-12) for each in (motion.z, motion.v))
         nodes: dict[str, list[Node]] = {}
         for kind in self.kinds:
             for term in offered_terms(
@@ -156,9 +157,10 @@ class BenchLaws:
                 n_scales=known.search.n_scales,
                 fractions=known.search.scale_fractions,
                 lags=known.search.lags,
-                exponents=known.exponents,
+                # an exponent of a memory is no power
+                exponents=() if LAWS[kind].memory is not None else known.exponents,
             ):
-                columns = -Law((term,)).parameter_gradient(points.z, points.v)
+                columns = -motion.parameter_gradient(Law((term,)))
                 if np.isfinite(columns).all():
                     slope = columns[:, 1] * term.inner[0] if has_slope(term.kind) else None
                     nodes.setdefault(kind, []).append(Node(term, columns[:, 0], slope))
@@ -186,7 +188,7 @@ class BenchLaws:
         """
         law, points = fit.separable.law, self.points
         new = {kind: self.nodes[kind] for kind in kinds if kind in self.nodes and kind not in law.parameters}
-        by_law = -law.parameter_gradient(points.z, points.v)
+        by_law = -points.motion.parameter_gradient(law)
         dictionary = make_dictionary(
             law, fit.separable.residual, by_law, points.columns, new, self.settings, n_data=fit.n_data
         )
@@ -240,8 +242,8 @@ def thin_record(bench: Bench, settings: BenchSettings) -> Points:
     # multiples of the golden section fill every step evenly
     sample = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
     fold = (np.arange(sample.size) * settings.n_stretches) // sample.size % settings.n_folds
-    z, v = bench.travel[sample], bench.velocity[sample]
-    return Points(sample, fold, z, v, bench.force[sample], straight_columns(z, v))
+    motion = recorded_motion(bench.travel, bench.velocity, bench.fs).part(sample)
+    return Points(sample, fold, motion, bench.force[sample], straight_columns(motion.z, motion.v))
 
 
 def straight_columns(z: FloatArray, v: FloatArray) -> FloatArray:
@@ -258,8 +260,7 @@ def _fit(points: Points, law: Law, settings: BenchSettings) -> SeparableFit:
     return separable_fit(
         points.columns,
         law,
-        points.z,
-        points.v,
+        points.motion,
         points.y,
         starts=[law],
         free_exponents=True,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.mechanics.laws import LAWS, Law, default_law
+from opid.mechanics.memory import Motion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.covariance import clustered_covariance
 from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve
@@ -92,7 +93,7 @@ def fit_slice(curve: SliceCurve, *, settings: PaperSettings = DEFAULTS) -> LawFi
         z, v, name, column = zero, u, "arctan_velocity", "damping_per_mass"
     straight = {column: u, "offset": np.ones_like(u)}
     cluster = curve.sample / (settings.cluster_s * curve.fs)
-    return _fit(straight, default_law(name), z, v, curve.force_per_mass, cluster, settings)
+    return _fit(straight, default_law(name), Motion(z, v), curve.force_per_mass, cluster, settings)
 
 
 def fit_surface(
@@ -124,14 +125,14 @@ def fit_surface(
     z, v = surface.travel, surface.velocity
     straight = {"stiffness_per_mass": z, "damping_per_mass": v, "offset": np.ones_like(z)}
     cluster = np.arange(z.size) / (settings.cluster_s * surface.fs)
-    return _fit(straight, default_law(law_name), z, v, surface.force_per_mass, cluster, settings)
+    motion = recorded_motion(z, v, surface.fs)
+    return _fit(straight, default_law(law_name), motion, surface.force_per_mass, cluster, settings)
 
 
 def _fit(
     straight: dict[str, FloatArray],
     law: Law,
-    z: FloatArray,
-    v: FloatArray,
+    motion: Motion,
     y: FloatArray,
     cluster: FloatArray,
     settings: PaperSettings,
@@ -139,8 +140,8 @@ def _fit(
     """Fit by separable least squares; standard deviations and verdicts from the residual as it is."""
     columns = np.stack(list(straight.values()), axis=1)
     n_straight = columns.shape[1]
-    fit = separable_fit(columns, law, z, v, y)
-    jacobian = np.concatenate([columns, fit.law.parameter_gradient(z, v)], axis=1)
+    fit = separable_fit(columns, law, motion, y)
+    jacobian = np.concatenate([columns, motion.parameter_gradient(fit.law)], axis=1)
     covariance = clustered_covariance(jacobian, fit.residual, np.floor(cluster).astype(np.int64))
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
     n_independent = independent_samples(fit.residual)
@@ -153,21 +154,20 @@ def _fit(
         residual=fit.residual,
         measured_rms=float(np.sqrt(np.mean(y**2))),
         n_independent=n_independent,
-        verdicts=_verdicts(columns, fit, z, v, y, n_independent, settings),
+        verdicts=_verdicts(columns, fit, motion, y, n_independent, settings),
     )
 
 
 def _verdicts(
     columns: FloatArray,
     fit: SeparableFit,
-    z: FloatArray,
-    v: FloatArray,
+    motion: Motion,
     y: FloatArray,
     n: float,
     settings: PaperSettings,
 ) -> tuple[TermVerdict, ...]:
     """Leave out one term at a time: how much worse is the fit, and how straight was the term?"""
-    shapes = {term.name: unit.force(z, v) for term, unit in zip(fit.law.terms, _units(fit.law), strict=True)}
+    shapes = {term.name: motion.force(unit) for term, unit in zip(fit.law.terms, _units(fit.law), strict=True)}
     verdicts = []
     for name, shape in shapes.items():
         others = np.stack([*columns.T, *(shapes[other] for other in shapes if other != name)], axis=1)
@@ -177,7 +177,7 @@ def _verdicts(
         departure = float(np.sqrt(np.mean(bent**2) / np.mean(shape**2)))
         evidence = float(n * np.log(np.sum(without**2) / max(float(np.sum(fit.residual**2)), 1e-300)))
         seen = evidence > settings.seen_above and departure > settings.least_departure
-        bend = _bend(name, departure, z, v)
+        bend = _bend(name, departure, motion.z, motion.v)
         statement = _statement(bend, name, evidence, seen, settings.seen_above)
         verdicts.append(TermVerdict(name, departure, evidence, seen, statement))
     return tuple(verdicts)

@@ -1,0 +1,71 @@
+"""The energy that the part of a law that remembers takes in a cycle: it is determined better than its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.estimate import Estimate, Estimates
+from opid.mechanics.laws import FloatArray, Law
+from opid.mechanics.memory import gradient_along
+from opid.suspensions.bench.record import Bench
+
+
+@dataclass(frozen=True)
+class Loop(Estimates):
+    """The loop that the part of a law with memory draws over travel, under a sine of the size and pace of the record.
+
+    Args:
+        travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
+        frequency_hz: of the sine, its rms velocity over its rms travel that of the record.
+        area_j: what the loop encloses, the energy that is taken per cycle.
+    """
+
+    travel_amplitude_m: float
+    frequency_hz: float
+    area_j: Estimate
+
+
+def loop_of(law: Law, covariance: FloatArray, bench: Bench, *, student: float) -> Loop | None:
+    """Return the loop of the terms of a law that remember, None where there is none.
+
+    Args:
+        law: that was fitted.
+        covariance: (n_parameters, n_parameters) of `law.vector`.
+        bench: the record.
+        student: half width of a 95 % interval over the standard deviation.
+    """
+    remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
+    if not remembers.any():
+        return None
+    part = Law(tuple(term for term in law.terms if term.kind.memory is not None))
+    z, v, fs = sine_of(bench)
+    # by the end of the fourth cycle the first is forgotten
+    n = z.size // 4
+    by_law = gradient_along(part, z, v, fs)[-n:].T @ v[-n:] / fs
+    # the force is a sum of terms that are proportional to their amplitudes
+    amplitudes = np.array([parameter.role == "amplitude" for parameter in part.parameter_list])
+    area = float(by_law[amplitudes] @ part.vector[amplitudes])
+    std = float(np.sqrt(max(float(by_law @ covariance[np.ix_(remembers, remembers)] @ by_law), 0.0)))
+    interval = (area - student * std, area + student * std)
+    return Loop(float(z.max()), fs / n, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
+
+
+def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
+    """Return travel (m), velocity (m/s) and rate (Hz) of four cycles of a sine of the size and pace of a record.
+
+    Args:
+        bench: the record.
+
+    >>> t = np.arange(5000) / 500.0
+    >>> bench = Bench(0.01 * np.sin(9 * t), 0.09 * np.cos(9 * t), t, 500.0, 0.0, "recorded", None, {}, ())
+    >>> z, v, fs = sine_of(bench)
+    >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / (z.size / 4))]
+    [0.01, 0.09, 1.4324]
+    """
+    travel, velocity = float(bench.travel.std()), float(bench.velocity.std())
+    n = 2000
+    phase = 2 * np.pi * np.arange(4 * n) / n
+    fs = n * velocity / travel / (2 * np.pi)
+    return np.sqrt(2) * travel * np.sin(phase), np.sqrt(2) * velocity * np.cos(phase), fs
