@@ -125,6 +125,8 @@ class LawDictionary:
                 picked[name] = self._best([*kept, *others], self.offered[name])
         cost, law = self._refined(names, kept, picked)
         now, _ = self.left([column for group in self.fitted.values() for column in group])
+        # of exact data nothing is left but rounding, of either sign
+        now = max(now, 1e-15 * self.total)
         n_more = sum(len(LAWS[name].parameters) for name in names) - self.law.vector.size
         bic = self.n_data * float(np.log(max(cost, 1e-9 * now) / now)) + n_more * float(np.log(self.n_data))
         return Proposal(law, bic, len(law.terms) - len(self.law.terms))

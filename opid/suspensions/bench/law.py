@@ -157,7 +157,7 @@ def law_of_bench(
         problem.points,
         best.fit.left_out,
         static_rest=static.fit.left_out,
-        remembering="+".join(term.name for term in fit.law.terms if term.kind.memory is not None),
+        law=best.fit.separable.law,
         is_noise=r2_left_out < settings.least_r2,
         settings=settings,
     )

@@ -19,6 +19,7 @@ from typing import Literal
 
 import numpy as np
 
+from opid.mechanics.laws import Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.problem import Points
 from opid.suspensions.bench.record import Bench, rate_of
@@ -68,7 +69,7 @@ def measure_memory(
     rest: FloatArray,
     *,
     static_rest: FloatArray,
-    remembering: str,
+    law: Law,
     is_noise: bool,
     settings: BenchSettings = DEFAULTS,
 ) -> Memory:
@@ -79,7 +80,7 @@ def measure_memory(
         points: the samples that are looked at, and the turn in which each is left out.
         rest: (m,) force minus the best law, fitted without that turn, N.
         static_rest: (m,) the same of the best law without memory.
-        remembering: names of the terms of the law that remember, "" where there are none.
+        law: the best one, fitted to all samples.
         is_noise: whether the law itself explains next to nothing.
         settings: what counts as memory.
     """
@@ -108,7 +109,9 @@ def measure_memory(
     r2_past = 1 - float(left @ left) / total if seen else r2_law
     without = _least(_corrected(static_rest, neighbours))
     r2_static = 1 - float(without @ without) / total
-    mass = _moving_mass(groups["inertia"], plane, rest) if seen == "inertia" else None
+    by_law = points.motion.parameter_gradient(law)
+    mass = _moving_mass(groups["inertia"], np.column_stack([plane, by_law]), rest) if seen == "inertia" else None
+    remembering = "+".join(term.name for term in law.terms if term.kind.memory is not None)
     measured = Memory(r2_static, r2_law, r2_past, seen, mass, testable, foretold, "")
     return replace(measured, statement=_statement(measured, remembering, is_noise))
 
@@ -213,10 +216,10 @@ def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySe
     return independent_samples(left) * np.log(before / max(after, 1e-300)) > known.evidence
 
 
-def _moving_mass(acceleration: FloatArray, plane: FloatArray, rest: FloatArray) -> float:
-    """Return the coefficient of the acceleration beside stiffness, damping and offset, kg."""
-    basis = np.column_stack([acceleration, plane, np.ones(rest.size)])
-    scale = np.sqrt(np.mean(basis**2, axis=0))
+def _moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray) -> float:
+    """Return the coefficient of the acceleration beside stiffness, damping, offset and what the law may move, kg."""
+    basis = np.column_stack([acceleration, others, np.ones(rest.size)])
+    scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
     return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
 
 
