@@ -37,6 +37,10 @@ PAIRS = (
     ("arctan_displacement", "arctan_velocity"),
     ("asymmetric_damping", "quadratic_stiffness"),
     ("signed_power_damping", "asymmetric_stiffness"),
+    ("cubic_stiffness", "dahl_friction"),
+    ("quadratic_damping", "bouc_wen"),
+    ("dead_zone_stiffness", "iwan_friction"),
+    ("quadratic_stiffness", "maxwell_arm"),
 )
 # a scale is drawn between these, in rms motions; the rms of z + c z' is that of the mixed arctangent
 SCALES = {

@@ -87,6 +87,18 @@ def test_a_law_that_remembers_is_found(name):
     assert not any("library" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize("name", ["dahl_friction", "bouc_wen", "maxwell_arm"])
+def test_a_record_may_begin_in_the_middle_of_a_motion(name):
+    """What is remembered there nobody knows."""
+    truth = TRUTHS[name].with_vector(TRUTHS[name].vector * np.array([1.0, 3.0, 1.0, 1.0])[: TRUTHS[name].vector.size])
+    _, z, v = motion(6)
+    force = STIFFNESS * z + DAMPING * v + recorded_motion(z, v, FS).force(truth)
+    found = law_of_bench(bench_of(*(each[N // 2 + 130 :] for each in (z, v, force))), candidates=TRUTHS)
+    assert found.law.name == name
+    assert found.r2_left_out > 0.999
+    np.testing.assert_allclose(found.law.vector[:2], truth.vector[:2], rtol=0.05)
+
+
 @pytest.mark.parametrize("name", ["dahl_friction", "maxwell_arm"])
 def test_the_loop_area_is_known(name):
     truth = TRUTHS[name]
@@ -157,6 +169,9 @@ def test_samples_of_a_record_remember_all_of_it(name):
     # the second time it is kept
     for _ in range(2):
         np.testing.assert_allclose(samples.parameter_gradient(subject), gradient[chosen], rtol=1e-12)
+    assert samples.start_columns(subject).shape == (3, 1)
+    # far from the beginning none of it is left
+    assert abs(samples.start_columns(subject)[2, 0]) < 1e-3 * abs(samples.start_columns(subject)[0, 0])
     one = samples.part(np.array([False, True, False]))
     np.testing.assert_allclose(one.parameter_gradient(subject), gradient[chosen[1:2]], rtol=1e-12)
     whole = recorded_motion(z, v, FS).force(subject)

@@ -42,10 +42,21 @@ class Motion:
         """
         return law.parameter_gradient(self.z, self.v)
 
+    def start_columns(self, law: Law) -> FloatArray:
+        """Return the forces by which memories that are not zero at first depart, (n, n_memories), in any unit.
+
+        Args:
+            law: any law.
+        """
+        return np.empty((self.z.size, 0))
+
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion(Motion):
     """Samples of a recorded motion: what a law remembers is followed through the whole record.
+
+    Nobody knows what is remembered where a record begins. Its force fades, and is nearly proportional to it: exactly so
+    for Dahl, LuGre and Maxwell.
 
     Args:
         z: (m,) travel of the samples, m.
@@ -78,10 +89,19 @@ class RecordedMotion(Motion):
         for term in law.terms:
             last = first + len(term.values)
             if term.kind.memory is not None:
-                gradient[:, first:last] = self._followed(Term(term.name, (1.0, *term.inner)))[self.sample]
+                gradient[:, first:last] = self._followed(term)[self.sample, :-1]
                 gradient[:, first + 1 : last] *= term.amplitude
             first = last
         return gradient
+
+    def start_columns(self, law: Law) -> FloatArray:
+        """Return the forces by which memories that are not zero at first depart, (m, n_memories), in any unit.
+
+        Args:
+            law: any law.
+        """
+        columns = [self._followed(term)[self.sample, -1] for term in law.terms if term.kind.memory is not None]
+        return np.stack(columns, axis=1) if columns else super().start_columns(law)
 
     def part(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> RecordedMotion:
         """Return some of the samples.
@@ -92,11 +112,14 @@ class RecordedMotion(Motion):
         return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.recorded_v, self.fs, self.kept)
 
     def _followed(self, term: Term) -> FloatArray:
-        found = self.kept.pop(term, None)
+        """Return the derivatives by the values of the term for unit amplitude, and its start column behind them."""
+        unit = Term(term.name, (1.0, *term.inner))
+        found = self.kept.pop(unit, None)
         if found is None:
-            found = _remembered((term,), self.recorded_v, self.fs)
+            v, fs = self.recorded_v, self.fs
+            found = np.column_stack([_remembered((unit,), v, fs), _start_column(unit, v, fs)])
         # the last one that was asked for stands last
-        self.kept[term] = found
+        self.kept[unit] = found
         while len(self.kept) > _N_KEPT:
             del self.kept[next(iter(self.kept))]
         return found
@@ -159,6 +182,27 @@ def _remembered(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
     faint = WithCandidates(tuple(terms), 0.0, len(terms))
     joints = joint_arrays([Interface(0.0, 0.0, law=faint)], ground=False)
     return remembered_along(joints, np.ascontiguousarray(v, dtype=np.float64), 1.0 / fs)[:, N_HEAD:]
+
+
+def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
+    """Return half the force after a long way forward less that after one back, (n,), for unit amplitude.
+
+    It fades: no more of the record is followed than shows it.
+    """
+    n_before, n = 20, 256
+    # a memory of travel is full after ten times its scale; one of time may be of any size
+    speed = 10.0 * term.inner[0] * fs / n_before if term.kind.parameters[1].unit == "m" else 1.0
+    column = np.zeros(v.size)
+    while True:
+        part = v[:n]
+        forward, back = (
+            _remembered((term,), np.concatenate([np.full(n_before, sign * speed), part]), fs)[n_before:, 0]
+            for sign in (1.0, -1.0)
+        )
+        column[:n] = 0.5 * (forward - back)
+        if n >= v.size or np.abs(column[3 * n // 4 : n]).max() < 1e-4 * np.abs(column[:n]).max():
+            return column
+        n *= 4
 
 
 def _amplitudes(law: TermSet) -> list[int]:

@@ -2,8 +2,9 @@
 
     y = sum_j w_j c_j + sum_i A_i g_i(motion; inner parameters of term i)
 
-For given inner parameters (scales, lags, exponents) the weights w and the amplitudes A follow from linear least squares
-(variable projection, Golub & Pereyra 1973). The search over the inner parameters uses the derivative of Kaufman (1975).
+For given inner parameters (scales, lags, exponents) the weights w, the amplitudes A and what memories hold at first
+follow from linear least squares (variable projection, Golub & Pereyra 1973). The search over the inner parameters uses
+the derivative of Kaufman (1975).
 """
 
 from __future__ import annotations
@@ -49,12 +50,14 @@ class SeparableFit:
 
     Args:
         weights: (n_columns,) of the columns.
+        start_weights: (n_memories,) of `Motion.start_columns` of the law.
         law: with the fitted values.
         residual: (n,) y minus the fit.
         at_bound: for each entry of `law.vector`, whether its search ended at a bound.
     """
 
     weights: FloatArray
+    start_weights: FloatArray
     law: Law
     residual: FloatArray
     at_bound: tuple[bool, ...]
@@ -257,13 +260,14 @@ def _projected(
     """Return the residual for given inner parameters and its derivative by them, as the search moves them."""
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
-    if not np.isfinite(gradient).all():
+    linear = np.concatenate([columns, motion.start_columns(shapes)], axis=1)
+    basis = np.concatenate([linear, gradient[:, _amplitudes(shapes)]], axis=1)
+    if not np.isfinite(gradient).all() or not np.isfinite(basis).all():
         return np.full(y.size, np.nan), np.zeros((y.size, len(search.free)))
-    basis = np.concatenate([columns, gradient[:, _amplitudes(shapes)]], axis=1)
     q, weights = _linear(basis, y)
     residual = y - basis @ weights
     owner = np.cumsum([parameter.role == "amplitude" for parameter in shapes.parameter_list]) - 1
-    slopes = gradient[:, search.free] * weights[columns.shape[1] + owner[search.free]] * search.stretch(shapes)
+    slopes = gradient[:, search.free] * weights[linear.shape[1] + owner[search.free]] * search.stretch(shapes)
     return residual, q @ (q.T @ slopes) - slopes
 
 
@@ -276,16 +280,18 @@ def _linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _fitted(columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray) -> SeparableFit:
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
-    # where the law is not defined on the motion, it has no part in the fit
-    shape_columns = gradient[:, _amplitudes(shapes)] if np.isfinite(gradient).all() else np.zeros((y.size, 0))
-    basis = np.concatenate([columns, shape_columns], axis=1)
+    own = np.concatenate([motion.start_columns(shapes), gradient[:, _amplitudes(shapes)]], axis=1)
+    if not np.isfinite(own).all():  # where the law is not defined on the motion, it has no part in the fit
+        own = np.zeros_like(own)
+    basis = np.concatenate([columns, own], axis=1)
     _, weights = _linear(basis, y)
-    n_columns = columns.shape[1]
-    amplitudes = iter(weights[n_columns:].tolist())
-    fitted = Law(tuple(Term(term.name, (next(amplitudes, 0.0), *term.inner)) for term in shapes.terms))
+    n_columns, n_terms = columns.shape[1], len(shapes.terms)
+    straight, start, amplitudes = np.split(weights, [n_columns, weights.size - n_terms])
+    terms = zip(shapes.terms, amplitudes.tolist(), strict=True)
+    fitted = Law(tuple(Term(term.name, (amplitude, *term.inner)) for term, amplitude in terms))
     at_bound = np.zeros(fitted.vector.size, dtype=bool)
     at_bound[search.free] = np.isclose(inner, search.lower, atol=1e-3) | np.isclose(inner, search.upper, atol=1e-3)
-    return SeparableFit(weights[:n_columns], fitted, y - basis @ weights, tuple(at_bound.tolist()))
+    return SeparableFit(straight, start, fitted, y - basis @ weights, tuple(at_bound.tolist()))
 
 
 def _amplitudes(law: Law) -> list[int]:

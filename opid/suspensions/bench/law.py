@@ -225,9 +225,10 @@ def _spread(bench: Bench, fit: SeparableFit, n_independent: float, settings: Ben
     """Return the covariance from scores added up over cells longer than the correlation."""
     from scipy import special
 
-    n, n_values = bench.force.size, fit.weights.size + fit.law.vector.size
-    gradient = recorded_motion(bench.travel, bench.velocity, bench.fs).parameter_gradient(fit.law)
-    jacobian = np.concatenate([straight_columns(bench.travel, bench.velocity), gradient], axis=1)
+    n, motion = bench.force.size, recorded_motion(bench.travel, bench.velocity, bench.fs)
+    straight, gradient = straight_columns(motion.z, motion.v), motion.parameter_gradient(fit.law)
+    jacobian = np.concatenate([straight, gradient, motion.start_columns(fit.law)], axis=1)
+    n_values = jacobian.shape[1]
     if n_independent <= 2 * n_values:
         raise NotDeterminedError(
             f"the residual amounts to {n_independent:.0f} independent samples for {n_values} parameters: record longer"
@@ -238,7 +239,8 @@ def _spread(bench: Bench, fit: SeparableFit, n_independent: float, settings: Ben
     covariance = clustered_covariance(jacobian, fit.residual, cells)
     # few cells: Student's interval instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
-    return _Spread(covariance, student, length / bench.fs)
+    n_told = n_values - fit.start_weights.size
+    return _Spread(covariance[:n_told, :n_told], student, length / bench.fs)
 
 
 def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:

@@ -93,7 +93,8 @@ class BenchFit:
     @property
     def bic(self) -> float:
         """Bayesian information criterion (Schwarz 1978) with independent samples: smaller is better."""
-        n_parameters = self.separable.weights.size + self.separable.law.vector.size
+        fit = self.separable
+        n_parameters = fit.weights.size + fit.start_weights.size + fit.law.vector.size
         return float(2 * self.n_independent * np.log(self.error_rms) + n_parameters * np.log(self.n_independent))
 
     @property
@@ -111,13 +112,17 @@ class BenchFit:
 
     @cached_property
     def left_out(self) -> FloatArray:
-        """(m,) what is left of each stretch of time by a fit to the others, N."""
-        points = self.points
+        """(m,) what is left of each stretch of time by a fit to the others, N.
+
+        What a memory holds where the record begins no other stretch can tell: its force is that of the fit to all.
+        """
+        points, law = self.points, self.separable.law
+        start = points.motion.start_columns(law) @ self.separable.start_weights
         errors = np.empty_like(points.y)
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
-            part = _fit(points.part(~here), self.separable.law, self.settings)
-            predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law)
+            part = _fit(points.part(~here), law, self.settings)
+            predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
         return errors
@@ -189,8 +194,9 @@ class BenchLaws:
         law, points = fit.separable.law, self.points
         new = {kind: self.nodes[kind] for kind in kinds if kind in self.nodes and kind not in law.parameters}
         by_law = -points.motion.parameter_gradient(law)
+        straight = np.concatenate([points.columns, points.motion.start_columns(law)], axis=1)
         dictionary = make_dictionary(
-            law, fit.separable.residual, by_law, points.columns, new, self.settings, n_data=fit.n_data
+            law, fit.separable.residual, by_law, straight, new, self.settings, n_data=fit.n_data
         )
         return {"": dictionary}
 

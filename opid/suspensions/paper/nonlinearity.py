@@ -141,7 +141,8 @@ def _fit(
     columns = np.stack(list(straight.values()), axis=1)
     n_straight = columns.shape[1]
     fit = separable_fit(columns, law, motion, y)
-    jacobian = np.concatenate([columns, motion.parameter_gradient(fit.law)], axis=1)
+    starts = motion.start_columns(fit.law)
+    jacobian = np.concatenate([columns, motion.parameter_gradient(fit.law), starts], axis=1)
     covariance = clustered_covariance(jacobian, fit.residual, np.floor(cluster).astype(np.int64))
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
     n_independent = independent_samples(fit.residual)
@@ -150,11 +151,11 @@ def _fit(
         straight=dict(zip(names, fit.weights.tolist(), strict=True)),
         straight_std=dict(zip(names, std[:n_straight].tolist(), strict=True)),
         law=fit.law,
-        law_std=std[n_straight:],
+        law_std=std[n_straight : std.size - fit.start_weights.size],
         residual=fit.residual,
         measured_rms=float(np.sqrt(np.mean(y**2))),
         n_independent=n_independent,
-        verdicts=_verdicts(columns, fit, motion, y, n_independent, settings),
+        verdicts=_verdicts(np.concatenate([columns, starts], axis=1), fit, motion, y, n_independent, settings),
     )
 
 
