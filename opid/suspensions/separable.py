@@ -71,6 +71,7 @@ def separable_fit(
     *,
     starts: Sequence[Law] | None = None,
     free_exponents: bool = False,
+    tolerance: float = 1e-7,
     settings: SeparableSettings = DEFAULTS,
 ) -> SeparableFit:
     """Return the least-squares fit of the columns and the law to `y`.
@@ -82,6 +83,7 @@ def separable_fit(
         y: (n,) what is fitted.
         starts: laws of the same terms whose inner parameters the search starts from; None for `start_laws`.
         free_exponents: whether exponents are searched too; otherwise they stay at the first start.
+        tolerance: the search ends when the squared error, or what is searched, changes by a smaller fraction.
         settings: where inner parameters are searched.
 
     >>> z = np.linspace(-1.0, 1.0, 201)
@@ -117,8 +119,8 @@ def separable_fit(
                     jac=lambda inner: solved(inner)[1],
                     bounds=(search.lower, search.upper),
                     x_scale=0.5,
-                    xtol=1e-7,
-                    ftol=1e-7,
+                    xtol=tolerance,
+                    ftol=tolerance,
                     method="dogbox",
                 )
             )

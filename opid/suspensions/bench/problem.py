@@ -121,7 +121,7 @@ class BenchFit:
         errors = np.empty_like(points.y)
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
-            part = _fit(points.part(~here), law, self.settings)
+            part = _fit(points.part(~here), law, self.settings, tolerance=self.settings.left_out_tolerance)
             predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
@@ -262,7 +262,7 @@ def straight_columns(z: FloatArray, v: FloatArray) -> FloatArray:
     return np.stack([z, v, np.ones_like(z)], axis=1)
 
 
-def _fit(points: Points, law: Law, settings: BenchSettings) -> SeparableFit:
+def _fit(points: Points, law: Law, settings: BenchSettings, *, tolerance: float = 1e-7) -> SeparableFit:
     return separable_fit(
         points.columns,
         law,
@@ -270,5 +270,6 @@ def _fit(points: Points, law: Law, settings: BenchSettings) -> SeparableFit:
         points.y,
         starts=[law],
         free_exponents=True,
+        tolerance=tolerance,
         settings=settings.separable,
     )

@@ -92,6 +92,8 @@ class BenchSettings:
         n_search: samples that the search looks at; the chosen law is fitted to all.
         n_stretches: stretches of time that are left out by turns ...
         n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
+        left_out_tolerance: relative one at which a fit without a turn ends: it begins at the fit to all samples, and
+            only what it predicts is asked for.
         exponents: at which a power is tried, before it is searched.
         least_r2: a law that explains a smaller fraction of the force where it was left out explains nothing.
         least_static_r2: where the past is seen and no law explains this fraction of the force, there is no law.
@@ -108,6 +110,7 @@ class BenchSettings:
     n_search: int = 5000
     n_stretches: int = 30
     n_folds: int = 10
+    left_out_tolerance: float = 1e-4
     exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
     least_r2: float = 0.02
     least_static_r2: float = 0.5
