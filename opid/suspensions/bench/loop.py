@@ -59,10 +59,11 @@ def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
         bench: the record.
 
     >>> t = np.arange(5000) / 500.0
-    >>> bench = Bench(0.01 * np.sin(9 * t), 0.09 * np.cos(9 * t), t, 500.0, 0.0, "recorded", None, {}, ())
+    >>> travel, velocity = 0.01 * np.sin(np.pi * t), 0.01 * np.pi * np.cos(np.pi * t)
+    >>> bench = Bench(travel, velocity, t, 500.0, 0.0, "recorded", None, {}, ())
     >>> z, v, fs = sine_of(bench)
     >>> [round(float(value), 4) for value in (z.max(), v.max(), fs / (z.size / 4))]
-    [0.01, 0.09, 1.4324]
+    [0.01, 0.0314, 0.5]
     """
     travel, velocity = float(bench.travel.std()), float(bench.velocity.std())
     n = 2000
