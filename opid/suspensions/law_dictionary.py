@@ -7,7 +7,7 @@ what everything else in the model can do, are the columns of a regression: which
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -49,6 +49,21 @@ class Node:
     slope: FloatArray | None
 
 
+def stand_together(names: Iterable[str]) -> bool:
+    """Return whether kinds may be terms of one law that is searched.
+
+    One term remembers at most, and where that is friction, it is the only one: two of them imitate one another, and a
+    sum of large ones that cancel is no mechanics.
+
+    Args:
+        names: of the kinds.
+    """
+    kinds = [LAWS[name] for name in names]
+    remembering = [kind for kind in kinds if kind.memory is not None]
+    rubbing = sum(kind.is_friction for kind in kinds)
+    return len(remembering) < 2 and not (rubbing > 1 and any(kind.is_friction for kind in remembering))
+
+
 @dataclass(frozen=True, eq=False)
 class LawDictionary:
     """Derivatives of the errors by the amplitudes of many terms, as far as nothing else does the same.
@@ -88,8 +103,7 @@ class LawDictionary:
         return sorted((self.proposal(move) for move in self._moves()), key=lambda proposal: proposal.bic)
 
     def _moves(self) -> Iterator[tuple[str, ...]]:
-        # memories imitate one another: two of them explain what one almost does, and tell nothing
-        return (names for names in self._near() if sum(LAWS[name].memory is not None for name in names) < 2)
+        return filter(stand_together, self._near())
 
     def _near(self) -> Iterator[tuple[str, ...]]:
         have, others = list(self.fitted), list(self.offered)

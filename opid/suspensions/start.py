@@ -21,6 +21,7 @@ from opid.mechanics.memory import force_along
 from opid.signals.motion import filter_like, integrate
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body
+from opid.suspensions.law_dictionary import stand_together
 from opid.suspensions.law_parameters import offered_terms
 from opid.suspensions.model import Group
 from opid.suspensions.run import DrivenRun
@@ -264,7 +265,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         for k, term, column in offered:
             have = groups[k].law
             taken = term.name in have.parameters or len(have.terms) >= most_terms
-            taken |= term.kind.memory is not None and have.has_memory
+            taken |= not stand_together([*have.parameters, term.name])
             rest = column - basis @ (basis.T @ column)
             size = float(rest @ rest)
             gains.append(float(rest @ left) ** 2 / size if not taken and size > 1e-8 * float(column @ column) else 0.0)
