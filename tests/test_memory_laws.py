@@ -215,5 +215,22 @@ def test_a_law_that_remembers_is_found(name):
     np.testing.assert_allclose(found.law.vector[:2], gear.law.vector[:2], rtol=0.03)
 
 
+def test_presliding_within_a_sample_is_not_told_from_damping():
+    """The motion passes two and a half presliding travels between samples."""
+    friction = law("dahl_friction", amplitude_n=400.0, scale_m=1e-4)
+    test = taxi_test(
+        replace(LandingGear(), law=friction),
+        rng=np.random.default_rng(0),
+        duration_s=20,
+        fs=256,
+        lowest_step_rate_hz=65536.0,
+    )
+    runs = Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg)
+    found = identify(gear_study(*runs), law="dahl_friction")
+    assert any("dahl_friction turns over faster than the runs were sampled" in each for each in found.warnings)
+    assert found.parameters.suspension_damping_n_s_per_m.interval95 is None
+    assert found.parameters.sprung_mass_kg.holds(1850.0)
+
+
 def test_every_memory_is_searched():
     assert set(NAMES) <= set(library())

@@ -432,7 +432,8 @@ class WarningSettings:
         usual_reach_rms: ... unless its kind is looked for beyond this many: a scale that may be long by nature bends
             within it all the same.
         turnover_between_samples: a friction that stops a motion at more than this many times the rate of the record is
-            not told from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two.
+            not told from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two. The same holds
+            for the presliding travels that a motion passes, on average, between two samples.
         left_out_more: runs of one gear that the others predict are worth a warning where they leave this many times
             what the fit leaves.
         left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:

@@ -32,7 +32,7 @@ class StraightTerm:
     @property
     def is_damping(self) -> bool:
         """Whether it cannot be told from damping; else it cannot be told from stiffness."""
-        return self.unit == "m/s"
+        return self.unit == "m/s" or bool(self.sharpness)
 
     @property
     def trades_with(self) -> tuple[str, ...]:

@@ -52,9 +52,14 @@ def straight_terms(part: Fitted) -> list[StraightTerm]:
                 rms = float((velocity if parameter.unit == "m/s" else travel).std())
                 if value > settings.straight_rms * rms and std > loosely_known * abs(term.amplitude):
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
-                steepest = abs(term.amplitude * float(term.evaluate(np.array(0.0), np.array(0.0))[2]))
-                sharpness = steepest * max(accelerance[k, k] for k in group.slots) * run.finer / run.recorded_fs
-                if parameter.unit == "m/s" and sharpness > settings.turnover_between_samples:
+                if term.kind.memory is not None:
+                    # friction that has turned over within the travel from one sample to the next
+                    turns = float(velocity.std()) / value if parameter.unit == "m" else 0.0
+                else:
+                    steepest = abs(term.amplitude * float(term.evaluate(np.array(0.0), np.array(0.0))[2]))
+                    turns = steepest * max(accelerance[k, k] for k in group.slots) * (parameter.unit == "m/s")
+                sharpness = turns * run.finer / run.recorded_fs
+                if sharpness > settings.turnover_between_samples:
                     found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms, sharpness))
     return found
 
