@@ -104,6 +104,11 @@ class TermSet:
     rest_m: float = 0.0
 
     @property
+    def has_memory(self) -> bool:
+        """Whether a term remembers."""
+        return any(term.kind.memory is not None for term in self.terms)
+
+    @property
     def n_faint(self) -> int:
         """How many of the last terms are too weak to move anything: their memory follows the motion."""
         return 0
