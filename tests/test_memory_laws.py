@@ -18,6 +18,7 @@ from opid.mechanics.own_kinds import register_kind
 from opid.mechanics.prediction import Noise, predict
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
+from opid.report.as_text import formula
 from opid.suspensions.law_search import library
 from opid.suspensions.study import Run
 
@@ -234,3 +235,8 @@ def test_presliding_within_a_sample_is_not_told_from_damping():
 
 def test_every_memory_is_searched():
     assert set(NAMES) <= set(library())
+
+
+@pytest.mark.parametrize("kind", BUILT_IN, ids=[kind.name for kind in BUILT_IN])
+def test_a_formula_is_plain_text_in_a_terminal(kind):
+    assert "\\" not in formula(kind.latex)
