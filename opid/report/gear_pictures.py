@@ -95,7 +95,7 @@ def gear_pictures(result: AnyIdentification) -> tuple[Picture, ...]:
             "law_curves",
             "The law that was found",
             "The nonlinear force beside the linear one. Beyond the shaded range, and above all beyond the drawn one, "
-            "the law is an extrapolation.",
+            "the law is an extrapolation. A law that remembers is drawn as in a slow motion in one direction.",
             lambda result, truth: plots.law_curves(result, truth=truth),
         ),
         Picture(
