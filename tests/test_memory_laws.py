@@ -233,6 +233,17 @@ def test_presliding_within_a_sample_is_not_told_from_damping():
     assert found.parameters.sprung_mass_kg.holds(1850.0)
 
 
+def test_two_memories_at_once_are_no_damping():
+    """A searched law has one of them: what the other leaves must not pass for a damper that is known well."""
+    both = default_law("dahl_friction") + law("maxwell_arm", stiffness_n_per_m=8e4, relaxation_s=0.03)
+    found = identify(_study_of(replace(LandingGear(), law=both)), law="dahl_friction")
+    assert found.residual_over_noise > 2.0
+    assert any("the force that remembers is another one in part" in each for each in found.warnings)
+    assert found.parameters.suspension_damping_n_s_per_m.interval95 is None
+    mass = found.parameters.sprung_mass_kg
+    assert mass.interval95 is None or mass.holds(1850.0)
+
+
 def test_every_memory_is_searched():
     assert set(NAMES) <= set(library())
 

@@ -14,7 +14,8 @@ from opid.mechanics.kernels import law_arrays, runge_kutta_4
 from opid.mechanics.laws import FloatArray
 from opid.mechanics.structure import Structure
 
-# what a memory may decay by in a step: its rate times the step; at 2.8 the steps would grow without bound
+# what a memory may decay by in a step: its rate times the step; at 2.8 the steps would grow without bound. The truth is
+# simulated with half of what the predictor allows itself
 _MOST_DECAY = 1.0
 
 

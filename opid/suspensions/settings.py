@@ -434,6 +434,9 @@ class WarningSettings:
         turnover_between_samples: a friction that stops a motion at more than this many times the rate of the record is
             not told from damping: at 1.3 damping was off by five standard deviations, at 0.8 by two. The same holds
             for the presliding travels that a motion passes, on average, between two samples.
+        memory_left: a law that remembers and leaves more than this many times the noise is not told from damping:
+            where it stood for two memories it left 2.6 to 3, and damping was off by three to five standard deviations;
+            a true one left up to 1.4.
         left_out_more: runs of one gear that the others predict are worth a warning where they leave this many times
             what the fit leaves.
         left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:
@@ -451,6 +454,7 @@ class WarningSettings:
     straight_rms: float = 2.0
     usual_reach_rms: float = 3.0
     turnover_between_samples: float = 1.0
+    memory_left: float = 2.0
     left_out_more: float = 1.2
     left_out_more_of_body: float = 1.1
     unlike_std: float = 4.0

@@ -1,4 +1,4 @@
-"""Terms of a law that trade with stiffness or damping: straight over the motion, or sharper than the samples tell."""
+"""Terms of a law that trade with stiffness or damping: straight, sharper than the samples tell, or not quite true."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ class StraightTerm:
         motion_rms: rms of that motion, in the same unit.
         sharpness: of one that turns over between two samples, the rate at which it stops a motion over that of the
             record; else 0.
+        left: of one that remembers and leaves more than the noise, how many times the noise; else 0.
     """
 
     group: str
@@ -28,11 +29,12 @@ class StraightTerm:
     scale: float
     motion_rms: float
     sharpness: float = 0.0
+    left: float = 0.0
 
     @property
     def is_damping(self) -> bool:
         """Whether it cannot be told from damping; else it cannot be told from stiffness."""
-        return self.unit == "m/s" or bool(self.sharpness)
+        return self.unit == "m/s" or bool(self.sharpness) or bool(self.left)
 
     @property
     def trades_with(self) -> tuple[str, ...]:
@@ -61,6 +63,11 @@ class StraightTerm:
                 f"{self.kind}{where} turns over faster than the runs were sampled ({self.sharpness:.2g} times their "
                 f"rate), so what it does between two samples is not told and may show as {partner}: the intervals of "
                 "both are withheld; record at a higher rate"
+            )
+        if self.left:
+            return (
+                f"{self.kind}{where} leaves {self.left:.2g} times the noise, so the force that remembers is another "
+                "one in part, which may show as damping: the intervals of both are withheld"
             )
         return (
             f"{self.kind}{where} is nearly straight over the visited range (scale {self.scale:.3g} {self.unit}, "

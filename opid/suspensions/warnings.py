@@ -45,6 +45,11 @@ def straight_terms(part: Fitted) -> list[StraightTerm]:
         for term in law.terms:
             std = part.known.std(place)
             place += len(term.values)
+            if term.kind.memory is not None and part.residual_over_noise > settings.memory_left:
+                first, rms = term.kind.parameters[1], float(travel.std())
+                left = part.residual_over_noise
+                found.append(StraightTerm(group.name, term.name, first.unit, term.values[1], rms, left=left))
+                continue
             for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
                 # a kind whose scale may be long by nature bends within it all the same
                 if parameter.role != "scale" or parameter.over_rms[1] > settings.usual_reach_rms:
