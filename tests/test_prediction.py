@@ -1,5 +1,7 @@
 """Predictions of a driven body: against plain filters, derivatives against differences, white where they should be."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 from scipy.linalg import block_diag, expm
@@ -14,6 +16,7 @@ from opid.mechanics.prediction import Noise, predict
 FS, N = 1024.0, 120
 ACCELERANCE = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1500
 NOISE = Noise([0.02, 0.03], [0.01, 0.02], [1e-3, 2e-3], [2e-3, 1e-3], [0.05, 0.03])
+PUSHED = replace(NOISE, unmeasured=[0.2, 0.1], unmeasured_corner_hz=[15.0, 60.0])
 # of sensors that are not at their interfaces, and what the change of the accelerance does to it
 READING = np.array([[0.9, 0.35], [0.25, 1.1]]) / 1500
 BY_READING = np.array([[0.5, -0.2], [0.1, 0.3]]) / 1500
@@ -24,7 +27,12 @@ def _resting(laws):
     return [default_law(name).resting_at(rest_m) for name, rest_m in zip(laws, (0.0035, -0.003), strict=True)]
 
 
-def _of(n, *, ground, laws=("linear", "linear")):
+def _first(noise, n):
+    """The noise of the first interfaces."""
+    return Noise(*(np.broadcast_to(getattr(noise, field.name), 2)[:n] for field in fields(noise)))
+
+
+def _of(n, *, ground, laws=("linear", "linear"), noise=NOISE):
     """Interfaces, noise and signals of a small world with n interfaces."""
     rng = np.random.default_rng(n)
     stiffness, damping, springs = (3.9e5, 3e5), (6e3, 5e3), (1e5, 5e4) if ground else (0.0, 0.0)
@@ -41,18 +49,19 @@ def _of(n, *, ground, laws=("linear", "linear")):
         "drive": drive,
         "measured": answer.acceleration + 0.02 * rng.standard_normal((N, n)),
         "fs": FS,
-        "noise": Noise(*NOISE.table(2)[:, :n]),
+        "noise": _first(noise, n),
         "start": start,
         "start_covariance": np.diag(1e-6 * (1 + rng.random(rows * n)) ** 2),
         "ground": ground,
     }
 
 
+@pytest.mark.parametrize("noise", [NOISE, PUSHED], ids=["measured", "unmeasured"])
 @pytest.mark.parametrize("ground", [False, True])
 @pytest.mark.parametrize("n", [1, 2])
-def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
+def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground, noise):
     """Exact transition by the matrix exponential of a quadratic drive, Joseph form, innovations whitened last."""
-    world = _of(n, ground=ground)
+    world = _of(n, ground=ground, noise=noise)
     found = predict(**world, sensitivity=False)
     a, rows = world["accelerance"], 6 if ground else 4
     k, c, g = np.array([[i.stiffness, i.damping, i.ground_stiffness] for i in world["interfaces"]]).T
@@ -74,10 +83,20 @@ def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
     step = expm(whole * h)[:size]
     phi, of_drive = step[:, :size], step[:, size:]
     moved = expm(np.block([[system, of_motion], [np.zeros((n, size + n))]]) * h)[:size, size:]
-    q, r, walk, reading_walk, motion = world["noise"].table(n)
+    q, r, walk, reading_walk, motion, unmeasured, rate = world["noise"].table(n)
     q_matrix = of_drive[:, :n] * q**2 @ of_drive[:, :n].T + moved * motion**2 @ moved.T
     q_matrix += block_diag(np.zeros((size - 2 * n, size - 2 * n)), np.diag(walk**2), np.diag(reading_walk**2))
     x, p = world["start"].ravel(), world["start_covariance"]
+    if unmeasured.any():
+        # w is one state more: a straight line from w to decay * w + push
+        decay, line = np.diag(np.exp(-rate * h)), np.block([[zero, one / h], [zero, zero]])
+        by_w = expm(np.block([[system, np.hstack([of_motion, 0 * of_motion])], [np.zeros((2 * n, size)), line]]) * h)
+        of_w, of_slope = by_w[:size, size : size + n], by_w[:size, size + n :]
+        phi = np.block([[phi, of_w + of_slope @ (decay - one)], [np.zeros((n, size)), decay]])
+        of_drive, reading = np.vstack([of_drive, np.zeros((n, 3 * n))]), np.hstack([reading, one])
+        new = np.vstack([of_slope, one])
+        q_matrix = block_diag(q_matrix, zero) + new @ ((one - decay**2) * unmeasured**2) @ new.T
+        x, p = np.append(x, np.zeros(n)), block_diag(p, np.diag(unmeasured**2))
     drive, innovation, spread = world["drive"], [], []
     for now, measured in enumerate(world["measured"]):
         raw, s = measured - reading @ x, reading @ p @ reading.T + np.diag(r**2)
@@ -85,7 +104,7 @@ def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground):
         innovation.append(np.linalg.solve(factor, raw))
         spread.append(np.diag(factor))
         gain = np.linalg.solve(s, reading @ p).T
-        rest = np.eye(size) - gain @ reading
+        rest = np.eye(x.size) - gain @ reading
         x, p = x + gain @ raw, rest @ p @ rest.T + gain * r**2 @ gain.T
         if now + 1 < len(world["measured"]):
             u0, u1, u2 = drive[2 * now : 2 * now + 3]
@@ -193,27 +212,49 @@ def _rate(world, state, drive, motion=0.0):
     return np.concatenate([*moving, still, still]), read + rest[-1]
 
 
-def _step(world, state, drives, motion=0.0):
-    h = 1 / FS
-    first = _rate(world, state, drives[0], motion)[0]
-    second = _rate(world, state + h / 2 * first, drives[1], motion)[0]
-    third = _rate(world, state + h / 2 * second, drives[1], motion)[0]
-    fourth = _rate(world, state + h * third, drives[2], motion)[0]
-    return state + h / 6 * (first + 2 * second + 2 * third + fourth)
+def _is_pushed(world):
+    return bool(np.any(world["noise"].unmeasured))
+
+
+def _read(world, state, drive):
+    """What the sensors read; the acceleration by unmeasured forces comes last in the state."""
+    n = len(world["interfaces"])
+    if not _is_pushed(world):
+        return _rate(world, state, drive)[1]
+    return _rate(world, state[:-n], drive)[1] + state[-n:]
+
+
+def _step(world, state, drives, motion=0.0, push=0.0):
+    h, n = 1 / FS, len(world["interfaces"])
+    moving, begin, end = state, 0.0, 0.0
+    if _is_pushed(world):
+        moving, begin = state[:-n], state[-n:]
+        end = np.exp(-world["noise"].table(n)[6] * h)[:, np.newaxis] * begin + push
+    middle = (begin + end) / 2
+    first = _rate(world, moving, drives[0], motion + begin)[0]
+    second = _rate(world, moving + h / 2 * first, drives[1], motion + middle)[0]
+    third = _rate(world, moving + h / 2 * second, drives[1], motion + middle)[0]
+    fourth = _rate(world, moving + h * third, drives[2], motion + end)[0]
+    moving = moving + h / 6 * (first + 2 * second + 2 * third + fourth)
+    return np.concatenate([moving, end]) if _is_pushed(world) else moving
 
 
 def _plain_filter(world, frozen=None):
     """White innovations; and gains with the factors of the variance, made by differences unless given."""
     n, x, p = len(world["interfaces"]), world["start"].reshape(-1, 1), world["start_covariance"]
-    q, r, *walks, motion = world["noise"].table(n)
-    offsets, size = slice(x.size - 2 * n, x.size - n), x.size
-    scales = np.repeat(np.array([1e-6, 1e-4, 1e-6, 1e-4, 1e-3, 1e-3])[[*range(size // n - 2), 4, 5]], n)
+    q, r, *walks, motion, unmeasured, rate = world["noise"].table(n)
+    offsets, n_plain = slice(x.size - 2 * n, x.size - n), x.size
+    scales = np.repeat(np.array([1e-6, 1e-4, 1e-6, 1e-4, 1e-3, 1e-3])[[*range(n_plain // n - 2), 4, 5]], n)
+    if _is_pushed(world):
+        x, p = np.vstack([x, np.zeros((n, 1))]), block_diag(p, np.diag(unmeasured**2))
+        scales = np.append(scales, np.full(n, 1e-3))
+    size = x.size
     around = np.hstack([np.diag(scales), -np.diag(scales)])
     innovation, gains = [], []
     for now, measured in enumerate(world["measured"]):
-        raw = measured[:, np.newaxis] - _rate(world, x, measured)[1]
+        raw = measured[:, np.newaxis] - _read(world, x, measured)
         if frozen is None:
-            readings = _rate(world, x + around, measured)[1]
+            readings = _read(world, x + around, measured)
             by_state = (readings[:, :size] - readings[:, size:]) / (2 * scales)
             s = by_state @ p @ by_state.T + np.diag(r**2)
             gain = np.linalg.solve(s, by_state @ p).T
@@ -230,19 +271,25 @@ def _plain_filter(world, frozen=None):
         if frozen is None:
             after = _step(world, x + around, drives)
             phi = (after[:, :size] - after[:, size:]) / (2 * scales)
-            push = phi[:, offsets] * np.where(np.arange(size) < size - 2 * n, 1.0, 0.0)[:, np.newaxis]
+            push = phi[:, offsets] * np.where(np.arange(size) < n_plain - 2 * n, 1.0, 0.0)[:, np.newaxis]
             ahead, back = (_step(world, np.repeat(x, n, axis=1), drives, sign * np.eye(n)) for sign in (1e-3, -1e-3))
             moved = (ahead - back) / 2e-3
             p = phi @ p @ phi.T + push * q**2 @ push.T + moved * motion**2 @ moved.T
-            p[np.arange(size - 2 * n, size), np.arange(size - 2 * n, size)] += np.concatenate(walks) ** 2
+            p[np.arange(n_plain - 2 * n, n_plain), np.arange(n_plain - 2 * n, n_plain)] += np.concatenate(walks) ** 2
+            if _is_pushed(world):
+                many = np.repeat(x, n, axis=1)
+                ahead, back = (_step(world, many, drives, push=sign * np.eye(n)) for sign in (1e-3, -1e-3))
+                moved = (ahead - back) / 2e-3
+                p += moved * unmeasured**2 * (1 - np.exp(-2 * rate / FS)) @ moved.T
         x = _step(world, x, drives)
     return np.transpose(innovation), gains
 
 
+@pytest.mark.parametrize("noise", [NOISE, PUSHED], ids=["measured", "unmeasured"])
 @pytest.mark.parametrize(("n", "ground"), [(1, False), (1, True), (2, True)])
-def test_corrected_predictions_and_their_derivatives_are_those_of_a_plain_filter(n, ground):
+def test_corrected_predictions_and_their_derivatives_are_those_of_a_plain_filter(n, ground, noise):
     """Derivatives hold the gain: of the plain filter it is recorded, then kept."""
-    world = _of(n, ground=ground, laws=LAWS)
+    world = _of(n, ground=ground, laws=LAWS, noise=noise)
     innovation, gains = _plain_filter(world)
     found = predict(**world)
     np.testing.assert_allclose(found.innovation, innovation, atol=1e-5 * np.abs(innovation).max())
@@ -280,14 +327,15 @@ def test_sensors_at_their_interfaces_need_no_reading(ground):
         np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
 
 
+@pytest.mark.parametrize("noise", [NOISE, PUSHED], ids=["measured", "unmeasured"])
 @pytest.mark.parametrize("ground", [False, True])
-def test_one_interface_is_the_first_of_two_that_know_nothing_of_each_other(ground):
-    alone = _of(1, ground=ground, laws=LAWS)
+def test_one_interface_is_the_first_of_two_that_know_nothing_of_each_other(ground, noise):
+    alone = _of(1, ground=ground, laws=LAWS, noise=noise)
     n_own = alone["interfaces"][0].n_parameters
     both = {key: np.repeat(alone[key], 2, axis=1) for key in ("drive", "measured", "start")}
     both |= {"start_covariance": np.kron(alone["start_covariance"], np.eye(2))}
     both |= {"interfaces": alone["interfaces"] * 2, "accelerance": np.eye(2) * alone["accelerance"]}
-    both |= {"fs": FS, "ground": ground, "noise": Noise(*alone["noise"].table(1)[:, 0])}
+    both |= {"fs": FS, "ground": ground, "noise": _first(alone["noise"], 1)}
     ways = _directions(1)
     one = predict(**alone, **ways)
     # the second knows nothing of the directions either

@@ -81,14 +81,17 @@ def test_derivatives_by_departures_are_those_of_the_parameters_they_multiply():
 
 
 def test_a_second_flight_with_a_stiffer_spring_moves_no_mass_beyond_its_interval():
-    """Two per cent of stiffness moved the mass by 7 %, with an interval of 0.3 %."""
+    """Two per cent of stiffness move the mass by 7 % where the runs are said to be alike; then no mass is told."""
     runs = runs_that_differ(Departure(spring=0.02), duration_s=40, fs=512)
-    same = identify(gear_study(*runs, repeatability=0.0), law=LAW).parameters.sprung_mass_kg
-    assert abs(same.value - MASS_KG) > 5 * same.std
+    alike = identify(gear_study(*runs, repeatability=0.0), law=LAW)
+    assert alike.limited_by == "model"
+    assert alike.parameters.sprung_mass_kg.value is None
+    fit = alike.evidence[0].fit
+    assert abs(1 / fit.model.inverse_mass(fit.theta) / MASS_KG - 1) > 0.05
     result = identify(gear_study(*runs, repeatability=None), law=LAW)
     mass = result.parameters.sprung_mass_kg
     assert mass.holds(MASS_KG)
-    assert abs(mass.value - MASS_KG) < abs(same.value - MASS_KG)
+    assert abs(mass.value / MASS_KG - 1) < 0.05
     assert result.evidence[0].repeatability.estimated > 2e-3
 
 

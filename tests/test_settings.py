@@ -105,12 +105,12 @@ def test_arguments_that_a_method_does_not_know_are_refused(given, words):
 
 
 def test_settings_are_used_and_stand_in_the_result():
-    """With a noise of the sensors of next to nothing allowed, any answer is refused by stricter verdicts."""
+    """With next to no unexplained motion allowed, any answer is refused by stricter verdicts."""
     study = study_of(duration_s=12)
     usual = identify(study, law="arctan_velocity")
     assert usual.settings == Settings()
     assert not usual.is_refused
-    strict = Settings(verdicts=Verdicts(explained=0.1, noted=0.1, doubtful=0.1, refused=0.2))
+    strict = Settings(verdicts=Verdicts(explained=0.1, noted=0.1, doubtful=0.1, refused_fraction=1e-6))
     strictly = identify(study, law="arctan_velocity", settings=strict)
     assert strictly.settings == strict
     assert strictly.is_refused

@@ -121,7 +121,7 @@ def driven_response(
         )
     n_samples = u.shape[0] // 2 + 1
     # readings of zero: the innovation is what the body does, with the other sign
-    nothing, exact = np.zeros((n_samples, n)), np.eye(5)[:, [1]].repeat(n, axis=1)
+    nothing, exact = np.zeros((n_samples, n)), np.eye(7)[:, [1]].repeat(n, axis=1)
     states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
     by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
     _, _, changes, motion = predictions(

@@ -34,6 +34,9 @@ class Noise:
         measured_walk: what the offset of the readings walks in a sample, rms m/s^2.
         motion: rms of a white noise on z'' alone, m/s^2: what moves the suspensions and neither the sensors below nor
             the ground.
+        unmeasured: rms acceleration of the body by forces that nobody measured, m/s^2, a process of first order; 0 for
+            none.
+        unmeasured_corner_hz: above this frequency its spectral density falls, Hz.
     """
 
     drive: float | Sequence[float]
@@ -41,14 +44,25 @@ class Noise:
     drive_walk: float | Sequence[float] = 0.0
     measured_walk: float | Sequence[float] = 0.0
     motion: float | Sequence[float] = 0.0
+    unmeasured: float | Sequence[float] = 0.0
+    unmeasured_corner_hz: float | Sequence[float] = 10.0
 
     def table(self, n: int) -> FloatArray:
-        """(5, n) the five rows.
+        """(7, n) the rows as the predictor takes them: the last is a rate, 1/s.
 
         Args:
             n: number of interfaces.
         """
-        rows = (self.drive, self.measured, self.drive_walk, self.measured_walk, self.motion)
+        rate = 2 * np.pi * np.asarray(self.unmeasured_corner_hz, dtype=np.float64)
+        rows = (
+            self.drive,
+            self.measured,
+            self.drive_walk,
+            self.measured_walk,
+            self.motion,
+            self.unmeasured,
+            rate,
+        )
         return np.array([np.broadcast_to(np.asarray(row, dtype=np.float64), n) for row in rows])
 
 

@@ -49,12 +49,14 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         `schema`, `method`, `title`, `date` (ISO 8601, or null), `parameters` {name: {value, std, interval95}},
         `ratios` likewise, `law` {name, latex, per_mass, parameters {kind: {parameter: {value, std, interval95}}}},
         `restoring_force` {travel, velocity, force, nonlinear_force, per_mass, units}, `diagnostics`, `warnings`,
-        `not_determined`. Of the driven model also `structure` {kind, is_one_gear, recommended, why,
+        `not_determined`. Of the driven model also `structure` {kind, is_one_gear, recommended, why, limited_by,
         residual_over_noise, noise_m_per_s2, places {interface: {x_m, y_m, sensor_x_m, sensor_y_m}},
         place_corrections}, `interfaces` [{name, shared_with, x_m, y_m, stiffness, damping and ground_stiffness {value,
         std, interval95, unit}, law {kind: {parameter: {value, std, interval95}}}, law_name, latex, per_mass,
         residual_over_noise, rest_m {value, std, interval95}, at_rest [{run, travel_m, stiffness, damping}]}],
-        `candidates` [the fields of `Candidate`] and `runs` [{name, mass_change_kg, loading}].
+        `candidates` [the fields of `Candidate`], `runs` [{name, mass_change_kg, loading, unexplained,
+        unexplained_left_out, inside_left_out}] and `equivalents` [{run, stiffness_per_mass, damping_per_mass,
+        natural_frequency_hz, damping_ratio}].
         Of a body `law` and `restoring_force` hold no values: see `interfaces`.
     """
     if isinstance(result, PaperIdentification):
@@ -186,6 +188,7 @@ def _structures(result: Identification) -> Json:
             "is_one_gear": result.study.is_one_gear,
             "recommended": None if best is None else best.kind,
             "why": reason(result) or None,
+            "limited_by": result.limited_by,
             "residual_over_noise": result.residual_over_noise,
             "noise_m_per_s2": result.noise_m_per_s2,
             "places": places,
@@ -194,8 +197,23 @@ def _structures(result: Identification) -> Json:
         "interfaces": [_interface(result, interface) for interface in result.interfaces],
         "candidates": [asdict(candidate) for candidate in result.candidates],
         "runs": [
-            {"name": run.name, "mass_change_kg": run.mass_change_kg, "loading": run.loading} for run in result.runs
+            {"name": run.name, "mass_change_kg": run.mass_change_kg, "loading": run.loading} | _left(result, place)
+            for place, run in enumerate(result.runs)
         ],
+        "equivalents": [asdict(each) for each in result.equivalents],
+    }
+
+
+def _left(result: Identification, place: int) -> Json:
+    """What the free motion leaves of a run, of all runs and of the others, where more than noise is left."""
+    errors = [each.error for each in result.evidence if each.error is not None]
+    if not errors:
+        return {"unexplained": None, "unexplained_left_out": None, "inside_left_out": None}
+    left_out = {each.run: each for each in errors[0].left_out}.get(place)
+    return {
+        "unexplained": errors[0].unexplained[place],
+        "unexplained_left_out": None if left_out is None else left_out.unexplained,
+        "inside_left_out": None if left_out is None else left_out.inside,
     }
 
 

@@ -72,7 +72,17 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
         estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
         for name, estimate in result.ratios.items()
     ]
-    return table
+    return [*table, *_equivalent_rows(result, truth is not None)]
+
+
+def _equivalent_rows(result: AnyIdentification, told: bool) -> Iterator[Row]:
+    """What a linear analysis would find in each run, where the law is not straight."""
+    if not isinstance(result, Identification) or not result.law.terms:
+        return
+    for each in result.equivalents:
+        yield Row(f"Straight suspension that comes nearest to it over the motion of run {each.run!r}")
+        for name in ("natural_frequency_hz", "damping_ratio"):
+            yield estimate_row(*RATIO_LABELS[name], getattr(each, name), None, told)
 
 
 def gear_limits(result: AnyIdentification) -> str:
@@ -123,9 +133,19 @@ def _limits_of_model(result: Identification) -> str:
     unlike = " and of runs that are not quite alike" * (evidence.repeatability.estimated is not None)
     sentences = [
         f"{predicted} The intervals are those of {'such noise' if white else 'errors so coloured'}{check}{unlike}.",
+        *_of_runs_left_out(result, evidence),
         *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence.limits),
     ]
     return " ".join(sentences) + _chosen_among(result.options.law, result.options.kinds)
+
+
+def _of_runs_left_out(result: Identification, evidence: Evidence) -> Iterator[str]:
+    """How well the runs predict each other, where more than noise is left."""
+    for each in evidence.error.left_out if evidence.error else ():
+        yield (
+            f"The other runs predict {result.runs[each.run].name!r} to {100 * each.unexplained:.2g} % of its rms "
+            f"acceleration, with {100 * each.inside:.0f} % of its lines inside the band that is to hold 95 %."
+        )
 
 
 def _limits_of_chain(result: PaperIdentification) -> str:

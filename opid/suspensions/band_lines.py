@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, signal
 
 from opid.errors import InputError
@@ -68,7 +69,38 @@ def band_lines(
             f"the band {low:g} to {high:g} Hz holds {keep.size} lines of a run of {n_samples / fs:.3g} s: give a "
             "longer run or a wider band"
         )
-    return BandLines(n, 2 * np.pi * frequency_hz[keep], max(1, int(np.ceil(settings.lowest_rate_hz / fs))))
+    finer = int(np.ceil(lowest_rate_hz(float(band_hz[1]), settings) / fs))
+    return BandLines(n, 2 * np.pi * frequency_hz[keep], max(1, finer))
+
+
+def lowest_rate_hz(highest_hz: float, settings: RunSettings) -> float:
+    """Return how many steps a second the model needs at least, Hz.
+
+    Args:
+        highest_hz: highest line that is compared.
+        settings: how runs are prepared.
+    """
+    return min(settings.lowest_rate_hz, settings.rate_over_band * highest_hz)
+
+
+def band_places(omega: FloatArray, per_octave: float, least_lines: int) -> NDArray[np.int64]:
+    """Return the number of the band of each line: fractions of octaves that hold some lines at least.
+
+    Args:
+        omega: (n_lines,) rad/s, ascending.
+        per_octave: bands of an octave.
+        least_lines: of a band, but for the last one.
+
+    >>> band_places(np.arange(1.0, 9.0), 1.0, 2)
+    array([0, 0, 1, 1, 2, 2, 2, 3])
+    """
+    octave = np.floor(per_octave * np.log2(omega / omega[0]) + 1e-9)
+    found, count = np.zeros(omega.size, dtype=np.int64), 1
+    for k in range(1, omega.size):
+        ends = octave[k] != octave[k - count] and count >= least_lines
+        found[k] = found[k - 1] + ends
+        count = 1 if ends else count + 1
+    return found
 
 
 def sampled_finer(samples: FloatArray, by: int) -> FloatArray:

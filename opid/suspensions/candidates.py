@@ -18,10 +18,11 @@ from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
 from opid.suspensions.faults import Demand
-from opid.suspensions.fit import NO_FIT, Fit, loading_changes, runs_contradict_each_other
+from opid.suspensions.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
 from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Group, Model, noise_level
+from opid.suspensions.model_error import ModelError, measure_model_error
 from opid.suspensions.noise import with_own_noise
 from opid.suspensions.repeatability import mends_much, with_departures, with_own_repeatability
 from opid.suspensions.residual import mean_level
@@ -86,6 +87,7 @@ class Fitted:
         noise: known beforehand of each sensor below and on the body, m/s^2.
         task: what it was fitted to.
         reason: why there is no fit; "" if there is one.
+        error: what limits the answer of one gear that leaves more than noise; else None.
     """
 
     kind: str
@@ -94,6 +96,7 @@ class Fitted:
     noise: Noise
     task: Task
     reason: str = ""
+    error: ModelError | None = None
 
     @property
     def settings(self) -> Settings:
@@ -126,6 +129,11 @@ class Fitted:
     def level(self) -> float:
         """Noise known beforehand, as white noise of one level on all sensors, m/s^2."""
         return noise_level(self.noise)
+
+    @property
+    def runs(self) -> tuple[DrivenRun, ...]:
+        """That were fitted."""
+        return self.fit.model.runs
 
     @property
     def residual_over_noise(self) -> float:
@@ -162,9 +170,8 @@ class Fitted:
     def known(self) -> Parameters:
         """The parameters of the fit, and how well they are known."""
         # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
-        alone = self.task.study is not None and self.task.study.is_one_gear
-        wider = max(1.0, self.residual_over_noise / self.settings.verdicts.doubtful) if alone else 1.0
-        return known_parameters(self.fit, self.task.repeatability, wider=wider)
+        more = 0.0 if self.error is None else self.error.spread
+        return known_parameters(self.fit, self.task.repeatability, more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,7 +362,27 @@ def fitted(
     except (*NO_FIT, NotDeterminedError) as error:
         return Fitted(kind, interfaces, None, noise, task, str(error))
     updated = tuple(demand.updated(found.fit) for demand in found.demands)
-    return Fitted(kind, interfaces, replace(found, demands=updated), noise, task)
+    part = Fitted(kind, interfaces, replace(found, demands=updated), noise, task)
+    if task.study is None or not task.study.is_one_gear or part.residual_over_noise <= settings.verdicts.noted:
+        return part
+    return _with_error(part)
+
+
+def _with_error(part: Fitted) -> Fitted:
+    """One gear that leaves more than noise, with what limits its answer."""
+    found, stated = part.found, part.task.repeatability
+    assert found is not None  # it leaves something
+    try:
+        if is_hopeless(found.fit) and len(part.runs) > 1:
+            found = replace(found, fit=balanced(found.fit))
+        error = measure_model_error(found.fit)
+        if error.limit == "unmeasured forces" and stated and not found.fit.model.repeatability and len(part.runs) > 1:
+            # the search took the runs as alike, for there seemed to be no number to tell
+            found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))
+            error = measure_model_error(found.fit)
+    except NO_FIT as failed:
+        return replace(part, found=None, reason=str(failed))
+    return replace(part, found=found, error=error)
 
 
 def _begun(

@@ -254,6 +254,23 @@ def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) 
     return np.array([*(known.get(name, 0.0) for name in model.names), *fit.theta[fit.model.n_shared :]])
 
 
+def balanced(fit: Fit) -> Fit:
+    """Fit once more with the errors of each run weighed by their size: a wrong model leaves more of a rough run.
+
+    Their level over all runs stays what it was.
+
+    Args:
+        fit: of any model.
+    """
+    rms = [float(np.sqrt(np.mean(np.abs(line) ** 2) / 2)) for line in fit.errors.lines]
+    runs = tuple(
+        replace(run, error_level=run.error_level * each / fit.ratio)
+        for run, each in zip(fit.model.runs, rms, strict=True)
+    )
+    most = fit.model.settings.fit.most_refit_evaluations
+    return fit_model(replace(fit.model, runs=runs), fit.theta, most_evaluations=most)
+
+
 def rows_with_departures(fit: Fit, model: Model) -> NDArray[np.int64]:
     """Return the rows of a model's errors that tell of data, and of how far the struts of the runs depart.
 
@@ -296,7 +313,21 @@ def turnover_rate(fit: Fit) -> float:
 
 
 def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
-    """Return the residual over the noise of each run as a fit of the others predicts it; None where there is none.
+    """Return the residual over the noise of all runs as fits of the others predict them; None where there are none.
+
+    Args:
+        fit: of all runs.
+        least_promise: of the fits.
+    """
+    fits = predicted_left_out(fit, least_promise=least_promise)
+    if fits is None:
+        return None
+    cost = sum(float(np.sum(each.errors.stacked[: each.n_data] ** 2)) for each in fits)
+    return float(np.sqrt(cost / sum(each.n_data for each in fits)))
+
+
+def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[Fit] | None:
+    """Return each run as a fit of the others predicts it; None where there are no others, or no fits.
 
     Of the run left out its start is fitted, and its departures against what is known of them. The mass stays that of
     all runs, the one left out among them, where the others have one loading.
@@ -309,7 +340,7 @@ def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | N
     if len(model.runs) < 2:
         return None
     promise = least_promise or model.settings.fit.promise_in_search
-    cost, n_data = 0.0, 0
+    found: list[Fit] = []
     own = fit.theta[model.n_shared :].reshape(len(model.runs), model.n_own)
     try:
         for place, run in enumerate(model.runs):
@@ -323,12 +354,10 @@ def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | N
             without = fit_model(rest, begun, least_promise=promise)
             alone = np.concatenate([without.theta[: rest.n_shared], own[place]])
             free = slice(rest.n_shared, None)
-            predicted = fit_model(replace(rest, runs=(run,)), alone, free=free, least_promise=promise)
-            cost += float(np.sum(predicted.errors.stacked[: predicted.n_data] ** 2))
-            n_data += predicted.n_data
+            found.append(fit_model(replace(rest, runs=(run,)), alone, free=free, least_promise=promise))
     except NO_FIT:
         return None
-    return float(np.sqrt(cost / n_data))
+    return found
 
 
 def fits_of_each_run(fit: Fit) -> list[Fit]:

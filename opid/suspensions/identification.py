@@ -24,7 +24,7 @@ from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise
 from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import measure_whiteness, over_noise
-from opid.suspensions.result import Candidate, Evidence, Identification, Options, RunResidual
+from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, Study, rigid_faults, symmetric_pairs
@@ -76,7 +76,8 @@ def identify(
         law: to fit at every interface (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched where left out.
         band_hz: lines that are compared, Hz; those of the settings where left out (classical chain: 0.5 to 12 Hz).
         high_pass_hz: corner of the integration of the classical chain, Hz.
-        ground: whether springs from the body to the ground may be let in, which happens only if the runs demand them.
+        ground: whether springs from the body to the ground may be let in, which happens only if the runs demand them;
+            horizontal suspensions have none.
         method_of_law: "pursuit", "sparse regression" (pysindy on the predicted motion), or "both", one after the other.
         settings: every tuned number of the estimator.
         seed: of the resampling that checks the intervals.
@@ -129,7 +130,9 @@ def identify(
     sensors = study.sensor_facts()
     noise = known_noise(sensors, arrays, fs=study.fs, settings=settings.runs)
     options = Options(law, ground, method_of_law, library(), seed)
-    question = Question(kind_of_law is not None, ground, True, method_of_law, options.kinds)
+    # what moves sideways rests on nothing but its suspension
+    grounded = ground and any(each.axis != "horizontal" for each in study.interfaces)
+    question = Question(kind_of_law is not None, grounded, True, method_of_law, options.kinds)
     task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say)
     tried = _tried(task)
     if not any(each.has_fit for each in tried):
@@ -311,7 +314,20 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
         not_determined=reason,
         options=options,
         settings=task.settings,
+        equivalents=_equivalents(study, parts) if study.is_one_gear and not refused else (),
     )
+
+
+def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...]:
+    """Of one gear in each run."""
+    (part,), found = parts, []
+    for place, run in enumerate(study.runs):
+        estimates = part.known.equivalent(place)
+        if part.error is not None and part.error.limit == "model":
+            spread = zip(estimates, part.error.of_equivalents.tolist(), strict=True)
+            estimates = [e if e.value is None else Estimate.normal(e.value, share * e.value) for e, share in spread]
+        found.append(Equivalent(run.name, *estimates))
+    return tuple(found)
 
 
 def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
@@ -343,6 +359,7 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         limits=tuple(limits(part.known, study, alike)),
         repeatability=alike,
         n_starts=found.n_starts,
+        error=part.error,
     )
 
 

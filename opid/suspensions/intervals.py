@@ -13,6 +13,7 @@ from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS
 from opid.signals.recording import FloatArray
 from opid.suspensions.covariance import score_products
+from opid.suspensions.equivalents import straight_equivalent
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
@@ -32,17 +33,18 @@ def honest_covariance(fit: Fit) -> FloatArray:
     return np.asarray(fit.covariance * np.outer(wider, wider))
 
 
-def known_parameters(fit: Fit, repeatability: float, *, wider: float = 1.0) -> Parameters:
+def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 0.0) -> Parameters:
     """Return the parameters of a fit and how well they are known.
 
     Args:
         fit: of a model.
         repeatability: as stated.
-        wider: by how much every deviation is to be larger.
+        more: (n_unknowns, n_unknowns) covariance of what else is not known.
     """
     if not fit.model.repeatability:
-        return Parameters(fit, wider**2 * honest_covariance(fit))
-    found = levels(fit, repeatability).widened(wider * std_over_white(fit))
+        return Parameters(fit, honest_covariance(fit) + more)
+    found = levels(fit, repeatability).widened(std_over_white(fit))
+    found = found.with_more(np.broadcast_to(more, found.covariance.shape[1:]))
     return Parameters(fit, found.second_moments(), found)
 
 
@@ -244,6 +246,17 @@ class Parameters:
         if model.body.fall is None or not (model.mass_free or not model.runs[run].loading.any()):
             travel = Estimate()
         return travel, stiffness, damping
+
+    def equivalent(self, run: int) -> list[Estimate]:
+        """Return stiffness and damping over mass, frequency and damping ratio of the straight suspension nearest to it.
+
+        Of one gear over the motion of a run, see `opid.suspensions.equivalents`.
+        """
+        model, motion = self.fit.model, self.fit.errors.predictions[run]
+        try:
+            return self.of_function(lambda theta: straight_equivalent(model, theta, run, motion))
+        except UnboundedResponseError:
+            return [Estimate()] * 4
 
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.

@@ -31,6 +31,8 @@ from opid.suspensions.settings import Settings
 
 # the reading of a slot that has no sensor: nothing is learnt from it
 _NO_SENSOR_M_PER_S2 = 1e6
+# of free motions: so much louder are the sensors on the body, and so much quieter those below
+_DEAF = 1e4
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,24 @@ class Group:
     def called(self, what: str) -> str:
         """Return the name of one of its parameters."""
         return f"{what}[{self.name}]" if self.name else what
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessNoise:
+    """What moves the body and no sensor measured: forces of others, and motion that the model does not know.
+
+    Args:
+        fraction: its rms acceleration over that of the readings of a run; 0 for none.
+        corner_hz: above this frequency its spectral density falls, Hz.
+        levels: of each run (n_sensors, n_lines) how large the errors are, band by band; empty where all are 1.
+    """
+
+    fraction: float = 0.0
+    corner_hz: float = 10.0
+    levels: tuple[FloatArray, ...] = ()
+
+
+NO_PROCESS_NOISE = ProcessNoise()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +135,7 @@ class Model:
         held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
         louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
             the sensors below: it stands for what the model does not know yet.
+        process: what moves the body and no sensor measured.
     """
 
     runs: tuple[DrivenRun, ...]
@@ -128,6 +149,7 @@ class Model:
     repeatability: float = 0.0
     held_inverse_mass: float = 0.0
     louder: float = 1.0
+    process: ProcessNoise = NO_PROCESS_NOISE
 
     @cached_property
     def coarse(self) -> Model:
@@ -419,7 +441,7 @@ class Model:
                 change = change.copy()
                 first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
                 self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
-            lines = run.transform(change).transpose(1, 0, 2)
+            lines = run.transform(change).transpose(1, 0, 2) / self._levels(place)
             if self._n_departures:
                 self._add_departures(lines, resting, theta, place, by)
             if rest is not None:
@@ -638,7 +660,36 @@ class Model:
             n_more = n_all - level.size
             rows.append((np.append(level, [absent] * n_more), np.append(walk, [0.0] * n_more)))
         motion = np.sqrt(self.louder**2 - 1) * rows[0][0]
-        return Noise(*(row.tolist() for row in (rows[0][0], rows[1][0], rows[0][1], rows[1][1], motion)))
+        unmeasured = np.zeros(self.body.n_slots)
+        if self.process.fraction:
+            unmeasured[: len(levels[1])] = self.process.fraction * run.sprung.std(axis=0)
+        return Noise(
+            rows[0][0].tolist(),
+            rows[1][0].tolist(),
+            rows[0][1].tolist(),
+            rows[1][1].tolist(),
+            motion.tolist(),
+            unmeasured.tolist(),
+            self.process.corner_hz,
+        )
+
+    def simulated(self, theta: FloatArray) -> tuple[Prediction, ...]:
+        """Return the free motion of each run: what sensors on the body read does not correct it.
+
+        Args:
+            theta: the vector.
+
+        Raises:
+            UnboundedResponseError: a motion that grows without bound.
+        """
+        below, above = self.noise
+        deaf = replace(self, noise=(below / _DEAF, above * _DEAF), process=NO_PROCESS_NOISE)
+        return deaf.evaluate(theta, sensitivity=False).predictions
+
+    def _levels(self, place: int) -> FloatArray:
+        """How large the errors of a run are, (n_sensors, n_lines) or one number for all."""
+        level = self.runs[place].error_level
+        return level * self.process.levels[place] if self.process.levels else np.full((1, 1), level)
 
     def _add_spread(
         self,
@@ -683,7 +734,7 @@ class Model:
         for place, run in enumerate(self.runs):
             prediction, by, more = self._predict(theta, place, sensitivity, candidates)
             innovation = prediction.innovation[: len(self.sensors.sprung)]
-            lines.append(run.transform(innovation).ravel())
+            lines.append((run.transform(innovation) / self._levels(place)).ravel())
             predictions.append(prediction)
             if sensitivity:
                 blocks += _real_rows(by)
@@ -721,9 +772,12 @@ class Model:
             below, above = self._noise_of_readings(theta, run)
             ratio = self.transmissibility(theta, place, prediction)
             density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
+            if self.process.fraction:
+                density = density + self._process_density(theta, place, prediction)
             # of the readings themselves, before their gains were taken out
             spread += float(np.sum(np.linalg.slogdet(density)[1]))
             spread += 2 * run.omega.size * float(np.sum(np.log(self._gains(theta)[1])))
+            spread += 2 * float(np.sum(np.log(np.broadcast_to(self._levels(place), (above.size, run.omega.size)))))
         return -0.5 * n_data * float(np.log(cost / n_data)) - spread
 
     def transmissibility(self, theta: FloatArray, place: int, prediction: Prediction) -> ComplexArray:
@@ -732,7 +786,32 @@ class Model:
         Returns:
             (n_lines, n_sensors, n_interfaces).
         """
-        omega, n = self.runs[place].omega, self.body.n_interfaces
+        n = self.body.n_interfaces
+        omega, moved, spring, ground, system = self._straight(theta, place, prediction)
+        square = (omega**2)[:, np.newaxis, np.newaxis]
+        driven = -np.eye(len(ground)) + moved.accelerance * ground / square
+        travel = np.asarray(np.linalg.solve(system, driven[:, :, :n]), dtype=np.complex128)
+        force = (spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
+        read = moved.reading @ force
+        return -read[:, : len(self.sensors.sprung)]
+
+    def _process_density(self, theta: FloatArray, place: int, prediction: Prediction) -> ComplexArray:
+        """What unmeasured forces make of the spectral density of the readings, (n_lines, n_sensors, n_sensors)."""
+        run, n = self.runs[place], len(self.sensors.sprung)
+        omega, moved, spring, ground, system = self._straight(theta, place, prediction)
+        travel = np.linalg.solve(system, np.broadcast_to(np.eye(len(ground))[:, :n], (omega.size, len(ground), n)))
+        read = np.eye(len(ground))[:, :n] - moved.reading @ ((spring + ground)[:, :, np.newaxis] * travel)
+        decay = np.exp(-2 * np.pi * self.process.corner_hz / run.fs)
+        shape = (1 - decay**2) / np.abs(1 - decay * np.exp(-1j * omega / run.fs)) ** 2
+        rms = self.process.fraction * run.sprung.std(axis=0)
+        density = (read[:, :n] * rms**2) @ read[:, :n].conj().transpose(0, 2, 1)
+        return np.asarray(shape[:, np.newaxis, np.newaxis] * density, dtype=np.complex128)
+
+    def _straight(
+        self, theta: FloatArray, place: int, prediction: Prediction
+    ) -> tuple[FloatArray, Mobility, ComplexArray, FloatArray, ComplexArray]:
+        """Lines, what forces do to the body, springs with the mean slopes of the laws, and what gives z from z''."""
+        omega = self.runs[place].omega
         slots = self.resting_interfaces(theta, place)
         moved = self.mobility(theta, place)
         spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
@@ -744,10 +823,7 @@ class Model:
         square = (omega**2)[:, np.newaxis, np.newaxis]
         # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
         system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(slots))
-        driven = -np.eye(len(slots)) + moved.accelerance * ground / square
-        travel = np.linalg.solve(system, driven[:, :, :n])
-        force = (spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
-        return -(moved.reading @ force)[:, : len(self.sensors.sprung)]
+        return omega, moved, spring, ground, system
 
 
 def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:

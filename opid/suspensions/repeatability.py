@@ -51,6 +51,14 @@ class Levels:
         """
         return replace(self, covariance=self.covariance * np.outer(factors, factors))
 
+    def with_more(self, covariance: FloatArray) -> Levels:
+        """Return the levels with what else is not known.
+
+        Args:
+            covariance: (n_unknowns, n_unknowns) of it.
+        """
+        return replace(self, covariance=self.covariance + covariance)
+
     def second_moments(self) -> FloatArray:
         """Return the mean square of the vector less that of the fit, over all levels, (n_unknowns, n_unknowns)."""
         about = np.einsum("l,lij->ij", self.weight, self.covariance)

@@ -25,6 +25,7 @@ from opid.suspensions.study import Study
 from opid.suspensions.visited_force import VisitedForce, visited_force
 
 if TYPE_CHECKING:
+    from opid.suspensions.model_error import Limit, ModelError
     from opid.suspensions.paper.chain import PaperChain
 
 SCHEMA = "opid.identification/1"
@@ -219,6 +220,25 @@ class RunResidual:
     loading: tuple[tuple[float, float, float], ...]
 
 
+@dataclass(frozen=True)
+class Equivalent(Estimates):
+    """The straight suspension of one gear that comes nearest to it over the motion of a run.
+
+    Args:
+        run: name of the run.
+        stiffness_per_mass: over the mass of that run, 1/s^2.
+        damping_per_mass: likewise, 1/s.
+        natural_frequency_hz: of that mass on it, Hz.
+        damping_ratio: of that mass on it.
+    """
+
+    run: str
+    stiffness_per_mass: Estimate = _NOTHING
+    damping_per_mass: Estimate = _NOTHING
+    natural_frequency_hz: Estimate = _NOTHING
+    damping_ratio: Estimate = _NOTHING
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What the numbers of one fitted structure rest on.
@@ -237,6 +257,7 @@ class Evidence:
         limits: what limits the precision, one sentence each.
         repeatability: how much alike the runs are.
         n_starts: ways that were tried.
+        error: what limits the answer of one gear that leaves more than noise; else None.
     """
 
     fit: Fit
@@ -252,6 +273,7 @@ class Evidence:
     limits: tuple[str, ...]
     repeatability: Repeatability
     n_starts: int
+    error: ModelError | None
 
 
 @dataclass(frozen=True)
@@ -297,6 +319,7 @@ class Identification:
         not_determined: why there are no absolute values, or no values at all; None if there are.
         options: what was asked for.
         settings: of the estimator.
+        equivalents: of one gear in each run.
     """
 
     study: Study
@@ -317,6 +340,15 @@ class Identification:
     not_determined: str | None
     options: Options
     settings: Settings
+    equivalents: tuple[Equivalent, ...] = ()
+
+    @property
+    def limited_by(self) -> Limit:
+        """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself."""
+        if self.residual_over_noise <= self.settings.verdicts.explained:
+            return "noise"
+        errors = [each.error for each in self.evidence if each.error is not None]
+        return errors[0].limit if errors else "model"
 
     @property
     def method(self) -> str:

@@ -18,7 +18,7 @@ from opid.errors import InputError
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.band_lines import at_lines, band_lines, places_of, sampled_finer
+from opid.suspensions.band_lines import at_lines, band_lines, lowest_rate_hz, places_of, sampled_finer
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
 
@@ -59,6 +59,8 @@ class DrivenRun:
         finer: how many times finer than recorded the arrays are sampled, so that a step of the model is short enough.
         stride: samples from one step of the model to the next: 1, or more on the way to a fit.
         settings: how it was prepared.
+        error_level: how large the errors of this run are over those of the others, where a model is wrong: they are
+            weighed by its inverse, so that no run rules the others by its strength.
     """
 
     unsprung: FloatArray
@@ -70,6 +72,7 @@ class DrivenRun:
     finer: int
     stride: int
     settings: RunSettings
+    error_level: float = 1.0
     # what was made of the records so far
     _sides: dict[Side, FloatArray] = field(init=False, default_factory=dict)
     _parts: dict[tuple[Side, tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
@@ -94,7 +97,10 @@ class DrivenRun:
         suspensions the samples between them serve the half steps, without what steps so long take for the band.
         """
         highest_hz = float(self.omega[-1]) / (2 * np.pi)
-        by = int(self.fs / (2 * max(self.settings.lowest_rate_hz, highest_hz / self.settings.highest_fraction)))
+        lowest_hz = max(
+            lowest_rate_hz(self.settings.band_hz[1], self.settings), highest_hz / self.settings.highest_fraction
+        )
+        by = int(self.fs / (2 * lowest_hz))
         if by < 1:
             return self
         fs, low_hz = self.fs / (2 * by), float(self.omega[0]) / (2 * np.pi)
@@ -117,6 +123,22 @@ class DrivenRun:
             recorded_fs=by * self.recorded_fs,
             finer=by * self.finer,
         )
+
+    def split(self, n_pieces: int) -> tuple[DrivenRun, ...]:
+        """Return pieces of the run of about the same length, each with the lines that it has in the band.
+
+        Args:
+            n_pieces: how many.
+        """
+        low_hz, high_hz = (float(self.omega[k]) / (2 * np.pi) for k in (0, -1))
+        size, found = len(self.sprung) // n_pieces, []
+        for first in range(0, n_pieces * size, size):
+            n_steps = -(-size // self.stride)
+            lines = band_lines(n_steps, fs=self.fs, band_hz=(low_hz, high_hz * (1 + 1e-9)), settings=self.settings)
+            own = slice(first, first + lines.n_samples * self.stride)
+            sides = [each[own] - each[own].mean(axis=0) for each in (self.unsprung, self.sprung, self.leaks)]
+            found.append(replace(self, unsprung=sides[0], sprung=sides[1], leaks=sides[2], omega=lines.omega))
+        return tuple(found)
 
     @cached_property
     def ground_at_start(self) -> tuple[FloatArray, FloatArray]:

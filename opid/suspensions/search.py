@@ -360,7 +360,7 @@ def judged(found: Found, question: Question) -> Found:
     """
     fit = found.fit
     if is_hopeless(fit):
-        return found
+        return found if question.law_is_given else _with_fewer_terms(found)
     settings = fit.model.settings
     problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
     coarse = _thinned(fit)
@@ -388,6 +388,28 @@ def judged(found: Found, question: Question) -> Found:
     tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in told]
     story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _with_fewer_terms(found: Found) -> Found:
+    """Where a search ended with the smallest law that leaves hardly more: none of them is the law."""
+    fit, known = found.fit, found.fit.model.settings.search
+    chosen_step = next((step for step in found.ladder if step.fit.law_name == fit.law_name), None)
+    if chosen_step is None:
+        return found
+    largest = (1 + known.overfit_fraction) * chosen_step.fit.error_rms
+    alike = [
+        step
+        for step in found.ladder
+        if step.fit.model.runs[0].fs == chosen_step.fit.model.runs[0].fs and step.fit.error_rms <= largest
+    ]
+    best = min(alike, key=lambda step: (n_terms(step.fit), step.fit.error_rms))
+    if n_terms(best.fit) == n_terms(fit):
+        return found
+    again = refit(fit, best.fit.laws)
+    if again is None or again.error_rms > (1 + known.overfit_fraction) * fit.error_rms:
+        return found
+    ladder = (*(replace(step, kept=False) for step in found.ladder if step is not best), replace(best, kept=True))
+    return replace(found, fit=again, ladder=ladder)
 
 
 def _is_same(fit: Fit, other: Fit) -> bool:

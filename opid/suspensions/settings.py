@@ -15,10 +15,11 @@ class Verdicts:
     Args:
         explained: up to here the model explains the runs; estimated noise floors scatter by a tenth.
         noted: above this a single gear's residual is worth a warning.
-        doubtful: above this what the model lacks rules the answer, and intervals are widened or withheld.
-        refused: above this no number is told, and laws and faults are searched only where they promise much.
-        refused_fraction: a doubtful model is refused, too, where it leaves more than this fraction of the body's rms
-            acceleration.
+        doubtful: above this what the model lacks rules the answer.
+        refused: above this laws and faults are searched only where they promise much, and of a user's own structure no
+            number is told.
+        refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the
+            body's rms acceleration: less than a third of the power is then explained.
         loosely_known: a value whose standard deviation is a larger fraction of it is not determined.
     """
 
@@ -26,7 +27,7 @@ class Verdicts:
     noted: float = 1.5
     doubtful: float = 3.0
     refused: float = 20.0
-    refused_fraction: float = 0.25
+    refused_fraction: float = 0.8
     loosely_known: float = 0.25
 
 
@@ -37,7 +38,9 @@ class RunSettings:
     Args:
         band_hz: lines of the prediction errors that are compared: below, sensors drift; above, struts answer little.
         highest_fraction: lines above this fraction of the rate are not compared: filters of loggers end there.
-        lowest_rate_hz: below, a step of the model a sample is too coarse; such runs are sampled finer.
+        lowest_rate_hz: below, a step of the model a sample is too coarse; such runs are sampled finer ...
+        rate_over_band: ... and this times the highest line that is asked for is enough: a building that is compared up
+            to 8 Hz need not be followed as a gear is.
         least_lines: a band of fewer lines tells nothing.
         stop_db: what the steps of a coarse run would fold into the band is weakened by this.
         least_noise_fraction: no model of a strut is better than this fraction of the motion, however quiet the sensor.
@@ -60,6 +63,7 @@ class RunSettings:
     band_hz: tuple[float, float] = (0.3, 40.0)
     highest_fraction: float = 0.4
     lowest_rate_hz: float = 250.0
+    rate_over_band: float = 6.25
     least_lines: int = 20
     stop_db: float = 60.0
     least_noise_fraction: float = 0.003
@@ -114,7 +118,8 @@ class FitSettings:
         mass_fractions: the largest loading lies between these fractions of the mass, where a fit begins with the runs
             without loading alone ...
         n_mass_fractions: ... and so many are tried.
-        most_hopeless_evaluations: with all readings, in a fit that is refused: only how much it leaves is told.
+        most_hopeless_evaluations: with all readings, in a fit that leaves much more than noise: it ended at a coarse
+            rate.
         least_promise: a fit ends when the next step promises less of the squared error over its variance.
         promise_in_search: the same while laws are searched, and in fits of all runs but one.
         promise_from_afar: the same while the noise is exaggerated.
@@ -138,7 +143,7 @@ class FitSettings:
     start_rounds: tuple[tuple[float, int], ...] = ((0.5, 16), (2.0, 1))
     most_evaluations: int = 50
     most_refit_evaluations: int = 15
-    most_hopeless_evaluations: int = 2
+    most_hopeless_evaluations: int = 4
     mass_fractions: tuple[float, float] = (0.01, 0.6)
     n_mass_fractions: int = 16
     least_promise: float = 1e-2
@@ -264,6 +269,37 @@ class RegressionSettings:
     n_refitted: int = 3
     n_passes: int = 4
     most_terms: int = 3
+
+
+@dataclass(frozen=True)
+class ProcessSettings:
+    """How it is told whether a fit is limited by forces that nobody measured or by the model itself.
+
+    Args:
+        fractions: rms accelerations by unmeasured forces that are tried, over that of the readings: the least is where
+            the readings begin to hold the motion, and beyond the largest nothing changes.
+        corners: of its spectral density that are tried, over the highest line.
+        bands_per_octave: in which the errors may have levels of their own ...
+        least_lines: ... and lines that a band holds at least, so that its level is known to a fifth.
+        n_rounds: of fitting and finding levels by turns, at the most.
+        least_gain: the rounds end when the logarithm of the likelihood gains less.
+        same_std: both fits agree where no parameter differs by more standard deviations: of true models with a force on
+            the body that nobody measured, 0.2 to 0.7 were seen; of wrong ones 5 and more.
+        surely_other_std: beyond so many no likelier process noise is looked for.
+        piece_s: under a wrong model parameters are fitted to pieces of so many seconds, s, ...
+        most_pieces: ... at most so many of a run.
+    """
+
+    fractions: tuple[float, ...] = (0.03, 0.3)
+    corners: tuple[float, ...] = (0.075, 0.75)
+    bands_per_octave: float = 3.0
+    least_lines: int = 12
+    n_rounds: int = 4
+    least_gain: float = 1.0
+    same_std: float = 2.0
+    surely_other_std: float = 6.0
+    piece_s: float = 20.0
+    most_pieces: int = 3
 
 
 @dataclass(frozen=True)
@@ -476,6 +512,7 @@ class Settings:
         search: of laws.
         origin: of laws, where it is not where a suspension rests.
         regression: of laws, by the second method.
+        process: noise that tells forces that nobody measured from what the model lacks.
         faults: that may be let in.
         repeatability: of the suspensions from run to run.
         intervals: and what is said of them.
@@ -495,6 +532,7 @@ class Settings:
     search: SearchSettings = field(default_factory=SearchSettings)
     origin: OriginSettings = field(default_factory=OriginSettings)
     regression: RegressionSettings = field(default_factory=RegressionSettings)
+    process: ProcessSettings = field(default_factory=ProcessSettings)
     faults: FaultSettings = field(default_factory=FaultSettings)
     repeatability: RepeatabilitySettings = field(default_factory=RepeatabilitySettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)

@@ -12,8 +12,9 @@ from opid.mechanics.laws import LAWS
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import Fit, fits_of_each_run
+from opid.suspensions.fit import Fit, fits_of_each_run, runs_contradict_each_other
 from opid.suspensions.limits import repeatability_rules
+from opid.suspensions.model_error import ModelError
 from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import (
@@ -131,6 +132,14 @@ def _why_no_mass_of_gear(choice: Choice) -> str | None:
             f"the runs respond as if the sign of the mass change ({largest:g} kg) were opposite: check mass_change_kg "
             "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"
         )
+    if part.error is not None and part.error.limit == "model":
+        return (
+            f"what the model leaves, {100 * unexplained_fraction(part):.2g} % of the body's acceleration and "
+            f"{over_noise(choice.ratio)} times the sensors' noise, goes with the motion and bends the parameters, and "
+            "no mass can be told: the law may be outside the library, this gear may not be alone on its body, which "
+            "rolls and pitches on others (then describe all of them in [[interfaces]]), or the channels or the mass "
+            "changes are not as stated; the ratios to the mass are given, as equivalents over the motion of these runs"
+        )
     if is_loose and choice.ratio > choice.verdicts.doubtful:
         return (
             f"the fitted model leaves {over_noise(choice.ratio)} times the sensors' noise, and no mass fits the runs: "
@@ -179,25 +188,27 @@ def _why_gear_refused(study: Study, part: Fitted) -> str | None:
     if ratio <= verdicts.doubtful:
         return None
     frequencies = natural_frequencies(fit)
-    if (
-        len(study.runs) > 1
-        and len({run.mass_change_kg for run in study.runs}) == 1
-        and max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
-    ):
+    differ = max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
+    if differ and runs_contradict_each_other(fit):
         return (
             "all runs are said to have the same sprung mass, so only ratios to it could be determined, and they do not "
             f"even behave alike (natural frequencies {min(frequencies):.3f} to {max(frequencies):.3f} Hz): check "
             "mass_change_kg"
         )
-    signal = float(np.sqrt(np.mean([np.mean(run.sprung**2) for run in fit.model.runs])))
-    if ratio <= verdicts.refused and fit.noise_m_per_s2 <= verdicts.refused_fraction * signal:
+    left = unexplained_fraction(part)
+    if left <= verdicts.refused_fraction:
         return None
     return (
-        f"the fitted model leaves {ratio:.0f} times the sensor noise unexplained, so every number of it would be a "
-        "guess: check the channels (swapped, upside down, in another unit) and the mass changes, let the law be "
-        "searched, or take another band; or this gear is not alone on its body, which rolls and pitches on others: "
-        "then describe all of them in [[interfaces]]"
+        f"the fitted model leaves {100 * left:.0f} % of the body's rms acceleration unexplained ({ratio:.0f} times the "
+        "sensor noise), so every number of it would be a guess: check the channels (swapped, upside down, in another "
+        "unit) and the mass changes, let the law be searched, or take another band; or this gear is not alone on its "
+        "body, which rolls and pitches on others: then describe all of them in [[interfaces]]"
     )
+
+
+def unexplained_fraction(part: Fitted) -> float:
+    """Return what the free motion leaves of the body's rms acceleration over all runs; 0 where that was not asked."""
+    return 0.0 if part.error is None else float(np.sqrt(np.mean(np.square(part.error.unexplained))))
 
 
 def natural_frequencies(fit: Fit) -> list[float]:
@@ -389,12 +400,28 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
         f"mean level): {_reason(part.fit, found.band_hz)}"
     )
     if ratio > verdicts.noted:
-        wider = f"; the intervals are widened by {ratio / verdicts.doubtful:.1f}"
-        grown = wider if ratio > verdicts.doubtful and not answer.is_refused else ""
-        yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}{grown}"
+        yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}"
+        if part.error is not None and not answer.is_refused:
+            yield _limited_by(part.error)
     else:
         size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
         yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
+
+
+def _limited_by(error: ModelError) -> str:
+    """What limits an answer that leaves more than noise, in words."""
+    left = " and ".join(f"{100 * each:.2g}" for each in error.unexplained)
+    if error.limit == "model":
+        return (
+            f"the answer is limited by the model, which leaves {left} % of the body's acceleration: how the errors are "
+            "weighed moves the parameters by more than their intervals, which are widened by that, and by how they "
+            "differ from one piece of the runs to the other"
+        )
+    return (
+        f"the answer is limited by something that moves the body and that no sensor measured ({left} % of its "
+        "acceleration): it does not bend the parameters, which are the same however the errors are weighed, and the "
+        "intervals allow for it"
+    )
 
 
 def _reason(fit: Fit, band_hz: tuple[float, float]) -> str:

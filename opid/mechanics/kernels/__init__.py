@@ -149,26 +149,30 @@ def predictions(
         step_s: s.
         start: (n_states,) z, v, [d, e], offset of the drive, offset of the measured, of all interfaces each.
         covariance_start: (n_states, n_states).
-        noise: (5, n_interfaces) rms of drive and measured, what their offsets walk in a step, rms of motion, m/s^2.
+        noise: (7, n_interfaces) rms of drive and measured, what their offsets walk in a step, rms of motion and of the
+            acceleration by unmeasured forces, m/s^2, and at what rate the latter decays, 1/s.
         ground: whether d and e are states.
         sensitivity: whether derivatives are wanted, (n_interfaces, n_parameters, n); else there are none.
     """
     n = drive.shape[1]
     # nothing is corrected where the state is certain and nothing disturbs it
-    correct = bool(covariance_start.any() or noise[[0, 2, 3, 4]].any())
-    # the kernel follows z, v, what the laws remember, both offsets, [d, e]
+    correct = bool(covariance_start.any() or noise[[0, 2, 3, 4, 5]].any())
+    unmeasured = bool(noise[5].any())
+    # the kernel follows z, v, what the laws remember, both offsets, [d, e], [w]
     order = np.arange(start.size).reshape(-1, n)
     offsets = order[[4, 5, 2, 3]] if ground else order[2:]
     memory_start = memory_starts(joints)
-    into = np.zeros((start.size + memory_start.size, start.size))
+    n_given = start.size + memory_start.size
+    into = np.zeros((n_given + n * unmeasured, start.size))
     into[: 2 * n] = np.eye(2 * n, start.size)
-    into[2 * n + memory_start.size :] = np.eye(start.size)[offsets.ravel()]
+    into[2 * n + memory_start.size : n_given] = np.eye(start.size)[offsets.ravel()]
     covariance = into @ covariance_start @ into.T
+    covariance[n_given:, n_given:] = np.diag(noise[5, : n * unmeasured] ** 2)
     covariance[np.arange(2 * n, 2 * n + memory_start.size), np.arange(2 * n, 2 * n + memory_start.size)] = (
         memory_start**2 if correct else 0.0
     )
     # what is compiled for one interface has room for few states
-    single = n == 1 and memory_start.size <= (0 if ground else 1)
+    single = n == 1 and memory_start.size + unmeasured <= (0 if ground else 2) and memory_start.size <= 1
     # directions last: the innermost loops go over them
     ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     innovation, spread, changes, motion = _predictions(
@@ -176,6 +180,7 @@ def predictions(
         None if single else n,
         (0.0,) * memory_start.size if single else (),
         (ground or None) if single else ground,
+        (unmeasured or None) if single else unmeasured,
         joints,
         accelerance,
         ways[0],

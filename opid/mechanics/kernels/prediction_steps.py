@@ -1,9 +1,11 @@
 """Predict, correct, repeat: the filter of `opid.mechanics.prediction`, compiled.
 
-State of n interfaces, n numbers each: z, v, [h], offset of the drive o, offset of the readings r, [d, e]. What the laws
-remember, h, is one number for each term with memory, h' = r(h, v). d and e are there only where a ground spring needs
-the place of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. With b = -A F, z' = v and
-v' = b - u - o, a sensor reads b + r; one that sits beside its interface reads -R F + r.
+State of n interfaces, n numbers each: z, v, [h], offset of the drive o, offset of the readings r, [d, e], [w]. What the
+laws remember, h, is one number for each term with memory, h' = r(h, v). d and e are there only where a ground spring
+needs the place of the body: x = z + d, and d' = e, e' = u + o know nothing of the law. w is the acceleration of the
+body by forces that nobody measured. It decays by a factor from sample to sample and is pushed anew at random; between
+two samples it is a straight line. With b = w - A F, z' = v and v' = b - u - o, a sensor reads b + r; one that sits
+beside its interface reads w - R F + r.
 
 A small change y of (z, v, h) obeys y' = J_s y + (0, c_s, 0) at stage s of a step of the length t,
 
@@ -85,9 +87,15 @@ def _step_matrices(  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="fused")
-def _by_offset_and_ground(linear, of_acceleration, of_force, step_s, ground, transition, of_drive):  # type: ignore[no-untyped-def]
-    """What the drive at each half step does to (z, v, h), by itself and by d of later stages; columns of o, d and e."""
+def _by_offset_and_ground(  # type: ignore[no-untyped-def]
+    linear, of_acceleration, of_force, step_s, ground, unmeasured, decay, transition, of_drive, of_push
+):
+    """What the drive at each half step does to (z, v, h), by itself and by d of later stages; columns of o, d, e and w.
+
+    `of_push` is what a push at the end of the step does, which w grows to from nothing at its beginning.
+    """
     n, n_moving = linear.shape[0], transition.shape[0]
+    n_states = transition.shape[1]
     for row in range(n_moving):
         for i in range(n):
             g = linear[i, 2]
@@ -102,12 +110,18 @@ def _by_offset_and_ground(linear, of_acceleration, of_force, step_s, ground, tra
             if ground:
                 transition[row, n_moving + 2 * n + i] = g * (first + second + third + fourth)
                 transition[row, n_moving + 3 * n + i] = g * step_s * (0.5 * (second + third) + fourth)
+            if unmeasured:
+                halfway = of_acceleration[1, row, i] + of_acceleration[2, row, i]
+                of_push[row, i] = 0.5 * halfway + of_acceleration[3, row, i]
+                transition[row, n_states - n + i] = (
+                    of_acceleration[0, row, i] + 0.5 * halfway + decay[i] * of_push[row, i]
+                )
 
 
 @part(inline=True, freedom="fused")
-def _carry(n, transition, ground, moving, resting, carried):  # type: ignore[no-untyped-def]
+def _carry(n, transition, ground, unmeasured, moving, resting, carried):  # type: ignore[no-untyped-def]
     """Add rows z, v and h of Phi times columns to `carried`; `moving` has these rows of them, `resting` the others."""
-    n_moving = transition.shape[0]
+    n_moving, n_states = transition.shape
     for row in range(n_moving):
         for i in range(n):
             # an offset of the readings moves nothing
@@ -120,6 +134,10 @@ def _carry(n, transition, ground, moving, resting, carried):  # type: ignore[no-
             else:
                 for c in range(moving.shape[1]):
                     carried[row, c] += z * moving[i, c] + v * moving[n + i, c] + o * resting[i, c]
+            if unmeasured:
+                w = transition[row, n_states - n + i]
+                for c in range(moving.shape[1]):
+                    carried[row, c] += w * resting[n_states - n_moving - n + i, c]
         for q in range(2 * n, n_moving):
             h = transition[row, q]
             for c in range(moving.shape[1]):
@@ -145,7 +163,9 @@ def _dot_of_rows(one, row, other, other_row):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="fused")
-def _carry_covariance(transition, step_s, n_steps, ground, noise, tied, covariance, product):  # type: ignore[no-untyped-def]
+def _carry_covariance(  # type: ignore[no-untyped-def]
+    transition, step_s, n_steps, ground, unmeasured, decay, of_push, noise, tied, covariance, product
+):
     """P = Phi P Phi' + Q; noise of the drive acts like an offset that lasts a step, that of the motion spares d.
 
     In each of `n_steps` steps from one sample to the next an offset walks an n-th of its variance, and white noise of
@@ -155,10 +175,13 @@ def _carry_covariance(transition, step_s, n_steps, ground, noise, tied, covarian
     for row in range(n_moving):
         for s in range(n_states):
             product[row, s] = 0.0
-    _carry(n, transition, ground, covariance[:n_moving], covariance[n_moving:], product)
+    _carry(n, transition, ground, unmeasured, covariance[:n_moving], covariance[n_moving:], product)
     for row in range(n_moving):
         for q in range(row + 1):
             total = _dot_of_rows(product, row, transition, q)
+            for i in range(n if unmeasured else 0):
+                pushed = noise[5, i] ** 2 * (1.0 - decay[i] ** 2)
+                total += pushed * of_push[row, i] * of_push[q, i]
             for i in range(n):
                 of_row, of_q = transition[row, n_moving + i], transition[q, n_moving + i]
                 total += n_steps * noise[0, i] ** 2 * of_row * of_q
@@ -185,6 +208,16 @@ def _carry_covariance(transition, step_s, n_steps, ground, noise, tied, covarian
             covariance[d + i, e + i] += 0.5 * variance * step_s**3
             covariance[e + i, d + i] += 0.5 * variance * step_s**3
             covariance[e + i, e + i] += variance * step_s**2
+    for i in range(n if unmeasured else 0):
+        # the rows z, v and h of `product` have the old w, the others the new one but for its push
+        w, pushed = n_states - n + i, noise[5, i] ** 2 * (1.0 - decay[i] ** 2)
+        for row in range(n_moving):
+            product[row, w] = decay[i] * product[row, w] + pushed * of_push[row, i]
+        for s in range(n_moving, n_states):
+            covariance[w, s] *= decay[i]
+        for s in range(n_moving, n_states):
+            covariance[s, w] *= decay[i]
+        covariance[w, w] += pushed
     for row in range(n_moving):
         for s in range(n_moving, n_states):
             covariance[row, s] = covariance[s, row] = product[row, s]
@@ -208,12 +241,14 @@ def _balance(step_s, tied, transition):  # type: ignore[no-untyped-def]
 
 
 @part(inline=True, freedom="fused")
-def _gain(n_moving, ground, covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
+def _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale):  # type: ignore[no-untyped-def]
     """Gain K of the white innovation, lower Cholesky factor of the covariance of the raw one, and P - K K'."""
     n, n_states = by_state.shape
     for i in range(n):
         for s in range(n_states):
             gain[i, s] = covariance[n_moving + n + i, s]
+        for s in range(n_states if unmeasured else 0):
+            gain[i, s] += covariance[n_states - n + i, s]
         for k in range(n):
             z, v = by_state[i, k], by_state[i, n + k]
             for s in range(n_states):
@@ -323,14 +358,14 @@ def _push_ground(place, step_s, first_drive, by_drive, resting):  # type: ignore
 
 @kernel(freedom="fused")
 def _predictions(  # type: ignore[no-untyped-def]
-    several, remembered, ground_is_followed, joints, accelerance, by_mass, reading, by_reading, drive, by_drive,
-    measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
+    several, remembered, ground_is_followed, unmeasured_is_followed, joints, accelerance, by_mass, reading, by_reading,
+    drive, by_drive, measured, by_measured, step_s, start, by_start, covariance_start, noise, correct, differentiate,
 ):  # fmt: skip
     """Predict each sample from the ones before it, see `opid.mechanics.prediction`.
 
     `several` is the number of interfaces, or None for one: the compiler then knows the sizes of all small arrays and
     keeps their numbers in registers. For one interface `remembered` is a tuple with a number for each memory, and
-    `ground_is_followed` True or None; for several they are empty and a bool.
+    `ground_is_followed` and `unmeasured_is_followed` are True or None; for several they are empty and bools.
 
     The covariance is that of z + tied d, travel about the place where both springs balance. By itself d grows, for no
     reading sees it in the long run, and with it z: their small difference would drown.
@@ -341,7 +376,8 @@ def _predictions(  # type: ignore[no-untyped-def]
     n = 1 if several is None else several
     ground = False if ground_is_followed is None else ground_is_followed
     n_moving = 2 * n + len(remembered) if several is None else 2 * n + len(joints[6])
-    n_states = n_moving + 4 * n if ground else n_moving + 2 * n
+    unmeasured = False if unmeasured_is_followed is None else unmeasured_is_followed
+    n_states = n_moving + (4 if ground else 2) * n + (n if unmeasured else 0)
     n_samples, linear = measured.shape[0], joints[0]
     owns, owners = _places(joints), _owners(joints)
     n_own, n_mass, n_drive, n_measured = owns[n], by_mass.shape[2], by_drive.shape[1], by_measured.shape[1]
@@ -393,9 +429,11 @@ def _predictions(  # type: ignore[no-untyped-def]
     # what faint terms remember, and v where a step begins and ends
     n_followed = len(joints[7])
     followed, pace = np.zeros((3, n_followed, 4)), np.zeros((2, n))
-    tied = small_zeros(several, (n,))
+    tied, decay, of_push = small_zeros(several, (n,)), small_zeros(several, (n,)), small_zeros(several, (n_moving, n))
     for i in range(n):
         by_state[i, n_moving + n + i], scale[i, i] = 1.0, noise[1, i]
+        if unmeasured:
+            by_state[i, n_states - n + i] = 1.0
         if ground:
             if linear[i, 3] + linear[i, 2] > 0.0:
                 tied[i] = linear[i, 2] / (linear[i, 3] + linear[i, 2])
@@ -431,10 +469,15 @@ def _predictions(  # type: ignore[no-untyped-def]
                 by_state[i, 2 * n + q] = -reading[i, owners[q]] * evolution[seen, q, 3]
             motion[0, i, step], motion[1, i, step], motion[2, i, step] = state[i], state[n + i], body
             white[i] = measured[step, i] - body - state[n_moving + n + i]
+            if unmeasured:
+                motion[2, i, step] += state[n_states - n + i]
+                white[i] -= state[n_states - n + i]
         if differentiate:
             for i in range(n):
                 for p in range(width):
                     change[i, p] = -resting[n + i, p]
+                for p in range(width if unmeasured else 0):
+                    change[i, p] -= resting[n_states - n_moving - n + i, p]
                 for k in range(n):
                     z, v = by_state[i, k], by_state[i, n + k]
                     for p in range(width):
@@ -458,7 +501,7 @@ def _predictions(  # type: ignore[no-untyped-def]
             for k in range(n if ground else 0):
                 for i in range(n):
                     by_state[i, n_moving + 2 * n + k] -= tied[k] * by_state[i, k]
-            _gain(n_moving, ground, covariance, by_state, noise, gain, scale)
+            _gain(n_moving, ground, unmeasured, covariance, by_state, noise, gain, scale)
             for k in range(n if ground else 0):
                 for i in range(n):
                     gain[i, k] -= tied[k] * gain[i, n_moving + 2 * n + k]
@@ -488,6 +531,8 @@ def _predictions(  # type: ignore[no-untyped-def]
             # written so that nan is many
             n_steps = 1 + int(needed) if needed < _MOST_STEPS else _MOST_STEPS
         part_s = step_s / n_steps
+        for i in range(n if unmeasured else 0):
+            decay[i] = np.exp(-noise[6, i] * part_s)
         for q in range(n_followed):
             for k in range(4):
                 followed[0, q, k] = followed[2, q, k]
@@ -528,6 +573,9 @@ def _predictions(  # type: ignore[no-untyped-def]
                     else:
                         under = drive[2 * step + _STAGE_PLACE[stage], i] + state[n_moving + i]
                     relative = -under
+                    if unmeasured:
+                        ends = 0.5 * _STAGE_PLACE[stage]
+                        relative += (1.0 - ends + ends * decay[i]) * state[n_states - n + i]
                     for k in range(n):
                         relative -= accelerance[i, k] * force[stage, k]
                     # z before v and d before e: the rate of the first is the second, as it stands at this stage
@@ -543,6 +591,8 @@ def _predictions(  # type: ignore[no-untyped-def]
             for i in range(n):
                 pace[0, i], pace[1, i] = state[n + i], following[1, i]
                 state[i], state[n + i] = following[0, i], following[1, i]
+                if unmeasured:
+                    state[n_states - n + i] *= decay[i]
                 if ground:
                     state[n_moving + 2 * n + i], state[n_moving + 3 * n + i] = following[2, i], following[3, i]
             for q in range(n_moving - 2 * n):
@@ -575,7 +625,18 @@ def _predictions(  # type: ignore[no-untyped-def]
                 transition,
                 work,
             )
-            _by_offset_and_ground(linear, of_acceleration, of_force, part_s, ground, transition, of_drive)
+            _by_offset_and_ground(
+                linear,
+                of_acceleration,
+                of_force,
+                part_s,
+                ground,
+                unmeasured,
+                decay,
+                transition,
+                of_drive,
+                of_push,
+            )
             if differentiate:
                 is_first = correct and piece == 0
                 for row in range(n_moving):
@@ -586,7 +647,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                         share = _dot_of_rows(transition, row, gain, i)
                         for p in range(width):
                             carried[row, p] += share * change[i, p]
-                _carry(n, transition, ground, moving, resting, carried)
+                _carry(n, transition, ground, unmeasured, moving, resting, carried)
                 for s in range(n_moving, n_states if is_first else 0):
                     for i in range(n):
                         for p in range(width):
@@ -598,11 +659,26 @@ def _predictions(  # type: ignore[no-untyped-def]
                 if ground:
                     _carry_ground(part_s, n, resting)
                     _push_ground(place, part_s, n_own + n_mass, given, resting)
+                for i in range(n if unmeasured else 0):
+                    for p in range(width):
+                        resting[n_states - n_moving - n + i, p] *= decay[i]
                 moving, carried = carried, moving
             if correct:
                 if ground:
                     _balance(part_s, tied, transition)
-                _carry_covariance(transition, part_s, n_steps, ground, noise, tied, covariance, product)
+                _carry_covariance(
+                    transition,
+                    part_s,
+                    n_steps,
+                    ground,
+                    unmeasured,
+                    decay,
+                    of_push,
+                    noise,
+                    tied,
+                    covariance,
+                    product,
+                )
             for q in range(n_moving - 2 * n):
                 row, limit = 2 * n + q, joints[6][q, 1]
                 if np.abs(state[row]) > limit:
