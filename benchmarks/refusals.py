@@ -9,6 +9,7 @@ answer and a refusal need.
 import argparse
 import os
 import time
+from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 # before numpy is loaded
@@ -26,10 +27,11 @@ class Outcome(NamedTuple):
         busy_s: processor time, s.
         residual: over the sensors' noise; NaN if there was no fit.
         answer: mass and interval, or the reason why there is none.
-        refused: whether no mass is told.
+        refused: whether nothing is told.
         holds: whether the interval of the mass holds the truth; None without an interval or a truth.
         wide_percent: half the interval over the mass; NaN without an interval.
         law: that was found.
+        limited_by: noise, unmeasured forces or the model; "-" if there was no fit.
     """
 
     busy_s: float
@@ -39,6 +41,7 @@ class Outcome(NamedTuple):
     holds: bool | None
     wide_percent: float
     law: str
+    limited_by: str = "-"
 
 
 def outcome(world: str, seed: int) -> Outcome:
@@ -52,21 +55,27 @@ def outcome(world: str, seed: int) -> Outcome:
         return Outcome(time.process_time() - begun, np.nan, said, True, None, np.nan, "-")
     busy_s = time.process_time() - begun
     mass, residual, law = found.parameters.sprung_mass_kg, residual_over_noise(found), found.law.name
+    by = found.limited_by
     if mass.value is None:
-        return Outcome(busy_s, residual, found.not_determined or "no mass", True, None, np.nan, law)
+        # of the reason the first words tell which one it is
+        reason = (found.not_determined or "no mass").split(",")[0]
+        frequency = found.ratios.natural_frequency_hz
+        if frequency.value is not None:
+            reason += f"; {frequency.value:.3f} +- {1.96 * (frequency.std or np.nan):.2g} Hz"
+        return Outcome(busy_s, residual, reason, found.is_refused, None, np.nan, law, by)
     if mass.interval95 is None:
-        return Outcome(busy_s, residual, f"{mass.value:.1f} kg, no interval", False, None, np.nan, law)
+        return Outcome(busy_s, residual, f"{mass.value:.1f} kg, no interval", False, None, np.nan, law, by)
     low, high = mass.interval95
     holds = None if truth_kg is None else mass.holds(truth_kg)
     said = f"{mass.value:.1f} kg, {low:.1f} to {high:.1f}"
     said += "" if truth_kg is None else f" ({100 * (mass.value / truth_kg - 1):+.2f} %)"
-    return Outcome(busy_s, residual, said, False, holds, 50 * (high - low) / mass.value, law)
+    return Outcome(busy_s, residual, said, False, holds, 50 * (high - low) / mass.value, law, by)
 
 
 def warm_up() -> None:
     """Compile: an answer, and a refusal."""
     for world in ("nominal", "noise"):
-        identify(WORLDS[world].study(1_000_000)[0])
+        outcome(world, 1_000_000)
 
 
 def summary(outcomes: list[Outcome]) -> str:
@@ -78,6 +87,7 @@ def summary(outcomes: list[Outcome]) -> str:
     residual = [each.residual for each in outcomes if np.isfinite(each.residual)]
     cells = [
         f"{refused} of {len(outcomes)}",
+        f"{sum(np.isfinite(each.wide_percent) for each in outcomes)} of {len(outcomes)}",
         f"{sum(held)} of {len(held)}" if held else "-",
         f"{np.median(wide):.2f}" if wide else "-",
         f"{np.median(residual):.2f} / {max(residual):.2f}" if residual else "-",
@@ -91,27 +101,30 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", help=f"names joined by commas, of {', '.join(WORLDS)}; all where left out")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
     names = options.worlds.split(",") if options.worlds else list(WORLDS)
     unknown = set(names) - set(WORLDS)
     if unknown:
         parser.error(f"there is no world {', '.join(sorted(unknown))}: see --help")
-    warm_up()
     found: dict[str, list[Outcome]] = {}
-    print("| world | seed | processor, s | residual over noise | law | answer or reason | interval holds |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| world | seed | processor, s | residual over noise | limited by | law | answer or reason | interval holds |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     # every world once before any a second time: a run that is broken off has seen all of them
-    for seed in range(options.seeds):
-        for name in names:
-            each = outcome(name, seed)
+    cases = [(name, seed) for seed in range(options.seeds) for name in names]
+    with ProcessPoolExecutor(options.jobs, initializer=warm_up) as pool:
+        for (name, seed), each in zip(cases, pool.map(outcome, *zip(*cases, strict=True)), strict=True):
             found.setdefault(name, []).append(each)
             holds = "-" if each.holds is None else "yes" if each.holds else "NO"
-            print(
-                f"| {name} | {seed} | {each.busy_s:.1f} | {each.residual:.2f} | {each.law} | {each.answer} | {holds} |",
-                flush=True,
-            )
-    print("\n| world | refused | intervals that hold | half interval, % | residual: median / worst | processor, s |")
-    print("|---|---|---|---|---|---|")
+            cells = (name, seed, f"{each.busy_s:.1f}", f"{each.residual:.2f}", each.limited_by, each.law, each.answer)
+            print(f"| {' | '.join(map(str, cells))} | {holds} |", flush=True)
+    print(
+        "\n| world | refused | mass told | intervals that hold | half interval, % | residual: median / worst | "
+        "processor, s |"
+    )
+    print("|---|---|---|---|---|---|---|")
     for name, outcomes in found.items():
         print(f"| {name}: {WORLDS[name].why} | {summary(outcomes)} |")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from scipy import signal
 from opid.mechanics.airframe import Loading
 from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test, tyre_force
 from opid.mechanics.laws import FloatArray
+from opid.mechanics.response import time_response
 from opid.mechanics.road import SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor, decimate, measure
+from opid.mechanics.structure import Joint, Structure
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.signals.recording import Recording, recording_from_arrays
@@ -30,6 +33,10 @@ DURATION_S, LEAD_IN_S, TAIL_S = 40.0, 8.0, 0.25
 FS, STEPS = 512.0, 16
 # rms acceleration by a force that nobody measures, over that by the road
 UNMEASURED_SHARE = 0.03
+# two blades a turn at 1200 and 1180 rev/min, by run, and their share of the rms acceleration
+ENGINE_HZ, ENGINE_SHARE = (20.0, 19.7), 0.1
+# what bends with a third of the airframe's mass
+BENDING_HZ, BENDING_DAMPING, BENDING_SHARE = 8.0, 0.02, 0.35
 STIFFER = 1.02
 
 
@@ -178,8 +185,8 @@ def with_memory(title: str, memory: Callable, parameters: tuple[float, ...]) -> 
     return lambda seed: _two_runs(title, memory, parameters, seed)
 
 
-def pushed(seed: int) -> tuple[AnyStudy, float]:
-    """A force on the airframe from 0.5 to 40 Hz: it alone would move the free mass by 3 % of what the road does."""
+def pushed(seed: int, share: float = UNMEASURED_SHARE) -> tuple[AnyStudy, float]:
+    """A force on the airframe from 0.5 to 40 Hz: it alone would move the free mass by a share of what the road does."""
     plain, _ = _two_runs("not pushed", arctan_friction, FRICTION, seed)
     rms = float(np.std(plain.runs[0].recording.channel("upper_z")))
 
@@ -189,9 +196,70 @@ def pushed(seed: int) -> tuple[AnyStudy, float]:
         sections = signal.butter(2, (0.5, 40.0), "bandpass", fs=FS, output="sos")
         drawn = signal.sosfiltfilt(sections, rng.standard_normal(n // slow + 2))
         fine = np.interp(np.arange(n) / slow, np.arange(drawn.size), drawn)
-        return GEAR.sprung_mass_kg * UNMEASURED_SHARE * rms * fine / np.std(fine)
+        return GEAR.sprung_mass_kg * share * rms * fine / np.std(fine)
 
     return _two_runs("pushed", arctan_friction, FRICTION, seed, aside_n=aside_n)
+
+
+def with_engine(seed: int) -> tuple[AnyStudy, float]:
+    """A propeller shakes the airframe at its blade rate, which another throttle sets in the second run."""
+    plain, _ = _two_runs("without engine", arctan_friction, FRICTION, seed)
+    rms = float(np.std(plain.runs[0].recording.channel("upper_z")))
+    rates = iter(ENGINE_HZ)
+
+    def aside_n(rng: np.random.Generator, n: int, rate_hz: float) -> FloatArray:
+        phase = 2 * np.pi * (next(rates) * np.arange(n) / rate_hz + rng.random())
+        return GEAR.sprung_mass_kg * ENGINE_SHARE * rms * np.sqrt(2) * np.sin(phase)
+
+    return _two_runs("engine", arctan_friction, FRICTION, seed, aside_n=aside_n)
+
+
+def bending(seed: int) -> tuple[AnyStudy, float]:
+    """A body of two masses: the one that the sensor sits on, and what bends on it with the rest of the mass."""
+    rngs = np.random.default_rng(seed).spawn(2)
+    runs = []
+    for name, change_kg, rng in zip(("heavy", "light"), (0.0, -REMOVED_KG), rngs, strict=True):
+        runs.append((name, _bending_run(GEAR.sprung_mass_kg, change_kg, rng), change_kg))
+    return gear_study("bending", runs), GEAR.sprung_mass_kg
+
+
+def _bending_run(mass_kg: float, change_kg: float, rng: np.random.Generator) -> Recording:
+    """One run; what is removed was taken from the part that does not bend."""
+    road_rng, *noise_rngs = rng.spawn(3)
+    speed = SpeedProfile(18.0, 0.5, DURATION_S)
+    begin_m = float(speed.position_m(-LEAD_IN_S))
+    road = iso8608_road("B", length_m=float(speed.position_m(DURATION_S + TAIL_S)) - begin_m, rng=road_rng)
+    bends_kg = BENDING_SHARE * mass_kg
+    omega = 2 * np.pi * BENDING_HZ
+    between = Joint("airframe", (0.0, -1.0, 1.0), bends_kg * omega**2, 2 * BENDING_DAMPING * omega * bends_kg)
+    strut = Joint(
+        "strut",
+        (-1.0, 1.0, 0.0),
+        GEAR.suspension_stiffness_n_per_m,
+        GEAR.suspension_damping_n_s_per_m,
+        GEAR.law,
+    )
+    aircraft = Structure(
+        mass=np.diag([GEAR.unsprung_mass_kg, mass_kg - bends_kg + change_kg, bends_kg]),
+        damping=np.diag([GEAR.tyre_damping_n_s_per_m, 0.0, 0.0]),
+        stiffness=np.diag([GEAR.tyre_stiffness_n_per_m, 0.0, 0.0]),
+        joints=(strut, between),
+        names=("wheel", "airframe", "what bends"),
+    )
+
+    def force(time_s: FloatArray) -> FloatArray:
+        time = time_s - LEAD_IN_S
+        under = tyre_force(GEAR, road, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))
+        return np.pad(under[:, :1], ((0, 0), (0, 2)))
+
+    duration_s = LEAD_IN_S + DURATION_S + TAIL_S
+    motion = time_response(aircraft, force, fs=STEPS * FS, duration_s=duration_s).acceleration[:, :2]
+    record = slice(round(LEAD_IN_S * FS), round((LEAD_IN_S + DURATION_S) * FS))
+    columns = [
+        measure(column, fs=FS, sensor=Sensor(), rng=noise)[record]
+        for column, noise in zip(decimate(motion, STEPS).T, noise_rngs, strict=True)
+    ]
+    return recording_from_arrays(columns, ["lower_z", "upper_z"], fs=FS)
 
 
 def _taxi(seed: int) -> TaxiTest:
@@ -256,7 +324,11 @@ WORLDS = {
     "Bouc-Wen": World("a bushing with hysteresis", with_memory("Bouc-Wen", bouc_wen, BOUC_WEN)),
     "LuGre": World("friction that sticks, breaks loose and slips", with_memory("LuGre", lugre, LUGRE)),
     "stiffer": World("the second flight's strut is 2 % stiffer", stiffer),
+    "pushed 1 %": World("an unmeasured force on the airframe, 1 % of its motion", partial(pushed, share=0.01)),
     "pushed": World("an unmeasured force on the airframe, 3 % of its motion", pushed),
+    "pushed 10 %": World("an unmeasured force on the airframe, 10 % of its motion", partial(pushed, share=0.1)),
+    "engine": World("a propeller shakes the airframe, 10 % of its motion", with_engine),
+    "bending": World("35 % of the airframe's mass bends at 8 Hz", bending),
     "rolling": World("one gear of a rolling aircraft, taken alone", rolling),
     "swapped": World("the two channels are swapped", swapped),
     "exchanged": World("the two runs are exchanged", exchanged),

@@ -184,6 +184,7 @@ def _run(name, loading, rng):
     true = np.stack([np.sin(2 * np.pi * f * time) * np.exp(-((time - 23) ** 2)) for f in (1.4, 1.6, 1.7, 1.9)])
     measured = true + 0.005 * rng.standard_normal(true.shape)
     return RunResidual(
+        unexplained=0.01,
         name=name,
         mass_change_kg=sum(row[0] for row in loading),
         frequency_hz=frequency,

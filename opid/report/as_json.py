@@ -205,13 +205,11 @@ def _structures(result: Identification) -> Json:
 
 
 def _left(result: Identification, place: int) -> Json:
-    """What the free motion leaves of a run, of all runs and of the others, where more than noise is left."""
+    """What the free motion leaves of a run, in a fit of all runs and, where that is more than noise, of the others."""
     errors = [each.error for each in result.evidence if each.error is not None]
-    if not errors:
-        return {"unexplained": None, "unexplained_left_out": None, "inside_left_out": None}
-    left_out = {each.run: each for each in errors[0].left_out}.get(place)
+    left_out = {each.run: each for error in errors for each in error.left_out}.get(place)
     return {
-        "unexplained": errors[0].unexplained[place],
+        "unexplained": result.runs[place].unexplained,
         "unexplained_left_out": None if left_out is None else left_out.unexplained,
         "inside_left_out": None if left_out is None else left_out.inside,
     }

@@ -22,7 +22,7 @@ from opid.suspensions.fit import NO_FIT, Fit, balanced, loading_changes, runs_co
 from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Group, Model, noise_level
-from opid.suspensions.model_error import ModelError, measure_model_error
+from opid.suspensions.model_error import ModelError, measure_model_error, unexplained
 from opid.suspensions.noise import with_own_noise
 from opid.suspensions.repeatability import mends_much, with_departures, with_own_repeatability
 from opid.suspensions.residual import mean_level
@@ -155,6 +155,11 @@ class Fitted:
     def lack(self) -> float:
         """The larger of both."""
         return max(self.residual_over_noise, self.left_out_over_noise or 0.0)
+
+    @cached_property
+    def unexplained(self) -> tuple[float, ...]:
+        """Of each run what the free motion of the model leaves of the readings, as a fraction of their rms."""
+        return unexplained(self.fit)
 
     @property
     def explains(self) -> bool:
@@ -407,6 +412,7 @@ def _begun(
             # what an AC coupling takes from slow motion looks like such a spring
             ground=task.question.ground and not sensors.has_coupling,
             kinds=task.question.kinds if task.law is None else (),
+            lags=[fault for fault in sensors.faults if fault.kind == "lag"] if body.n_interfaces == 1 else (),
             settings=task.settings.start,
         )
     model = Model(

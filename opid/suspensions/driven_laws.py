@@ -59,8 +59,9 @@ class DrivenLaws:
         return found
 
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
-        """Fit other laws from where a fit stands."""
-        return refit(fit, dict(laws), least_promise=self.least_promise)
+        """Fit other laws from where a fit stands; None where they make no suspension."""
+        found = refit(fit, dict(laws), least_promise=self.least_promise)
+        return None if found is None or feeds_energy(found) else found
 
     def left_out(self, fit: Fit) -> float | None:
         """Return what is left of each run as a fit of the others predicts it, m/s^2."""
@@ -94,3 +95,17 @@ def _node(term: Term, columns: FloatArray) -> Node:
     # by the logarithm of the inner parameter, for unit amplitude
     slope = columns[:, 1] * term.inner[0] / term.amplitude if has_slope(term.kind) else None
     return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)
+
+
+def feeds_energy(fit: Fit) -> bool:
+    """Return whether a damper beside a law that remembers is negative: both then make up for a delay between sensors.
+
+    Args:
+        fit: of any laws.
+    """
+    least_std = fit.model.settings.search.least_damping_std
+    for group, first in zip(fit.model.groups, fit.model.first_of_group, strict=True):
+        remembers = any(term.kind.memory is not None for term in group.law.terms)
+        if remembers and fit.theta[first + 1] < -least_std * fit.std[first + 1]:
+            return True
+    return False

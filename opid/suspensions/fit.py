@@ -152,7 +152,7 @@ def first_vector(model: Model, start: Start) -> FloatArray:
     shared += start.factors.tolist()
     if model.mass_free:
         shared.append(start.inverse_mass or 0.0)
-    shared += [fault.nominal for fault in model.faults]
+    shared += [start.lags.get(fault.name, fault.nominal) for fault in model.faults]
     shared += [0.0] * len(model.body.coordinates)
     # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
     return np.array([*shared, *[0.0] * (model.n_own * len(model.runs))])

@@ -431,6 +431,7 @@ def _runs(study: Study, parts: Sequence[Fitted], arrays: Arrays) -> tuple[RunRes
                 measured=np.array(measured),
                 predicted=np.array(predicted),
                 loading=tuple((each.mass_kg, each.x_m, each.y_m) for each in run.masses),
+                unexplained=max(part.unexplained[place] for part in parts),
             )
         )
     return tuple(found)

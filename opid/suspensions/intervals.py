@@ -254,9 +254,11 @@ class Parameters:
         """
         model, motion = self.fit.model, self.fit.errors.predictions[run]
         try:
-            return self.of_function(lambda theta: straight_equivalent(model, theta, run, motion))
+            found = self.of_function(lambda theta: straight_equivalent(model, theta, run, motion))
         except UnboundedResponseError:
             return [Estimate()] * 4
+        # what does not spring back has no frequency
+        return found if (found[0].value or 0.0) > 0.0 else [*found[:2], Estimate(), Estimate()]
 
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.

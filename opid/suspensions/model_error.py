@@ -53,7 +53,6 @@ class ModelError:
         limit: of the answer.
         departure: the largest difference of stiffness, damping or mass between both fits, in standard deviations.
         spread: (n_unknowns, n_unknowns) what it adds to the covariance of the vector.
-        unexplained: of each run the rms of what the free motion of the model leaves over that of the readings.
         left_out: of each run, as the others predict it; none of a single run, or where they do not follow it.
         of_equivalents: (4,) relative standard deviation of stiffness, damping, frequency and damping ratio of the
             straight suspension nearest to it: how they differ from one fit to the other, and from pieces of a run to
@@ -63,7 +62,6 @@ class ModelError:
     limit: Limit
     departure: float
     spread: FloatArray
-    unexplained: tuple[float, ...]
     left_out: tuple[LeftOut, ...]
     of_equivalents: FloatArray
 
@@ -73,9 +71,6 @@ def measure_model_error(fit: Fit) -> ModelError:
 
     Args:
         fit: of a model of one suspension.
-
-    Raises:
-        UnboundedResponseError: a free motion that grows without bound.
     """
     known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
     moved = np.zeros(fit.theta.size)
@@ -99,7 +94,7 @@ def measure_model_error(fit: Fit) -> ModelError:
         of_pieces, by_piece = _over_pieces(fit)
         spread += of_pieces
         of_equivalents = np.hypot(by_piece, _moved_equivalents(fit, moved))
-    return ModelError(limit, departure, spread, unexplained(fit), left_out(fit), of_equivalents)
+    return ModelError(limit, departure, spread, left_out(fit), of_equivalents)
 
 
 def _with_process_noise(fit: Fit) -> Iterator[Fit]:
@@ -213,16 +208,16 @@ def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
 def unexplained(fit: Fit) -> tuple[float, ...]:
     """Return of each run the rms of what the free motion of the model leaves over that of the readings, in the band.
 
+    Infinite where the free motion grows without bound.
+
     Args:
         fit: of any model.
-
-    Raises:
-        UnboundedResponseError: a free motion that grows without bound.
     """
-    found = []
-    for error, reading in _free_errors(fit):
-        found.append(float(np.sqrt(np.sum(np.abs(error) ** 2) / np.sum(np.abs(reading) ** 2))))
-    return tuple(found)
+    try:
+        errors = _free_errors(fit)
+    except NO_FIT:
+        return (np.inf,) * len(fit.model.runs)
+    return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
 
 
 def _free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
@@ -260,8 +255,7 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
         # how strong the motion is, the prediction itself says
         std = share * np.array([_band_rms(each, bands[place]) for each in read - error])
         inside = float(np.mean(np.abs(error) <= _MAGNITUDE_95 * std))
-        left = float(np.sqrt(np.sum(np.abs(error) ** 2) / np.sum(np.abs(read) ** 2)))
-        found.append(LeftOut(place, left, inside))
+        found.append(LeftOut(place, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
     return tuple(found)
 
 

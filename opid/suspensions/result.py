@@ -208,6 +208,8 @@ class RunResidual:
         measured: (n_sensors, n) accelerations of the body, m/s^2.
         predicted: (n_sensors, n) from all that was read before, m/s^2.
         loading: rows (mass kg, x m, y m).
+        unexplained: what the free motion of the model leaves of the readings in the band, as a fraction of their rms;
+            of several fits the largest.
     """
 
     name: str
@@ -218,6 +220,7 @@ class RunResidual:
     measured: FloatArray
     predicted: FloatArray
     loading: tuple[tuple[float, float, float], ...]
+    unexplained: float
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy import fft
 
 from opid.mechanics.laws import LINEAR
 from opid.signals.recording import FloatArray
-from opid.suspensions.driven_laws import DrivenLaws
+from opid.suspensions.driven_laws import DrivenLaws, feeds_energy
 from opid.suspensions.faults import Demand, let_in
 from opid.suspensions.fit import (
     NO_FIT,
@@ -41,7 +41,9 @@ from opid.suspensions.law_search import (
 from opid.suspensions.model import Model
 from opid.suspensions.origins import search_origins
 from opid.suspensions.repeatability import mends_much, with_departures
+from opid.suspensions.residual import measure_whiteness
 from opid.suspensions.run import DrivenRun
+from opid.suspensions.sensor_facts import SIDES
 from opid.suspensions.start import Start
 
 Say = Callable[[str], None]
@@ -175,7 +177,7 @@ class _Search:
 
     def ways(self, model: Model, theta: FloatArray) -> Found:
         """The first way, and others while what is left is more than noise: minima differ from way to way."""
-        noisier, explained = model.settings.fit.noisier, model.settings.verdicts.explained
+        noisier = model.settings.fit.noisier
         bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
         searched = not self.question.law_is_given
         ways: list[Callable[[], Found]] = [lambda: self.way(model, _begun(model, theta, noisier[0]), noisier[0])]
@@ -185,10 +187,11 @@ class _Search:
         ways += [lambda each=each: self.way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
         ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
         best: Found | None = None
+        last: Found | None = None
         failed: Exception | None = None
         n_starts = 0
         for way in ways:
-            if best is not None and (best.fit.ratio <= explained or (n_starts >= n_sure and is_hopeless(best.fit))):
+            if best is not None and (_explains(best.fit) or (n_starts >= n_sure and is_hopeless(best.fit))):
                 break
             if best is not None and runs_contradict_each_other(best.fit):
                 break
@@ -201,7 +204,12 @@ class _Search:
             except NO_FIT as error:
                 failed = failed or error
                 continue
+            if searched and feeds_energy(found.fit):
+                # such a law no search would take; the start values had it
+                last = last or found
+                continue
             best = found if best is None or found.fit.bic < best.fit.bic else best
+        best = best or last
         if best is None:
             assert failed is not None  # no way without a fit or an error
             raise failed
@@ -388,6 +396,14 @@ def judged(found: Found, question: Question) -> Found:
     tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in told]
     story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _explains(fit: Fit) -> bool:
+    """Whether what a fit leaves is the noise of the sensors: as large as that, and white where that is a mere bound."""
+    if fit.ratio > fit.model.settings.verdicts.explained:
+        return False
+    is_stated = all(facts.noise_m_per_s2 for side in SIDES for facts in fit.model.sensors.facts(side))
+    return is_stated or measure_whiteness(fit).white
 
 
 def _with_fewer_terms(found: Found) -> Found:

@@ -91,6 +91,10 @@ class StartSettings:
         n_scales: inner scales at which a term is tried.
         ground_fraction: a fit begins with a ground spring where the equation finds one above this fraction of K ...
         ground_std: ... and above this many standard deviations.
+        lag_std: a delay with a stated tolerance is looked for within so many of it ...
+        n_lags: ... on a grid of so many places ...
+        lag_rounds: ... and so many times, each from one place of the last grid to the next, ...
+        lag_fraction: ... in the band from this fraction of the highest line up to it.
     """
 
     band_hz: tuple[float, float] = (0.5, 12.0)
@@ -100,6 +104,10 @@ class StartSettings:
     n_scales: int = 5
     ground_fraction: float = 0.03
     ground_std: float = 5.0
+    lag_std: float = 2.5
+    n_lags: int = 11
+    lag_rounds: int = 2
+    lag_fraction: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -194,6 +202,7 @@ class SearchSettings:
         lags: at which a law of travel and velocity mixed is tried, over the ratio of their rms.
         most_measured_rms: scales are laid out over the predicted motion, and over this many times the measured one at
             the most: while a model is wrong, its slow travel may be far off.
+        least_damping_std: beside a law that remembers damping must not be negative by more standard deviations.
         every_sample: the rms force of a candidate is taken of every sample but so many: it need be known roughly.
     """
 
@@ -217,6 +226,7 @@ class SearchSettings:
     scale_fractions: tuple[float, float] = (0.4, 0.98)
     lags: tuple[float, ...] = (0.3, 1.0, 3.0)
     most_measured_rms: float = 3.0
+    least_damping_std: float = 2.0
     every_sample: int = 7
 
 

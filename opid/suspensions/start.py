@@ -10,10 +10,12 @@ the answer by some per cent: it is a start, no estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
+from scipy import interpolate
 
 from opid.errors import InputError
 from opid.mechanics.laws import LINEAR, Law, Term
@@ -25,6 +27,7 @@ from opid.suspensions.law_dictionary import stand_together
 from opid.suspensions.law_parameters import offered_terms
 from opid.suspensions.model import Group
 from opid.suspensions.run import DrivenRun
+from opid.suspensions.sensor_facts import Fault
 from opid.suspensions.settings import StartSettings
 
 
@@ -43,6 +46,7 @@ class Start:
             there.
         ground_std: roughly how well it is known.
         stiffness_beside_ground: of each group with these springs, likewise.
+        lags: delay of sensors, of which a tolerance was stated, by the name of the fault, s.
 
     Where the equation asks for springs to the ground that no fault of a sensor would feign, the groups have them.
     """
@@ -56,6 +60,7 @@ class Start:
     ground_stiffness: FloatArray
     ground_std: FloatArray
     stiffness_beside_ground: FloatArray
+    lags: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def has_ground(self) -> bool:
@@ -82,6 +87,7 @@ def start_values(
     mass_free: bool,
     ground: bool = False,
     kinds: Sequence[str] = (),
+    lags: Sequence[Fault] = (),
     settings: StartSettings | None = None,
 ) -> Start:
     """Return start values for the fit of a body.
@@ -93,6 +99,7 @@ def start_values(
         mass_free: whether one over the reference mass is to be found.
         ground: whether the groups may have springs to the ground.
         kinds: of law to try, one after the other, where a group has none.
+        lags: delays of sensors that are not known: a delay of some samples looks like a law that remembers.
         settings: of the equation.
 
     Raises:
@@ -105,14 +112,59 @@ def start_values(
             "measure at more places, or take a body with fewer"
         )
     settings = settings or StartSettings()
-    motions = tuple(_motion(run, body, settings) for run in runs)
-    equation = _Equation(motions, tuple(runs), body, mass_free, settings)
+
+    def equation_of(runs: Sequence[DrivenRun], settings: StartSettings) -> _Equation:
+        motions = tuple(_motion(run, body, settings) for run in runs)
+        return _Equation(motions, tuple(runs), body, mass_free, settings)
+
+    # a delay turns the phase most where motion is quick
+    highest_hz = float(runs[0].omega[-1]) / (2 * np.pi)
+    quick = replace(settings, band_hz=(settings.lag_fraction * highest_hz, highest_hz))
+    delays = {}
+    for lag in lags:
+        delays[lag.name] = _likely_delay(partial(equation_of, settings=quick), runs, lag, groups, settings)
+        runs = [_earlier(run, lag, delays[lag.name]) for run in runs]
+    equation = equation_of(runs, settings)
+    if lags:
+        # a stiff suspension does not give at all where others are told from
+        equation = min((equation, equation_of(runs, quick)), key=lambda each: each.left(groups))
     found = tuple(replace(group, ground=ground) for group in groups)
     if ground and not equation.demands_ground(found):
         found = tuple(replace(group, ground=False) for group in groups)
     if kinds:
         found = _with_laws(equation, found, kinds)
-    return _start(equation, found)
+    return replace(_start(equation, found), lags=delays)
+
+
+def _likely_delay(
+    equation_of: Callable[[Sequence[DrivenRun]], _Equation],
+    runs: Sequence[DrivenRun],
+    lag: Fault,
+    groups: Sequence[Group],
+    settings: StartSettings,
+) -> float:
+    """The delay with which the equation leaves least of what it has to make: on a grid, then on finer ones."""
+
+    def left(delay_s: float) -> float:
+        return equation_of([_earlier(run, lag, delay_s) for run in runs]).left(groups)
+
+    best, reach = lag.nominal, settings.lag_std * lag.std
+    for _ in range(settings.lag_rounds):
+        grid = best + np.linspace(-reach, reach, settings.n_lags)
+        best = float(min(grid.tolist(), key=left))
+        reach = 2 * reach / (settings.n_lags - 1)
+    return best
+
+
+def _earlier(run: DrivenRun, lag: Fault, delay_s: float) -> DrivenRun:
+    """A run with the delay of one sensor taken out."""
+    if not delay_s:
+        return run
+    time = np.arange(len(run.sprung)) / run.recorded_fs
+    side = (run.sprung if lag.side == "sprung" else run.unsprung).copy()
+    spline = interpolate.make_interp_spline(time, side[:, lag.channel], k=3)
+    side[:, lag.channel] = spline(np.clip(time + delay_s, 0.0, time[-1]))
+    return replace(run, sprung=side) if lag.side == "sprung" else replace(run, unsprung=side)
 
 
 def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
@@ -231,6 +283,13 @@ class _Equation:
         n, known = len(groups), self.settings
         ground, beside = np.abs(value[-n:]), np.abs(value[: 2 * n : 2])
         return bool(np.any((ground > known.ground_std * std[-n:]) & (ground > known.ground_fraction * beside)))
+
+    def left(self, groups: Sequence[Group]) -> float:
+        """What stiffness, damping and masses leave of the target, as a fraction of its norm."""
+        matrix, target = np.stack(self.linear(groups), axis=1), self.target
+        size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        value = np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0]
+        return float(np.linalg.norm(target - matrix / size @ value) / np.linalg.norm(target))
 
     def solve(self, groups: Sequence[Group]) -> tuple[FloatArray, FloatArray]:
         """Values of the columns and how well they are known; last those of the terms, then springs to the ground."""

@@ -14,7 +14,6 @@ from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, fits_of_each_run, runs_contradict_each_other
 from opid.suspensions.limits import repeatability_rules
-from opid.suspensions.model_error import ModelError
 from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import (
@@ -185,9 +184,7 @@ def why_refused(choice: Choice) -> str | None:
 
 def _why_gear_refused(study: Study, part: Fitted) -> str | None:
     fit, verdicts, ratio = part.fit, part.settings.verdicts, part.residual_over_noise
-    if ratio <= verdicts.doubtful:
-        return None
-    frequencies = natural_frequencies(fit)
+    frequencies = natural_frequencies(fit) if ratio > verdicts.doubtful else [0.0]
     differ = max(frequencies) > (1 + part.settings.intervals.same_frequency) * min(frequencies)
     if differ and runs_contradict_each_other(fit):
         return (
@@ -198,17 +195,21 @@ def _why_gear_refused(study: Study, part: Fitted) -> str | None:
     left = unexplained_fraction(part)
     if left <= verdicts.refused_fraction:
         return None
+    unexplained = (
+        f"leaves {100 * left:.0f} % of the body's rms acceleration unexplained ({ratio:.0f} times the sensor noise)"
+        if np.isfinite(left)
+        else "moves without bound where the readings do not hold it"
+    )
     return (
-        f"the fitted model leaves {100 * left:.0f} % of the body's rms acceleration unexplained ({ratio:.0f} times the "
-        "sensor noise), so every number of it would be a guess: check the channels (swapped, upside down, in another "
-        "unit) and the mass changes, let the law be searched, or take another band; or this gear is not alone on its "
-        "body, which rolls and pitches on others: then describe all of them in [[interfaces]]"
+        f"the fitted model {unexplained}, so every number of it would be a guess: check the channels (swapped, upside "
+        "down, in another unit) and the mass changes, let the law be searched, or take another band; or this gear is "
+        "not alone on its body, which rolls and pitches on others: then describe all of them in [[interfaces]]"
     )
 
 
 def unexplained_fraction(part: Fitted) -> float:
-    """Return what the free motion leaves of the body's rms acceleration over all runs; 0 where that was not asked."""
-    return 0.0 if part.error is None else float(np.sqrt(np.mean(np.square(part.error.unexplained))))
+    """Return what the free motion leaves of the body's rms acceleration over all runs."""
+    return float(np.sqrt(np.mean(np.square(part.unexplained))))
 
 
 def natural_frequencies(fit: Fit) -> list[float]:
@@ -402,16 +403,17 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
     if ratio > verdicts.noted:
         yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}"
         if part.error is not None and not answer.is_refused:
-            yield _limited_by(part.error)
+            yield _limited_by(part)
     else:
         size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
         yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
 
 
-def _limited_by(error: ModelError) -> str:
+def _limited_by(part: Fitted) -> str:
     """What limits an answer that leaves more than noise, in words."""
-    left = " and ".join(f"{100 * each:.2g}" for each in error.unexplained)
-    if error.limit == "model":
+    assert part.error is not None  # more than noise is left
+    left = " and ".join(f"{100 * each:.2g}" for each in part.unexplained)
+    if part.error.limit == "model":
         return (
             f"the answer is limited by the model, which leaves {left} % of the body's acceleration: how the errors are "
             "weighed moves the parameters by more than their intervals, which are widened by that, and by how they "
