@@ -1,6 +1,7 @@
 """Runs that the model cannot explain: nothing, or a wide interval that holds the truth, but never a confident error."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import identify
 from opid.suspensions.model import Model
 from opid.suspensions.result import GearParameters
+from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
 from opid.suspensions.study_file import write_study
 
@@ -295,6 +297,35 @@ def test_a_refusal_ends_soon(world, monkeypatch):
     result, n = evaluations(monkeypatch, NO_MODEL_OF_OURS[world]())
     assert n < 200
     assert never_confidently_wrong(result)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_channels_that_share_nothing_get_no_number(seed):
+    samples = np.random.default_rng(seed).standard_normal((2, 2, round(DURATION_S * FS)))
+    runs = [recording_from_arrays(each, ["lower_z", "upper_z"], fs=FS) for each in samples]
+    result = identify(study_of(*runs))
+    assert "would be a guess" in result.not_determined
+    assert says_nothing(result)
+    assert all(estimate.value is None for _, estimate in result.ratios.items())
+
+
+@pytest.mark.parametrize("late", [-4, 5])
+def test_a_delay_of_many_samples_is_found_before_a_law_is(late):
+    """Left to the law, it is a strut that remembers."""
+    delayed = []
+    for run in taxi(0).runs:
+        lower, upper = run.recording.channel("lower_z"), run.recording.channel("upper_z")
+        first, last = max(late, 0), lower.size + min(late, 0)
+        pair = [lower[first:last], upper[first - late : last - late]]
+        delayed.append(recording_from_arrays(pair, ["lower_z", "upper_z"], fs=FS))
+    plain = study_of(*delayed)
+    facts = SensorPair(SensorFacts(), SensorFacts(lag_tolerance_s=0.02))
+    result = identify(replace(plain, interfaces=(replace(plain.interfaces[0], facts=facts),)))
+    fit = result.evidence[0].fit
+    assert abs(fit.value("lag_s") - late / FS) < 2e-4
+    # what was read before the record begins is not known, which a small term more may mend
+    assert "arctan_velocity" in result.law.name.split("+")
+    assert result.parameters.sprung_mass_kg.holds(MASS_KG)
 
 
 @pytest.mark.parametrize("channel", ["lower_z", "upper_z"])

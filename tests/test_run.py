@@ -233,3 +233,24 @@ def test_the_ground_is_integrated_from_where_it_stays_near_its_mean_height():
     # the rougher path may hide more
     assert np.all(std[:, 1] > 1.5 * std[:, 0])
     assert np.all(std[0] < 0.5)
+
+
+def test_pieces_of_a_run_are_its_samples_with_its_lines():
+    run = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0, band_hz=(1.0, 20.0))
+    first, second = run.split(2)
+    half = len(run.sprung) // 2
+    for piece, begin in ((first, 0), (second, half)):
+        own = run.sprung[begin : begin + len(piece.sprung)]
+        np.testing.assert_allclose(piece.sprung, own - own.mean(axis=0))
+        assert 0.9 * half < len(piece.sprung) <= half
+        assert run.omega[0] <= piece.omega[0] <= piece.omega[-1] <= run.omega[-1] * (1 + 1e-6)
+
+
+def test_a_band_that_ends_low_needs_few_steps():
+    """Ten samples of the highest line are followed, not those of a gear."""
+    usual = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0)
+    low = RunSettings(band_hz=(0.1, 8.0))
+    assert usual.finer == 3
+    slow = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0, settings=low)
+    assert slow.finer == 1
+    assert slow.recorded_fs == 100.0

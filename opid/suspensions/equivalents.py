@@ -23,7 +23,7 @@ def straight_equivalent(model: Model, theta: FloatArray, run: int, motion: Predi
         motion: of that run.
 
     Returns:
-        (4,).
+        (4,); frequency and damping ratio are NaN where it does not spring back.
     """
     z, v = motion.travel[:, 0], motion.velocity[:, 0]
     here = model.resting_interfaces(theta, run)[0]
@@ -33,5 +33,5 @@ def straight_equivalent(model: Model, theta: FloatArray, run: int, motion: Predi
     straight = np.linalg.lstsq(np.stack([z, v], axis=1), force, rcond=None)[0]
     loading = float(model.runs[run].loading[0, 0])
     stiffness, damping = straight / (1.0 + model.inverse_mass(theta) * loading)
-    omega = float(np.sqrt(max(stiffness, 1e-300)))
+    omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
     return np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)])

@@ -324,10 +324,17 @@ def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...
     for place, run in enumerate(study.runs):
         estimates = part.known.equivalent(place)
         if part.error is not None and part.error.limit == "model":
-            spread = zip(estimates, part.error.of_equivalents.tolist(), strict=True)
-            estimates = [e if e.value is None else Estimate.normal(e.value, share * e.value) for e, share in spread]
+            estimates = [
+                each if each.value is None else _within(each.value, share)
+                for each, share in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
+            ]
         found.append(Equivalent(run.name, *estimates))
     return tuple(found)
+
+
+def _within(value: float, share: float) -> Estimate:
+    """A value with a relative standard deviation; without an interval where that is not known."""
+    return Estimate.normal(value, share * abs(value)) if np.isfinite(share) else Estimate(value)
 
 
 def _members(study: Study, part: Fitted) -> dict[str, list[str]]:

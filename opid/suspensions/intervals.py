@@ -258,7 +258,7 @@ class Parameters:
         except UnboundedResponseError:
             return [Estimate()] * 4
         # what does not spring back has no frequency
-        return found if (found[0].value or 0.0) > 0.0 else [*found[:2], Estimate(), Estimate()]
+        return [Estimate() if each.value is None or np.isnan(each.value) else each for each in found]
 
     def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
         """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
