@@ -152,7 +152,7 @@ def held_by(found: BenchLaw, truth: Law) -> tuple[tuple[bool, ...], int]:
     """Say of each parameter of a right law whether its interval holds the truth; count those without an interval."""
     if {term.name for term in truth.terms} != set(found.law_estimates):
         return (), 0
-    straight = zip(vars(found.parameters).values(), (STIFFNESS, DAMPING, OFFSET), strict=True)
+    straight = zip(dict(found.parameters.items()).values(), (STIFFNESS, DAMPING, OFFSET), strict=True)
     own = (
         pair for term in truth.terms for pair in zip(found.law_estimates[term.name].values(), term.values, strict=True)
     )

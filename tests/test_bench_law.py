@@ -97,7 +97,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     held = []
     for seed in range(24):
         found = law_of_bench(simulated(truth, seed, n=1500, correlation=0.8), candidates=(truth.name,))
-        estimates = [*vars(found.parameters).values(), *found.law_estimates[truth.name].values()]
+        estimates = [*dict(found.parameters.items()).values(), *found.law_estimates[truth.name].values()]
         true = [STIFFNESS, DAMPING, OFFSET, *truth.vector]
         held += [estimate.holds(value) for estimate, value in zip(estimates, true, strict=True)]
     # 120 intervals of 95 %: three standard deviations below

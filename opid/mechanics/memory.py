@@ -61,8 +61,8 @@ class RecordedMotion(Motion):
     Args:
         z: (m,) travel of the samples, m.
         v: (m,) their velocity, m/s.
-        sample: (m,) their indices in the record.
-        recorded_v: (n,) velocity of the whole record, m/s.
+        sample: (m,) their places on the path.
+        recorded_v: (n,) velocity of the whole path, m/s.
         fs: its samples a second, Hz.
         kept: the last evaluations, by the term for unit amplitude: a fit asks for the same term more than once.
 
@@ -73,7 +73,7 @@ class RecordedMotion(Motion):
     array([  0. , 252.8, 400. ])
     """
 
-    sample: NDArray[np.int64]
+    sample: NDArray[np.int64] | FloatArray
     recorded_v: FloatArray
     fs: float
     kept: dict[Term, FloatArray] = field(default_factory=dict, repr=False)
@@ -89,7 +89,7 @@ class RecordedMotion(Motion):
         for term in law.terms:
             last = first + len(term.values)
             if term.kind.memory is not None:
-                gradient[:, first:last] = self._followed(term)[self.sample, :-1]
+                gradient[:, first:last] = self._followed(term)[:, :-1]
                 gradient[:, first + 1 : last] *= term.amplitude
             first = last
         return gradient
@@ -100,7 +100,7 @@ class RecordedMotion(Motion):
         Args:
             law: any law.
         """
-        columns = [self._followed(term)[self.sample, -1] for term in law.terms if term.kind.memory is not None]
+        columns = [self._followed(term)[:, -1] for term in law.terms if term.kind.memory is not None]
         return np.stack(columns, axis=1) if columns else super().start_columns(law)
 
     def part(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> RecordedMotion:
@@ -113,6 +113,15 @@ class RecordedMotion(Motion):
 
     def _followed(self, term: Term) -> FloatArray:
         """Return the derivatives by the values of the term for unit amplitude, and its start column behind them."""
+        path = self._followed_path(term)
+        if self.sample.dtype.kind == "i":
+            return path[self.sample]
+        before = np.minimum(self.sample.astype(np.int64), len(path) - 2)
+        after = (self.sample - before)[:, np.newaxis]
+        return (1.0 - after) * path[before] + after * path[before + 1]
+
+    def _followed_path(self, term: Term) -> FloatArray:
+        """Return the same along the whole path."""
         unit = Term(term.name, (1.0, *term.inner))
         found = self.kept.pop(unit, None)
         if found is None:
@@ -125,15 +134,26 @@ class RecordedMotion(Motion):
         return found
 
 
-def recorded_motion(z: FloatArray, v: FloatArray, fs: float) -> RecordedMotion:
+def recorded_motion(z: FloatArray, v: FloatArray, fs: float, *, steps_per_rms: float | None = None) -> RecordedMotion:
     """Return all samples of a recorded motion.
 
     Args:
         z: (n,) travel, m.
         v: (n,) velocity, m/s: a straight line between samples.
         fs: samples a second, Hz.
+        steps_per_rms: what is remembered is followed in steps in which the rms velocity covers one part in so many of
+            the rms travel, where the record has more samples than that; None for every sample.
     """
-    return RecordedMotion(z, v, np.arange(z.size), v, fs)
+    every = 1 if steps_per_rms is None else int(fs * np.std(z) / max(float(np.std(v)), 1e-300) / steps_per_rms)
+    every = min(every, z.size // 2)
+    if every <= 1:
+        return RecordedMotion(z, v, np.arange(z.size), v, fs)
+    # means over a step keep the travel that is covered
+    ends = np.concatenate([v, np.full(every, v[-1])])
+    sums = np.concatenate([[0.0], np.cumsum(ends)])
+    nodes = np.arange(0, z.size + every - 1, every)
+    low, high = np.maximum(nodes - every // 2, 0), np.minimum(nodes + every // 2 + 1, ends.size)
+    return RecordedMotion(z, v, np.arange(z.size) / every, (sums[high] - sums[low]) / (high - low), fs / every)
 
 
 def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatArray:
@@ -189,10 +209,16 @@ def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
 
     It fades: no more of the record is followed than shows it.
     """
-    n_before, n = 20, 256
+    n_before, scale = 20, term.inner[0]
+    if is_of_travel := term.kind.parameters[1].unit == "m":
+        covered = np.cumsum(np.abs(v)) / fs
+    else:
+        covered = np.arange(1, v.size + 1) / fs
     # a memory of travel is full after ten times its scale; one of time may be of any size
-    speed = 10.0 * term.inner[0] * fs / n_before if term.kind.parameters[1].unit == "m" else 1.0
+    speed = 10.0 * scale * fs / n_before if is_of_travel else 1.0
     column = np.zeros(v.size)
+    # exp(-14) of most memories is left where fourteen times the scale is covered; one that slips may hold on to more
+    n = max(256, int(np.searchsorted(covered, 14.0 * scale)))
     while True:
         part = v[:n]
         forward, back = (

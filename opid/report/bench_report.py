@@ -20,6 +20,7 @@ LABELS = {
     "stiffness_n_per_m": ("stiffness K", "N/m"),
     "damping_n_s_per_m": ("damping C", "N s/m"),
     "offset_n": ("offset F0", "N"),
+    "moving_mass_kg": ("moving mass m", "kg"),
 }
 
 

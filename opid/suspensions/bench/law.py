@@ -21,8 +21,9 @@ from opid.suspensions.bench.memory import Memory, measure_memory
 from opid.suspensions.bench.problem import BenchFit, BenchLaws, straight_columns, thin_record
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
+from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
 from opid.suspensions.covariance import clustered_covariance
-from opid.suspensions.law_search import LawStep, add_neighbours, chosen, search_laws
+from opid.suspensions.law_search import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
 from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
 
 SCHEMA = "opid.law/1"
@@ -37,11 +38,13 @@ class StraightPart(Estimates):
         stiffness_n_per_m: K.
         damping_n_s_per_m: C.
         offset_n: F0.
+        moving_mass_kg: of the parts that move with the specimen; None where there are none.
     """
 
     stiffness_n_per_m: Estimate
     damping_n_s_per_m: Estimate
     offset_n: Estimate
+    moving_mass_kg: Estimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,8 @@ class BenchLaw:
         candidates: kinds that could be added.
         n_search_samples: samples that the search looked at.
         interval_cell_s: length of the cells over which scores were added up for the intervals, s.
+        simulation: the motion that the law makes of the force alone, to which its parameters were refined; None where
+            the parameters are those of the force.
     """
 
     bench: Bench
@@ -87,6 +92,7 @@ class BenchLaw:
     candidates: tuple[str, ...]
     n_search_samples: int
     interval_cell_s: float
+    simulation: Simulation | None = None
 
     @property
     def residual_rms(self) -> float:
@@ -136,17 +142,16 @@ def law_of_bench(
     say = progress or (lambda step: None)
     problem = BenchLaws(thin_record(bench, settings), kinds, settings)
     ladder = _search(problem, kinds, say)
-    step = chosen(ladder)
-    say("the chosen law on all samples")
-    fit = separable_fit(
-        straight_columns(bench.travel, bench.velocity),
-        step.fit.separable.law,
-        recorded_motion(bench.travel, bench.velocity, bench.fs),
-        bench.force,
-        starts=[step.fit.separable.law],
-        free_exponents=True,
-        settings=settings.separable,
-    )
+    step, simulated = chosen(ladder), dict[str, SimulatedFit]()
+    if bench.acceleration is not None:
+        ladder, simulated = _simulated(bench, ladder, settings, say)
+        step = chosen(ladder)
+    if simulated:
+        refined = simulated[step.law_name]
+        fit = _as_fit_of_force(bench, refined)
+    else:
+        say("the chosen law on all samples")
+        fit = _fit_of_force(bench, step, settings)
     say("memory")
     r2_left_out = _r2_left_out(step)
     # a ceiling lies above every law that was tried, also above those that were too rich to keep
@@ -162,21 +167,25 @@ def law_of_bench(
         settings=settings,
     )
     n_independent = independent_samples(fit.residual)
-    spread = _spread(bench, fit, n_independent, settings)
-    estimates = _estimates(fit, spread)
+    if simulated:
+        spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
+    else:
+        spread = _spread(_slopes_of_force(bench, fit), fit.residual, bench.fs, settings)
+    estimates, n_straight = _estimates(fit, spread), fit.weights.size
+    of_law = slice(n_straight, n_straight + fit.law.vector.size)
     amplitude = bench.force - bench.force.mean()
     result = BenchLaw(
         bench=bench,
         title=title,
-        parameters=StraightPart(*estimates[:3]),
+        parameters=StraightPart(*estimates[:n_straight]),
         law=fit.law,
-        law_estimates=_law_estimates(fit, estimates[3:]),
+        law_estimates=_law_estimates(fit, estimates[of_law]),
         residual=fit.residual,
         r2=1 - float(fit.residual @ fit.residual) / float(amplitude @ amplitude),
         r2_left_out=r2_left_out,
         ladder=ladder,
         memory=memory,
-        loop=loop_of(fit.law, spread.covariance[3:, 3:], bench, student=spread.student),
+        loop=loop_of(fit.law, spread.covariance[of_law, of_law], bench, student=spread.student),
         n_independent=n_independent,
         warnings=(),
         not_determined=None,
@@ -184,6 +193,7 @@ def law_of_bench(
         candidates=kinds,
         n_search_samples=problem.points.sample.size,
         interval_cell_s=spread.cell_s,
+        simulation=_simulation(bench, refined, simulated) if simulated else None,
     )
     return replace(result, warnings=_warnings(result, fit), not_determined=_reason(result))
 
@@ -196,6 +206,66 @@ def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], Non
     with_neighbours = add_neighbours(problem, ladder, kinds=kinds)
     in_order = (*ladder, *with_neighbours[: -len(ladder)])
     return tuple(replace(step, left_out=problem.left_out(step.fit)) for step in in_order)
+
+
+def _fit_of_force(bench: Bench, step: LawStep[BenchFit], settings: BenchSettings) -> SeparableFit:
+    """Return the fit of a law that was found to all samples."""
+    return separable_fit(
+        straight_columns(bench),
+        step.fit.separable.law,
+        recorded_motion(bench.travel, bench.velocity, bench.fs),
+        bench.force,
+        starts=[step.fit.separable.law],
+        free_exponents=True,
+        settings=settings.separable,
+    )
+
+
+def _simulated(
+    bench: Bench, ladder: Ladder, settings: BenchSettings, say: Callable[[str], None]
+) -> tuple[Ladder, dict[str, SimulatedFit]]:
+    """Return the ladder that ends on the law which makes the recorded motion best, and the refined laws by their name.
+
+    The chosen law is refined, and those that come closest to it by the force, until one leaves white noise of the
+    travel. Where no simulation explains more of the
+    travel than its law explains of the force, noise is in the force and not in the travel: nothing is refined.
+    """
+    others = sorted((step for step in ladder if step is not chosen(ladder)), key=lambda step: step.fit.bic)
+    fits: dict[str, SimulatedFit] = {}
+    best: LawStep[BenchFit] | None = None
+    for step in (chosen(ladder), *others[: settings.simulation.n_laws - 1]):
+        fit = fit_by_simulation(bench, step.fit.separable, settings.simulation, say=say)
+        if fit is None or fit.r2 < step.fit.r2:
+            continue
+        fits[step.law_name] = fit
+        if best is None or _is_better_simulated(fit, fits[best.law_name], settings):
+            best = step
+        if fit.n_independent > settings.simulation.white * bench.travel.size:
+            break
+    if best is None:
+        return ladder, {}
+    # the last one that was kept is the choice
+    return (*(each for each in ladder if each is not best), replace(best, kept=True)), fits
+
+
+def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchSettings) -> bool:
+    """Whether a law takes the place of another by the motion that it makes; of fewer terms unless that one is better."""
+    if n_terms(fit) < n_terms(than):
+        return not is_better(than, fit, settings.search)
+    return is_better(fit, than, settings.search)
+
+
+def _as_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
+    """Return a refined law as a fit of the force, with what it leaves of it."""
+    part, motion = simulated.part, recorded_motion(bench.travel, bench.velocity, bench.fs)
+    residual = bench.force - straight_columns(bench) @ part.straight - motion.force(part.law)
+    return SeparableFit(part.straight, np.zeros(part.begins.size - 2), part.law, residual, simulated.at_bound)
+
+
+def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, SimulatedFit]) -> Simulation:
+    errors = {name: fit.error_rms for name, fit in tried.items()}
+    travel = bench.travel - refined.residual
+    return Simulation(refined.part, travel, refined.error_rms, refined.r2, refined.steps_per_sample, errors)
 
 
 def _r2_left_out(step: LawStep[BenchFit]) -> float:
@@ -211,7 +281,8 @@ class _Spread:
     """How far the parameters may be off.
 
     Args:
-        covariance: of stiffness, damping, offset and the values of the law.
+        covariance: of stiffness, damping, offset, mass where parts move, the values of the law, and of what is held at
+            first.
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells, s.
     """
@@ -221,14 +292,19 @@ class _Spread:
     cell_s: float
 
 
-def _spread(bench: Bench, fit: SeparableFit, n_independent: float, settings: BenchSettings) -> _Spread:
-    """Return the covariance from scores added up over cells longer than the correlation."""
+def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: BenchSettings) -> _Spread:
+    """Return the covariance from scores added up over cells longer than the correlation.
+
+    Args:
+        slopes: (n, n_values) derivatives by what was fitted.
+        residual: (n,) of the fit.
+        fs: samples a second, Hz.
+        settings: of the cells.
+    """
     from scipy import special
 
-    n, motion = bench.force.size, recorded_motion(bench.travel, bench.velocity, bench.fs)
-    straight, gradient = straight_columns(motion.z, motion.v), motion.parameter_gradient(fit.law)
-    jacobian = np.concatenate([straight, gradient, motion.start_columns(fit.law)], axis=1)
-    n_values = jacobian.shape[1]
+    n, n_values = slopes.shape
+    n_independent = independent_samples(residual)
     if n_independent <= 2 * n_values:
         raise NotDeterminedError(
             f"the residual amounts to {n_independent:.0f} independent samples for {n_values} parameters: record longer"
@@ -236,25 +312,31 @@ def _spread(bench: Bench, fit: SeparableFit, n_independent: float, settings: Ben
     least, most = settings.cells
     length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
     cells = np.arange(n) // length
-    covariance = clustered_covariance(jacobian, fit.residual, cells)
     # few cells: Student's interval instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
-    n_told = n_values - fit.start_weights.size
-    return _Spread(covariance[:n_told, :n_told], student, length / bench.fs)
+    return _Spread(clustered_covariance(slopes, residual, cells), student, length / fs)
+
+
+def _slopes_of_force(bench: Bench, fit: SeparableFit) -> FloatArray:
+    """Return the derivatives of the force by stiffness, damping, offset, mass, the law, and what is held at first."""
+    motion = recorded_motion(bench.travel, bench.velocity, bench.fs)
+    return np.concatenate(
+        [straight_columns(bench), motion.parameter_gradient(fit.law), motion.start_columns(fit.law)], axis=1
+    )
 
 
 def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:
     """Return value and interval of every parameter."""
     values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
-    std = np.sqrt(np.maximum(np.diag(spread.covariance), 0))
-    bound = (*(False,) * 3, *fit.at_bound)
+    std = np.sqrt(np.maximum(np.diag(spread.covariance)[: values.size], 0))
+    bound = (*(False,) * fit.weights.size, *fit.at_bound)
     estimates = [
         Estimate(float(value))
         if at_bound or not np.isfinite(error)
         else Estimate(float(value), float(error), (float(value - wide * error), float(value + wide * error)))
         for value, error, at_bound in zip(values, std, bound, strict=True)
     ]
-    first = 3  # behind stiffness, damping and offset
+    first = fit.weights.size  # behind stiffness, damping, offset and mass
     for term in fit.law.terms:
         last = first + len(LAWS[term.name].parameters)
         if _has_long_scale(term.name):

@@ -34,7 +34,7 @@ class Points:
         fold: (m,) the turn in which each is left out.
         motion: (m,) travel and velocity, and the record that they are taken from.
         y: (m,) force, N.
-        columns: (m, 3) what enters linearly: travel, velocity, one.
+        columns: (m, 3) what enters linearly: travel, velocity, one; (m, 4) with the acceleration of moving parts.
     """
 
     sample: NDArray[np.int64]
@@ -114,18 +114,41 @@ class BenchFit:
     def left_out(self) -> FloatArray:
         """(m,) what is left of each stretch of time by a fit to the others, N.
 
-        What a memory holds where the record begins no other stretch can tell: its force is that of the fit to all.
+        A fit without a turn is the step from the fit to all samples that their derivatives promise (the one-step
+        jackknife; Hinkley, Technometrics 19, 1977), or where that is a long one, a fit of its own. What a memory holds
+        where the record begins no other stretch can tell: its force is that of the fit to all.
         """
-        points, law = self.points, self.separable.law
-        start = points.motion.start_columns(law) @ self.separable.start_weights
+        points, fit = self.points, self.separable
+        start = points.motion.start_columns(fit.law)
+        slopes, is_inner = self._slopes()
+        linear = np.concatenate([start, slopes], axis=1)
+        scale = np.maximum(np.sqrt(np.mean(linear**2, axis=0)), 1e-300)
         errors = np.empty_like(points.y)
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
-            part = _fit(points.part(~here), law, self.settings, tolerance=self.settings.left_out_tolerance)
-            predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
+            if not here.any():
+                continue
+            step = np.linalg.lstsq(linear[~here] / scale, fit.residual[~here], rcond=1e-12)[0] / scale
+            step = step[start.shape[1] :]
+            if np.isfinite(slopes).all() and np.abs(step[is_inner]).max(initial=0.0) < self.settings.left_out_step:
+                errors[here] = fit.residual[here] - slopes[here] @ step
+                continue
+            part = _fit(points.part(~here), fit.law, self.settings, tolerance=self.settings.left_out_tolerance)
+            force = points.motion.part(here).force(part.law) + start[here] @ fit.start_weights
+            predicted = points.columns[here] @ part.weights + force
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
         return errors
+
+    def _slopes(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the derivatives of the force by what is fitted, inner parameters relative, and which those are."""
+        points, fit = self.points, self.separable
+        inner = np.array([parameter.role != "amplitude" for parameter in fit.law.parameter_list], dtype=bool)
+        sizes = np.where(inner, np.maximum(np.abs(fit.law.vector), 1e-300), 1.0)
+        free = ~np.array(fit.at_bound, dtype=bool)
+        gradient = (points.motion.parameter_gradient(fit.law) * sizes)[:, free]
+        n_straight = points.columns.shape[1]
+        return np.concatenate([points.columns, gradient], axis=1), np.append(np.zeros(n_straight, dtype=bool), inner[free])
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,18 +271,19 @@ def thin_record(bench: Bench, settings: BenchSettings) -> Points:
     # multiples of the golden section fill every step evenly
     sample = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
     fold = (np.arange(sample.size) * settings.n_stretches) // sample.size % settings.n_folds
-    motion = recorded_motion(bench.travel, bench.velocity, bench.fs).part(sample)
-    return Points(sample, fold, motion, bench.force[sample], straight_columns(motion.z, motion.v))
+    whole = recorded_motion(bench.travel, bench.velocity, bench.fs, steps_per_rms=settings.steps_per_rms)
+    motion = whole.part(sample)
+    return Points(sample, fold, motion, bench.force[sample], straight_columns(bench)[sample])
 
 
-def straight_columns(z: FloatArray, v: FloatArray) -> FloatArray:
-    """Return what enters linearly: travel, velocity and one, (n, 3).
+def straight_columns(bench: Bench) -> FloatArray:
+    """Return what enters linearly: travel, velocity and one, (n, 3), and the acceleration of moving parts, (n, 4).
 
     Args:
-        z: (n,) travel, m.
-        v: (n,) velocity, m/s.
+        bench: the record.
     """
-    return np.stack([z, v, np.ones_like(z)], axis=1)
+    moving = [] if bench.acceleration is None else [bench.acceleration]
+    return np.stack([bench.travel, bench.velocity, np.ones_like(bench.travel), *moving], axis=1)
 
 
 def _fit(points: Points, law: Law, settings: BenchSettings, *, tolerance: float = 1e-7) -> SeparableFit:

@@ -27,6 +27,7 @@ class Bench:
         velocity_band_hz: highest frequency of a differentiated travel, Hz; None for a recorded velocity.
         channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
         doubts: what to doubt about the record, one sentence each.
+        acceleration: (n,) z'', m/s^2, where parts of unknown mass move with the specimen; None where none do.
     """
 
     travel: FloatArray
@@ -38,6 +39,7 @@ class Bench:
     velocity_band_hz: float | None
     channels: dict[str, str | None]
     doubts: tuple[str, ...]
+    acceleration: FloatArray | None = None
 
 
 def bench_from_recording(

@@ -58,6 +58,31 @@ class MemorySettings:
     ridge: float = 1e-3
 
 
+@dataclass(frozen=True)
+class SimulationSettings:
+    """How a law is refined by the motion that it makes of the force alone.
+
+    Args:
+        n_laws: laws of the force search that are refined, the most likely ones: the noise of an acceleration favours
+            laws that are not those of the motion.
+        white: no other law is refined after one that leaves independent samples to this fraction: noise alone.
+        steps_per_sample: of the time integration, to begin with and at the most: more are taken where a memory turns
+            over within a step.
+        tolerance: the search ends when the squared error changes by a smaller fraction.
+        most_evaluations: simulations with other parameters, those for derivatives not counted.
+        difference: by which parameters are changed for a derivative, over their size.
+        farthest: factor by which a mass or a scale may move away from where the force has it.
+    """
+
+    n_laws: int = 4
+    white: float = 0.5
+    steps_per_sample: tuple[int, int] = (4, 32)
+    tolerance: float = 1e-7
+    most_evaluations: int = 40
+    difference: float = 1e-4
+    farthest: float = 10.0
+
+
 def _search() -> SearchSettings:
     """The search on a bench: fits cost little, so more of them are made, and what is left is the noise of one channel.
 
@@ -89,9 +114,14 @@ class BenchSettings:
         search: for the law.
         separable: where inner parameters are searched.
         memory: what counts as memory.
+        simulation: how a law of moving parts is refined.
         n_search: samples that the search looks at; the chosen law is fitted to all.
+        steps_per_rms: the search follows what is remembered in steps in which the rms velocity covers one part in so many
+            of the rms travel: some two hundred steps in a cycle, however fast a slow motion was sampled.
         n_stretches: stretches of time that are left out by turns ...
         n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
+        left_out_step: a fit without a turn is one step from the fit to all samples where no inner parameter moves by
+            this fraction in it; otherwise it is searched.
         left_out_tolerance: relative one at which a fit without a turn ends: it begins at the fit to all samples, and
             only what it predicts is asked for.
         exponents: at which a power is tried, before it is searched.
@@ -107,9 +137,12 @@ class BenchSettings:
     search: SearchSettings = field(default_factory=_search)
     separable: SeparableSettings = field(default_factory=SeparableSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
     n_search: int = 5000
+    steps_per_rms: float = 30.0
     n_stretches: int = 30
     n_folds: int = 10
+    left_out_step: float = 0.3
     left_out_tolerance: float = 1e-4
     exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
     least_r2: float = 0.02

@@ -1,0 +1,313 @@
+"""A law refined until the motion that it makes of the measured force alone is the recorded one.
+
+Where parts of unknown mass move with the specimen, the force is F = m z'' + C z' + K z + F0 + f, and z'' comes from a
+travel that was differentiated twice: its noise biases every parameter (Söderström, Errors-in-Variables Methods in System
+Identification, 2018). A motion that is simulated from the force carries none of that noise. What it leaves of the
+recorded travel is the noise of the travel, and least squares on it are not biased (output error; Ljung 1999, chapter 4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.mechanics.laws import Law
+from opid.mechanics.response import State, advance, assembled
+from opid.mechanics.structure import Joint, Structure
+from opid.signals.recording import Channel, FloatArray, Recording
+from opid.signals.resampling import resampled
+from opid.suspensions.bench.record import Bench
+from opid.suspensions.bench.settings import SimulationSettings
+from opid.suspensions.law_parameters import from_free, positive, to_free
+from opid.suspensions.separable import SeparableFit, independent_samples
+
+
+@dataclass(frozen=True, eq=False)
+class MovingPart:
+    """A part that a force moves on a specimen: m z'' + C z' + K z + F0 + f = F.
+
+    Args:
+        straight: (4,) K in N/m, C in N s/m, F0 in N and m in kg.
+        law: f.
+        begins: (2 + n_memories,) travel in m and velocity in m/s at first, then what each term that remembers holds.
+    """
+
+    straight: FloatArray
+    law: Law
+    begins: FloatArray
+
+    def travel(self, force: FloatArray, *, fs: float, steps_per_sample: int) -> FloatArray:
+        """Return the travel that a force makes, m, (n,): Runge-Kutta steps, the force band-limited between its samples.
+
+        Args:
+            force: (n,) N.
+            fs: samples a second, Hz.
+            steps_per_sample: steps from one sample to the next.
+
+        Raises:
+            InputError: a motion that grows without bound, or a memory that turns over within a step.
+
+        >>> part = MovingPart(np.array([1e4, 100.0, 0.0, 2.0]), Law(()), np.zeros(2))
+        >>> travel = part.travel(np.full(2000, 50.0), fs=500.0, steps_per_sample=2)
+        >>> round(float(travel[-1]), 6)
+        0.005
+        """
+        return self.travel_of_half_steps(_half_steps(force, fs, steps_per_sample), fs, steps_per_sample)
+
+    def at_rest(self) -> MovingPart:
+        """Return the part where it begins at zero, and remembers nothing."""
+        return replace(self, begins=np.zeros_like(self.begins))
+
+    def travel_of_half_steps(self, force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
+        """Return the travel that a force makes, m, (n,).
+
+        Args:
+            force: (2 (n - 1) steps_per_sample + 1, 1) N at half steps.
+            fs: samples a second, Hz.
+            steps_per_sample: steps from one sample to the next.
+
+        Raises:
+            InputError: a motion that grows without bound, or a memory that turns over within a step.
+        """
+        stiffness, damping, offset, mass = self.straight.tolist()
+        joint = Joint("specimen", np.ones(1), stiffness, damping, self.law)
+        ready = assembled(Structure([[mass]], [[0.0]], [[0.0]], joints=(joint,)))
+        # the elements of one term begin alike
+        counts = [len(term.kind.elements) for term in self.law.terms if term.kind.memory is not None]
+        held = np.repeat(self.begins[2:], counts)
+        start = State(self.begins[:1].copy(), self.begins[1:2].copy(), np.empty(0), held)
+        motion, _ = advance(ready, start, force - offset, fs=fs, steps_per_sample=steps_per_sample)
+        return motion.displacement[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """The motion that a law makes of the measured force alone, beside the recorded one.
+
+    Args:
+        part: what was simulated; from rest, it simulates any other force.
+        travel: (n,) simulated, m.
+        error_rms_m: of the travel, recorded minus simulated, m.
+        r2: fraction of the variance of the travel that the simulation explains.
+        steps_per_sample: of the simulation.
+        tried: the laws that were refined in this way, with the error that each leaves, m.
+    """
+
+    part: MovingPart
+    travel: FloatArray
+    error_rms_m: float
+    r2: float
+    steps_per_sample: int
+    tried: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedFit:
+    """A part and a law fitted to a recorded travel, as a search compares laws.
+
+    Args:
+        part: that was fitted.
+        residual: (n,) recorded minus simulated travel, m.
+        slopes: (n, n_parameters) derivatives of the simulated travel by `part.straight`, the values of the law and
+            `part.begins`.
+        steps_per_sample: of the simulation.
+        at_bound: for each entry of the law's vector, whether its search ended at a bound.
+        travel_rms: rms of the recorded travel about its mean, m.
+    """
+
+    part: MovingPart
+    residual: FloatArray
+    slopes: FloatArray
+    steps_per_sample: int
+    at_bound: tuple[bool, ...]
+    travel_rms: float
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """The law, as a search takes it."""
+        return {"": self.part.law}
+
+    @property
+    def law_name(self) -> str:
+        """Name of the law."""
+        return self.part.law.name
+
+    @cached_property
+    def n_independent(self) -> float:
+        """Independent samples of the residual."""
+        return independent_samples(self.residual)
+
+    @property
+    def n_data(self) -> int:
+        """Independent samples."""
+        return round(self.n_independent)
+
+    @cached_property
+    def error_rms(self) -> float:
+        """Error of the travel, m, rms; what lies this far below the travel is rounding."""
+        return max(float(np.sqrt(np.mean(self.residual**2))), 1e-9 * self.travel_rms)
+
+    @property
+    def r2(self) -> float:
+        """Fraction of the variance of the travel that the simulation explains."""
+        return 1 - (self.error_rms / self.travel_rms) ** 2
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion (Schwarz 1978) with all samples: smaller is better."""
+        n = self.residual.size
+        return float(2 * n * np.log(self.error_rms) + self.slopes.shape[1] * np.log(n))
+
+
+def fit_by_simulation(
+    bench: Bench, fit: SeparableFit, settings: SimulationSettings, *, say: Callable[[str], None]
+) -> SimulatedFit | None:
+    """Move the parameters of a law until the travel simulated from the force is the recorded one; None if it never is.
+
+    Args:
+        bench: the record, with moving parts.
+        fit: of the force, where the search begins.
+        settings: how fine the steps are, and when the search ends.
+        say: called with the name of the law.
+    """
+    from scipy import optimize
+
+    say(f"the simulated motion of {fit.law.name}")
+    n_memories = sum(term.kind.memory is not None for term in fit.law.terms)
+    begins = np.concatenate([[bench.travel[0], bench.velocity[0]], np.zeros(n_memories)])
+    part = MovingPart(fit.weights, fit.law, begins)
+    if part.straight[3] <= 0.0:
+        return None
+    steps = _fine_enough(part, bench, settings)
+    if steps is None:
+        return None
+    search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
+    lower, upper = search.bounds
+    theta = np.clip(search.encode(part), lower, upper)
+    solution = optimize.least_squares(
+        search.residual,
+        theta,
+        jac=search.slopes,
+        bounds=(lower, upper),
+        x_scale="jac",
+        xtol=1e-9,
+        ftol=settings.tolerance,
+        max_nfev=settings.most_evaluations,
+    )
+    found = solution.x
+    best = search.decode(found)
+    # the derivatives by the values themselves, not by their logarithms
+    slopes = -search.slopes(found) / search.stretch(found)
+    first = 4
+    inside = slice(first, first + best.law.vector.size)
+    ends = np.isclose(found, lower, atol=1e-3) | np.isclose(found, upper, atol=1e-3)
+    return SimulatedFit(
+        best,
+        search.residual(found),
+        slopes,
+        steps,
+        tuple((ends & np.isfinite(lower))[inside].tolist()),
+        float(bench.travel.std()),
+    )
+
+
+def _half_steps(force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
+    """Return a force at half steps, (2 (n - 1) steps_per_sample + 1, 1) N, band-limited between its samples."""
+    finer = 2 * steps_per_sample
+    record = Recording(force[:, np.newaxis], fs=fs, channels=(Channel("force", "N"),))
+    return resampled(record, finer * fs, n_samples=(force.size - 1) * finer + 1).samples
+
+
+def _fine_enough(part: MovingPart, bench: Bench, settings: SimulationSettings) -> int | None:
+    """Return the steps per sample with which a part can be simulated, None where no allowed number is enough."""
+    steps = settings.steps_per_sample[0]
+    while steps <= settings.steps_per_sample[1]:
+        try:
+            part.travel(bench.force, fs=bench.fs, steps_per_sample=steps)
+        except InputError:
+            # too coarse for a memory that turns over fast, or without bound
+            steps *= 2
+        else:
+            return steps
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The unknowns of a moving part as the search moves them: positive ones as logarithms."""
+
+    part: MovingPart
+    bench: Bench
+    force: FloatArray
+    steps: int
+    settings: SimulationSettings
+
+    def encode(self, part: MovingPart) -> FloatArray:
+        """Return what the search moves."""
+        straight = part.straight.copy()
+        straight[3] = np.log(straight[3])
+        return np.concatenate([straight, to_free(part.law), part.begins])
+
+    def decode(self, theta: FloatArray) -> MovingPart:
+        """Return the part."""
+        straight = theta[:4].copy()
+        straight[3] = np.exp(straight[3])
+        law, _ = from_free(self.part.law, theta[4 : 4 + self.part.law.vector.size])
+        return MovingPart(straight, law, theta[4 + law.vector.size :])
+
+    def stretch(self, theta: FloatArray) -> FloatArray:
+        """Return the derivatives of the values by what the search moves."""
+        part = self.decode(theta)
+        _, of_law = from_free(part.law, to_free(part.law))
+        return np.concatenate([np.ones(3), part.straight[3:], of_law, np.ones(part.begins.size)])
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Exponents and memories have bounds, scales and the mass stay within decades of where they begin."""
+        law, begins = self.part.law, self.part.begins
+        upper = np.full(4 + law.vector.size + begins.size, np.inf)
+        lower = -upper
+        decades = np.log(self.settings.farthest)
+        lower[3], upper[3] = np.log(self.part.straight[3]) + np.array([-decades, decades])
+        for k, (parameter, value) in enumerate(zip(law.parameter_list, to_free(law).tolist(), strict=True), start=4):
+            if parameter.role == "scale":
+                lower[k], upper[k] = value - decades, value + decades
+            elif parameter.role == "exponent":
+                within = np.clip(parameter.within, 1 / self.settings.farthest, self.settings.farthest)
+                lower[k], upper[k] = np.log(within)
+        if begins.size > 2:
+            lower[-(begins.size - 2) :], upper[-(begins.size - 2) :] = -1.0, 1.0
+        return lower, upper
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        """Return recorded minus simulated travel, m; infinite where the motion grows without bound."""
+        try:
+            travel = self.decode(theta).travel_of_half_steps(self.force, self.bench.fs, self.steps)
+        except InputError:
+            return np.full(self.bench.travel.size, np.inf)
+        return self.bench.travel - travel
+
+    def slopes(self, theta: FloatArray) -> FloatArray:
+        """Return the derivatives of `residual`, by differences."""
+        at = self.residual(theta)
+        lower, upper = self.bounds
+        columns = []
+        for k, width in enumerate(self._widths):
+            ahead = theta.copy()
+            ahead[k] += width if theta[k] + width <= upper[k] else -width
+            columns.append((self.residual(ahead) - at) / (ahead[k] - theta[k]))
+        return np.stack(columns, axis=1)
+
+    @cached_property
+    def _widths(self) -> FloatArray:
+        """Differences that are small beside what moves the travel visibly."""
+        bench, law = self.bench, self.part.law
+        z, v, f = (float(each.std()) for each in (bench.travel, bench.velocity, bench.force))
+        straight = [f / z, f / v, f, 1.0]
+        of_law = np.where(positive(law), 1.0, np.maximum(np.abs(law.vector), 1e-12))
+        memories = np.ones(self.part.begins.size - 2)
+        return self.settings.difference * np.concatenate([straight, of_law, [z, v], memories])
