@@ -14,12 +14,14 @@ from opid.cli.group import end, main, progress
 @click.option("--force", required=True, metavar="COL", help="Column of the force, in N, kN, lbf, ...")
 @click.option("--travel", required=True, metavar="COL", help="Column of the travel, in m, mm, in, ...")
 @click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
+@click.option("--moving-mass", is_flag=True, help="Parts of unknown mass move between force cell and specimen.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figures.")
-def law(bench: Path, force: str, travel: str, velocity: str | None, out: Path | None) -> None:
+def law(bench: Path, force: str, travel: str, velocity: str | None, moving_mass: bool, out: Path | None) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
     F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
-    among them; and what of the force no law explains (backlash, moving parts).
+    among them; and what of the force no law explains (backlash, moving parts). With --moving-mass the force is m z''
+    more, and the law is refined until the motion simulated from the force alone is the recorded one.
     """
     from opid.report import bench_text, write_bench_report
     from opid.report.directory import require_directory
@@ -31,7 +33,8 @@ def law(bench: Path, force: str, travel: str, velocity: str | None, out: Path | 
     with progress() as say:
         say("the record")
         wanted = [name for name in dict.fromkeys((force, travel, velocity)) if name is not None]
-        record = bench_from_recording(read_log(bench, channels=wanted), force=force, travel=travel, velocity=velocity)
+        recording = read_log(bench, channels=wanted)
+        record = bench_from_recording(recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass)
         result = law_of_bench(record, title=bench.name, progress=say)
         page = None if target is None else write_bench_report(result, target, progress=say)
     click.echo(bench_text(result))

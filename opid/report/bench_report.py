@@ -14,6 +14,7 @@ from opid.report.as_text import Row, columns, estimate_row, formula, table_lines
 from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
 from opid.suspensions.bench.law import SCHEMA, BenchLaw
+from opid.suspensions.bench.simulation import Simulation
 from opid.suspensions.law_search import chosen
 
 LABELS = {
@@ -30,7 +31,8 @@ def bench_text(result: BenchLaw) -> str:
     Args:
         result: from `law_of_bench`.
     """
-    parts = [f"{result.title or 'Test bench'}: F = F0 + K z + C z' + f(z, z')", ""]
+    mass = "" if result.bench.acceleration is None else "m z'' + "
+    parts = [f"{result.title or 'Test bench'}: F = F0 + {mass}K z + C z' + f(z, z')", ""]
     if result.not_determined:
         parts += [*wrapped("Not determined: " + result.not_determined), ""]
     parts += [*table_lines(bench_rows(result), columns(None)), "", *wrapped(quality(result))]
@@ -48,10 +50,11 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
         result: from `law_of_bench`.
 
     Returns:
-        `schema`, `title`, `parameters` {name: {value, std, interval95}}, `law` {name, latex, parameters {kind:
+        `schema`, `title`, `parameters` {name: {value, std, interval95} or None}, `law` {name, latex, parameters {kind:
         {parameter: {value, std, interval95}}}}, `r2`, `r2_left_out`, `residual_rms_n`, `n_independent`, `ladder` [{law,
         r2, r2_left_out, bic, kept, chosen}], `memory`, `loop` {travel_amplitude_m, frequency_hz, area_j {value, std,
-        interval95}} or None, `warnings`, `not_determined`, `settings`.
+        interval95}} or None, `simulation` {error_rms_m, r2, steps_per_sample, tried {law: error_rms_m}} or None,
+        `warnings`, `not_determined`, `settings`.
     """
     return plain(
         {
@@ -83,11 +86,21 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
             ],
             "memory": asdict(result.memory) | {"seen": result.memory.seen},
             "loop": None if result.loop is None else asdict(result.loop),
+            "simulation": None if result.simulation is None else _simulation_json(result.simulation),
             "warnings": result.warnings,
             "not_determined": result.not_determined,
             "settings": _settings(result),
         }
     )
+
+
+def _simulation_json(simulation: Simulation) -> dict[str, Any]:
+    return {
+        "error_rms_m": simulation.error_rms_m,
+        "r2": simulation.r2,
+        "steps_per_sample": simulation.steps_per_sample,
+        "tried": simulation.tried,
+    }
 
 
 def _settings(result: BenchLaw) -> dict[str, Any]:
@@ -206,7 +219,7 @@ def quality(result: BenchLaw) -> str:
         f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
         f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.force.size} "
         f"samples at {bench.fs:.6g} Hz ({result.n_independent:.0f} independent ones in the residual); velocity: "
-        f"{bench.velocity_from}.{_loop_words(result)}"
+        f"{bench.velocity_from}.{_loop_words(result)}{_simulation_words(result)}"
     )
 
 
@@ -218,6 +231,16 @@ def _loop_words(result: BenchLaw) -> str:
         f" The loop area is the energy that what remembers takes in a cycle of {1e3 * loop.travel_amplitude_m:.3g} mm "
         f"at {loop.frequency_hz:.3g} Hz, rms travel and velocity of the record: it is known better than parameters "
         "that trade with each other."
+    )
+
+
+def _simulation_words(result: BenchLaw) -> str:
+    simulation = result.simulation
+    if simulation is None:
+        return ""
+    return (
+        " The parameters are those with which the motion simulated from the force alone comes nearest to the recorded "
+        f"one: {simulation.error_rms_m:.3g} m rms of {result.bench.travel.std():.3g} m are left."
     )
 
 
@@ -252,4 +275,5 @@ def _sentence(text: str) -> str:
 def _command(result: BenchLaw) -> str:
     names = {role: name for role, name in result.bench.channels.items() if name is not None}
     options = " ".join(f"--{role} {shlex.quote(name)}" for role, name in names.items())
-    return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}"
+    mass = "" if result.bench.acceleration is None else " --moving-mass"
+    return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}{mass}"

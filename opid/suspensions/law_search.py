@@ -152,7 +152,13 @@ def chosen(ladder: Sequence[LawStep[F]]) -> LawStep[F]:
 
 
 def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
-    """Return whether fitted laws take the place of others: of as many terms the likelier, more of them by a margin."""
+    """Return whether fitted laws take the place of others: of as many terms the likelier, more of them by a margin.
+
+    Args:
+        fit: the laws that may take the place.
+        than: the others.
+        settings: the margins.
+    """
     more = n_terms(fit) - n_terms(than)
     if more < 0:
         return not is_better(than, fit, settings)
@@ -175,7 +181,11 @@ def _replaces(problem: LawProblem[F], fit: F, than: F) -> bool:
 
 
 def n_terms(fit: LawFit) -> int:
-    """Return the number of terms of all laws, an origin that is not where a suspension rests among them."""
+    """Return the number of terms of all laws, an origin that is not where a suspension rests among them.
+
+    Args:
+        fit: of the laws.
+    """
     return sum(len(law.terms) + bool(law.terms and law.rest_m) for law in fit.laws.values())
 
 

@@ -1,7 +1,9 @@
 """A law from a test bench: measured force against motion, F = F0 + K z + C z' + f, f of the motion and its past.
 
 The terms of f are searched on some thousand samples (`opid.suspensions.law_search` on a `BenchLaws`), the law that is
-found is fitted to all. The intervals take the residual as it is, correlated over time or not.
+found is fitted to all. Where parts of unknown mass move with the specimen the force is m z'' more, and the law is
+refined by the motion that it makes (`opid.suspensions.bench.simulation`). The intervals take the residual as it is,
+correlated over time or not.
 """
 
 from __future__ import annotations
@@ -155,8 +157,9 @@ def law_of_bench(
     say("memory")
     r2_left_out = _r2_left_out(step)
     # a ceiling lies above every law that was tried, also above those that were too rich to keep
-    static = max((each for each in ladder if not _has_memory(each)), key=_r2_left_out)
-    best = max(ladder, key=_r2_left_out) if _has_memory(step) else static
+    asked = [each for each in ladder if each.left_out is not None]
+    static = max((each for each in asked if not _has_memory(each)), key=_r2_left_out)
+    best = max(asked, key=_r2_left_out) if _has_memory(step) else static
     memory = measure_memory(
         bench,
         problem.points,
@@ -172,7 +175,11 @@ def law_of_bench(
     else:
         spread = _spread(_slopes_of_force(bench, fit), fit.residual, bench.fs, settings)
     estimates, n_straight = _estimates(fit, spread), fit.weights.size
+    is_biased = bench.acceleration is not None and not simulated and _may_be_biased(bench, fit, estimates[3])
+    if is_biased:
+        estimates = [each.without_interval() for each in estimates]
     of_law = slice(n_straight, n_straight + fit.law.vector.size)
+    loop = loop_of(fit.law, spread.covariance[of_law, of_law], bench, student=spread.student)
     amplitude = bench.force - bench.force.mean()
     result = BenchLaw(
         bench=bench,
@@ -185,7 +192,7 @@ def law_of_bench(
         r2_left_out=r2_left_out,
         ladder=ladder,
         memory=memory,
-        loop=loop_of(fit.law, spread.covariance[of_law, of_law], bench, student=spread.student),
+        loop=loop.with_estimates(Estimate.without_interval) if loop is not None and is_biased else loop,
         n_independent=n_independent,
         warnings=(),
         not_determined=None,
@@ -195,7 +202,15 @@ def law_of_bench(
         interval_cell_s=spread.cell_s,
         simulation=_simulation(bench, refined, simulated) if simulated else None,
     )
-    return replace(result, warnings=_warnings(result, fit), not_determined=_reason(result))
+    doubts = _warnings(result, fit)
+    if is_biased:
+        doubts = (
+            *doubts,
+            "the moving mass is that of a differentiated motion, whose noise makes it too small and moves the other "
+            "parameters, and the motion simulated from the force explains less: no parameter has an interval; record "
+            "the travel with less noise, or a stronger motion",
+        )
+    return replace(result, warnings=doubts, not_determined=_reason(result))
 
 
 def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
@@ -205,7 +220,14 @@ def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], Non
     say("the laws that come closest")
     with_neighbours = add_neighbours(problem, ladder, kinds=kinds)
     in_order = (*ladder, *with_neighbours[: -len(ladder)])
-    return tuple(replace(step, left_out=problem.left_out(step.fit)) for step in in_order)
+    asked = [step for step in in_order if step.kept]
+    for has_memory in (False, True):
+        alike = sorted((each for each in in_order if _has_memory(each) is has_memory), key=lambda each: each.fit.bic)
+        asked += alike[: problem.known.n_left_out]
+    return tuple(
+        replace(step, left_out=problem.left_out(step.fit)) if any(step is each for each in asked) else step
+        for step in in_order
+    )
 
 
 def _fit_of_force(bench: Bench, step: LawStep[BenchFit], settings: BenchSettings) -> SeparableFit:
@@ -249,7 +271,7 @@ def _simulated(
 
 
 def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchSettings) -> bool:
-    """Whether a law takes the place of another by the motion that it makes; of fewer terms unless that one is better."""
+    """Whether a law takes another's place by the motion that it makes; one of fewer terms if that one is no better."""
     if n_terms(fit) < n_terms(than):
         return not is_better(than, fit, settings.search)
     return is_better(fit, than, settings.search)
@@ -260,6 +282,21 @@ def _as_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
     part, motion = simulated.part, recorded_motion(bench.travel, bench.velocity, bench.fs)
     residual = bench.force - straight_columns(bench) @ part.straight - motion.force(part.law)
     return SeparableFit(part.straight, np.zeros(part.begins.size - 2), part.law, residual, simulated.at_bound)
+
+
+def _may_be_biased(bench: Bench, fit: SeparableFit, mass: Estimate) -> bool:
+    """Whether the residual, were it all noise of the acceleration, would move the mass by a standard deviation.
+
+    Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).
+    """
+    if mass.value is None or mass.std is None:
+        return False
+    others = np.delete(_slopes_of_force(bench, fit), 3, axis=1)
+    others = others / np.maximum(np.sqrt(np.mean(others**2, axis=0)), 1e-300)
+    acceleration = straight_columns(bench)[:, 3]
+    own = acceleration - others @ np.linalg.lstsq(others, acceleration, rcond=1e-12)[0]
+    noise = float(fit.residual @ fit.residual) / max(mass.value**2 * float(own @ own), 1e-300)
+    return noise * abs(mass.value) > mass.std
 
 
 def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, SimulatedFit]) -> Simulation:

@@ -114,41 +114,18 @@ class BenchFit:
     def left_out(self) -> FloatArray:
         """(m,) what is left of each stretch of time by a fit to the others, N.
 
-        A fit without a turn is the step from the fit to all samples that their derivatives promise (the one-step
-        jackknife; Hinkley, Technometrics 19, 1977), or where that is a long one, a fit of its own. What a memory holds
-        where the record begins no other stretch can tell: its force is that of the fit to all.
+        What a memory holds where the record begins no other stretch can tell: its force is that of the fit to all.
         """
-        points, fit = self.points, self.separable
-        start = points.motion.start_columns(fit.law)
-        slopes, is_inner = self._slopes()
-        linear = np.concatenate([start, slopes], axis=1)
-        scale = np.maximum(np.sqrt(np.mean(linear**2, axis=0)), 1e-300)
+        points, law = self.points, self.separable.law
+        start = points.motion.start_columns(law) @ self.separable.start_weights
         errors = np.empty_like(points.y)
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
-            if not here.any():
-                continue
-            step = np.linalg.lstsq(linear[~here] / scale, fit.residual[~here], rcond=1e-12)[0] / scale
-            step = step[start.shape[1] :]
-            if np.isfinite(slopes).all() and np.abs(step[is_inner]).max(initial=0.0) < self.settings.left_out_step:
-                errors[here] = fit.residual[here] - slopes[here] @ step
-                continue
-            part = _fit(points.part(~here), fit.law, self.settings, tolerance=self.settings.left_out_tolerance)
-            force = points.motion.part(here).force(part.law) + start[here] @ fit.start_weights
-            predicted = points.columns[here] @ part.weights + force
+            part = _fit(points.part(~here), law, self.settings, tolerance=self.settings.left_out_tolerance)
+            predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
         return errors
-
-    def _slopes(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the derivatives of the force by what is fitted, inner parameters relative, and which those are."""
-        points, fit = self.points, self.separable
-        inner = np.array([parameter.role != "amplitude" for parameter in fit.law.parameter_list], dtype=bool)
-        sizes = np.where(inner, np.maximum(np.abs(fit.law.vector), 1e-300), 1.0)
-        free = ~np.array(fit.at_bound, dtype=bool)
-        gradient = (points.motion.parameter_gradient(fit.law) * sizes)[:, free]
-        n_straight = points.columns.shape[1]
-        return np.concatenate([points.columns, gradient], axis=1), np.append(np.zeros(n_straight, dtype=bool), inner[free])
 
 
 @dataclass(frozen=True, eq=False)

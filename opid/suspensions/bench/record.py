@@ -48,6 +48,7 @@ def bench_from_recording(
     force: str,
     travel: str,
     velocity: str | None = None,
+    moving_mass: bool = False,
     settings: RecordSettings = DEFAULTS.record,
 ) -> Bench:
     """Take force and motion from a recording.
@@ -60,6 +61,8 @@ def bench_from_recording(
         force: name of the channel of the force.
         travel: name of the channel of the travel (extension).
         velocity: name of the channel of its rate, or None.
+        moving_mass: whether parts of unknown mass move between the force and the specimen. Their acceleration is the
+            rate of the velocity.
         settings: when a record is doubted.
 
     Raises:
@@ -105,7 +108,8 @@ def bench_from_recording(
         )
     channels = {"force": force, "travel": travel, "velocity": velocity}
     band = band_hz if velocity is None else None
-    return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts))
+    acceleration = rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None
+    return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts), acceleration)
 
 
 def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAULTS.record) -> tuple[FloatArray, float]:

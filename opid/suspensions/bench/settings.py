@@ -116,12 +116,12 @@ class BenchSettings:
         memory: what counts as memory.
         simulation: how a law of moving parts is refined.
         n_search: samples that the search looks at; the chosen law is fitted to all.
-        steps_per_rms: the search follows what is remembered in steps in which the rms velocity covers one part in so many
-            of the rms travel: some two hundred steps in a cycle, however fast a slow motion was sampled.
+        steps_per_rms: the search follows what is remembered in steps in which the rms velocity covers one part in so
+            many of the rms travel: some two hundred steps in a cycle, however fast a slow motion was sampled.
         n_stretches: stretches of time that are left out by turns ...
         n_folds: ... in so many turns: with several stretches a turn no strong event falls into one turn alone.
-        left_out_step: a fit without a turn is one step from the fit to all samples where no inner parameter moves by
-            this fraction in it; otherwise it is searched.
+        n_left_out: laws with and laws without memory, the most likely ones, that stretches left out are asked of for
+            the report.
         left_out_tolerance: relative one at which a fit without a turn ends: it begins at the fit to all samples, and
             only what it predicts is asked for.
         exponents: at which a power is tried, before it is searched.
@@ -142,7 +142,7 @@ class BenchSettings:
     steps_per_rms: float = 30.0
     n_stretches: int = 30
     n_folds: int = 10
-    left_out_step: float = 0.3
+    n_left_out: int = 6
     left_out_tolerance: float = 1e-4
     exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
     least_r2: float = 0.02

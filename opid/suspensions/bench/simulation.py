@@ -1,9 +1,10 @@
 """A law refined until the motion that it makes of the measured force alone is the recorded one.
 
 Where parts of unknown mass move with the specimen, the force is F = m z'' + C z' + K z + F0 + f, and z'' comes from a
-travel that was differentiated twice: its noise biases every parameter (Söderström, Errors-in-Variables Methods in System
-Identification, 2018). A motion that is simulated from the force carries none of that noise. What it leaves of the
-recorded travel is the noise of the travel, and least squares on it are not biased (output error; Ljung 1999, chapter 4).
+travel that was differentiated twice: its noise biases every parameter (Söderström 2018, Errors-in-Variables Methods in
+System Identification). A motion that is simulated from the force carries none of that noise. What it leaves of the
+recorded travel is the noise of the travel, and least squares on it are not biased (output error; Ljung 1999,
+System Identification, chapter 4).
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ class MovingPart:
         """
         stiffness, damping, offset, mass = self.straight.tolist()
         joint = Joint("specimen", np.ones(1), stiffness, damping, self.law)
-        ready = assembled(Structure([[mass]], [[0.0]], [[0.0]], joints=(joint,)))
+        free = np.zeros((1, 1))
+        ready = assembled(Structure(np.full((1, 1), mass), free, free, joints=(joint,)))
         # the elements of one term begin alike
         counts = [len(term.kind.elements) for term in self.law.terms if term.kind.memory is not None]
         held = np.repeat(self.begins[2:], counts)
@@ -294,7 +296,7 @@ class _Search:
     def slopes(self, theta: FloatArray) -> FloatArray:
         """Return the derivatives of `residual`, by differences."""
         at = self.residual(theta)
-        lower, upper = self.bounds
+        _, upper = self.bounds
         columns = []
         for k, width in enumerate(self._widths):
             ahead = theta.copy()
