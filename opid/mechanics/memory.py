@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -65,6 +66,7 @@ class RecordedMotion(Motion):
         recorded_v: (n,) velocity of the whole path, m/s.
         fs: its samples a second, Hz.
         kept: the last evaluations, by the term for unit amplitude: a fit asks for the same term more than once.
+        starts: the last start columns, by the same.
 
     >>> from opid.mechanics.laws import default_law
     >>> v = np.full(1000, 0.01)
@@ -77,6 +79,7 @@ class RecordedMotion(Motion):
     recorded_v: FloatArray
     fs: float
     kept: dict[Term, FloatArray] = field(default_factory=dict, repr=False)
+    starts: dict[Term, FloatArray] = field(default_factory=dict, repr=False)
 
     def parameter_gradient(self, law: Law) -> FloatArray:
         """Return the derivatives of the force by each entry of `law.vector`, (m, n_parameters).
@@ -109,7 +112,8 @@ class RecordedMotion(Motion):
         Args:
             chosen: which of them.
         """
-        return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.recorded_v, self.fs, self.kept)
+        sample = self.sample[chosen]
+        return RecordedMotion(self.z[chosen], self.v[chosen], sample, self.recorded_v, self.fs, self.kept, self.starts)
 
     def _followed(self, term: Term) -> FloatArray:
         """Return the derivatives by the values of the term for unit amplitude, and its start column behind them."""
@@ -126,12 +130,38 @@ class RecordedMotion(Motion):
         found = self.kept.pop(unit, None)
         if found is None:
             v, fs = self.recorded_v, self.fs
-            found = np.column_stack([_remembered((unit,), v, fs), _start_column(unit, v, fs)])
-        # the last one that was asked for stands last
-        self.kept[unit] = found
-        while len(self.kept) > _N_KEPT:
-            del self.kept[next(iter(self.kept))]
+            found = np.column_stack([_remembered((unit,), v, fs), self._start_column(unit)])
+        _keep(self.kept, unit, found)
         return found
+
+    def _start_column(self, unit: Term) -> FloatArray:
+        """Return the start column along the whole path; in longer steps that of a term near by is near enough."""
+        if self.sample.dtype.kind == "i":
+            return _start_column(unit, self.recorded_v, self.fs)
+        near = _near_by(unit)
+        found = self.starts.pop(near, None)
+        if found is None:
+            found = _start_column(near, self.recorded_v, self.fs)
+        _keep(self.starts, near, found)
+        return found
+
+
+def _keep(kept: dict[Term, FloatArray], term: Term, found: FloatArray) -> None:
+    """Keep an evaluation; the last one that was asked for stands last."""
+    kept[term] = found
+    while len(kept) > _N_KEPT:
+        del kept[next(iter(kept))]
+
+
+def _near_by(term: Term) -> Term:
+    """Return the term with its inner parameters rounded: positive ones to steps of a fifth, others to a fifth."""
+    values = [
+        math.exp(0.2 * round(5.0 * math.log(value)))
+        if value > 0 and parameter.role != "shape"
+        else round(5 * value) / 5
+        for value, parameter in zip(term.inner, term.kind.parameters[1:], strict=True)
+    ]
+    return Term(term.name, (1.0, *values))
 
 
 def recorded_motion(z: FloatArray, v: FloatArray, fs: float, *, steps_per_rms: float | None = None) -> RecordedMotion:
@@ -205,7 +235,7 @@ def _remembered(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
 
 
 def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
-    """Return half the force after a long way forward less that after one back, (n,), for unit amplitude.
+    """Return half the force after a way forward less that after one back, (n,), for unit amplitude.
 
     It fades: no more of the record is followed than shows it.
     """
@@ -214,8 +244,8 @@ def _start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
         covered = np.cumsum(np.abs(v)) / fs
     else:
         covered = np.arange(1, v.size + 1) / fs
-    # a memory of travel is full after ten times its scale; one of time may be of any size
-    speed = 10.0 * scale * fs / n_before if is_of_travel else 1.0
+    # a memory of travel is nearly full after its scale, and one without a bound is not driven far; of time any will do
+    speed = scale * fs / n_before if is_of_travel else 1.0
     column = np.zeros(v.size)
     # exp(-14) of most memories is left where fourteen times the scale is covered; one that slips may hold on to more
     n = max(256, int(np.searchsorted(covered, 14.0 * scale)))

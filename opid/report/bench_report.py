@@ -53,8 +53,8 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
         `schema`, `title`, `parameters` {name: {value, std, interval95} or None}, `law` {name, latex, parameters {kind:
         {parameter: {value, std, interval95}}}}, `r2`, `r2_left_out`, `residual_rms_n`, `n_independent`, `ladder` [{law,
         r2, r2_left_out, bic, kept, chosen}], `memory`, `loop` {travel_amplitude_m, frequency_hz, area_j {value, std,
-        interval95}} or None, `simulation` {error_rms_m, r2, steps_per_sample, tried {law: error_rms_m}} or None,
-        `warnings`, `not_determined`, `settings`.
+        interval95}} or None, `cycle` (the same of the whole force), `simulation` {error_rms_m, r2, steps_per_sample,
+        tried {law: error_rms_m}} or None, `warnings`, `not_determined`, `settings`.
     """
     return plain(
         {
@@ -86,6 +86,7 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
             ],
             "memory": asdict(result.memory) | {"seen": result.memory.seen},
             "loop": None if result.loop is None else asdict(result.loop),
+            "cycle": asdict(result.cycle),
             "simulation": None if result.simulation is None else _simulation_json(result.simulation),
             "warnings": result.warnings,
             "not_determined": result.not_determined,
@@ -205,7 +206,7 @@ def bench_rows(result: BenchLaw) -> list[Row]:
         result: from `law_of_bench`.
     """
     table = [estimate_row(*LABELS[name], estimate) for name, estimate in result.parameters.items()]
-    return [*table, *_law_rows(result)]
+    return [*table, *_law_rows(result), Row("Whole force"), estimate_row("energy a cycle", "J", result.cycle.area_j)]
 
 
 def quality(result: BenchLaw) -> str:
@@ -224,14 +225,14 @@ def quality(result: BenchLaw) -> str:
 
 
 def _loop_words(result: BenchLaw) -> str:
-    loop = result.loop
-    if loop is None:
-        return ""
-    return (
-        f" The loop area is the energy that what remembers takes in a cycle of {1e3 * loop.travel_amplitude_m:.3g} mm "
-        f"at {loop.frequency_hz:.3g} Hz, rms travel and velocity of the record: it is known better than parameters "
-        "that trade with each other."
+    cycle, friction = result.cycle, result.cycle.friction_n
+    told = (
+        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm at {cycle.frequency_hz:.3g} Hz has rms travel and "
+        f"velocity of the record; it takes the energy of a dry friction of {friction.value:.3g} N"
     )
+    if result.loop is None:
+        return told + "."
+    return f"{told}. The loop area is what the part that remembers takes of it."
 
 
 def _simulation_words(result: BenchLaw) -> str:

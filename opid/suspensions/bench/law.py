@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LAWS, Law, default_law
 from opid.mechanics.memory import recorded_motion
 from opid.signals.recording import FloatArray
-from opid.suspensions.bench.loop import Loop, loop_of
+from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
 from opid.suspensions.bench.memory import Memory, measure_memory
 from opid.suspensions.bench.problem import BenchFit, BenchLaws, straight_columns, thin_record
 from opid.suspensions.bench.record import Bench
@@ -65,6 +65,7 @@ class BenchLaw:
         ladder: the laws that were tried, in order, each with what is left of stretches that were left out.
         memory: what no law of travel and velocity can explain, and what of it the law remembers.
         loop: energy that the part of the law that remembers takes per cycle; None where it remembers nothing.
+        cycle: energy that the whole force takes per cycle.
         n_independent: independent samples that the residual amounts to.
         warnings: what to doubt, one sentence each.
         not_determined: why there is no law, or None.
@@ -87,6 +88,7 @@ class BenchLaw:
     ladder: Ladder
     memory: Memory
     loop: Loop | None
+    cycle: Loop
     n_independent: float
     warnings: tuple[str, ...]
     not_determined: str | None
@@ -123,7 +125,6 @@ def law_of_bench(
 
     Raises:
         InputError: an unknown candidate, or a negative number of terms.
-        NotDeterminedError: the chosen law has more parameters than the record has independent samples.
 
     >>> rng = np.random.default_rng(0)
     >>> z, v = 0.01 * rng.standard_normal(2000), 0.3 * rng.standard_normal(2000)
@@ -144,6 +145,7 @@ def law_of_bench(
     say = progress or (lambda step: None)
     problem = BenchLaws(thin_record(bench, settings), kinds, settings)
     ladder = _search(problem, kinds, say)
+    ladder = _defined(bench, ladder)
     step, simulated = chosen(ladder), dict[str, SimulatedFit]()
     if bench.acceleration is not None:
         ladder, simulated = _simulated(bench, ladder, settings, say)
@@ -179,6 +181,14 @@ def law_of_bench(
     if is_biased:
         estimates = [each.without_interval() for each in estimates]
     of_law = slice(n_straight, n_straight + fit.law.vector.size)
+    with_damping = np.r_[1, np.arange(of_law.start, of_law.stop)]
+    cycle = cycle_of(
+        fit.law,
+        float(fit.weights[1]),
+        spread.covariance[np.ix_(with_damping, with_damping)],
+        bench,
+        student=spread.student,
+    )
     loop = loop_of(fit.law, spread.covariance[of_law, of_law], bench, student=spread.student)
     amplitude = bench.force - bench.force.mean()
     result = BenchLaw(
@@ -193,6 +203,7 @@ def law_of_bench(
         ladder=ladder,
         memory=memory,
         loop=loop.with_estimates(Estimate.without_interval) if loop is not None and is_biased else loop,
+        cycle=cycle.with_estimates(Estimate.without_interval) if is_biased else cycle,
         n_independent=n_independent,
         warnings=(),
         not_determined=None,
@@ -203,6 +214,12 @@ def law_of_bench(
         simulation=_simulation(bench, refined, simulated) if simulated else None,
     )
     doubts = _warnings(result, fit)
+    if spread.is_short:
+        doubts = (
+            *doubts,
+            f"what the law leaves over changes so slowly that it amounts to {n_independent:.0f} independent samples: "
+            "no parameter has an interval; record longer, or a motion that turns more often",
+        )
     if is_biased:
         doubts = (
             *doubts,
@@ -266,8 +283,29 @@ def _simulated(
             break
     if best is None:
         return ladder, {}
-    # the last one that was kept is the choice
-    return (*(each for each in ladder if each is not best), replace(best, kept=True)), fits
+    return _ending_on(ladder, best), fits
+
+
+def _ending_on(ladder: Ladder, step: LawStep[BenchFit]) -> Ladder:
+    """Return the ladder with another choice: the last step that was kept is the choice."""
+    return (*(each for each in ladder if each is not step), replace(step, kept=True))
+
+
+def _defined(bench: Bench, ladder: Ladder) -> Ladder:
+    """Return the ladder that ends on the best law which is finite along every sample of the record.
+
+    A memory that nothing bounds (Bouc-Wen with a shape below -1/2) may grow without end where the search, which follows
+    it in longer steps, just saw it turn back.
+    """
+    motion = recorded_motion(bench.travel, bench.velocity, bench.fs)
+    choice = chosen(ladder)
+    for step in (choice, *sorted(ladder, key=lambda step: step.fit.bic)):
+        law = step.fit.separable.law
+        if not law.has_memory or all(
+            np.isfinite(each).all() for each in (motion.parameter_gradient(law), motion.start_columns(law))
+        ):
+            return ladder if step is choice else _ending_on(ladder, step)
+    return ladder
 
 
 def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchSettings) -> bool:
@@ -322,11 +360,13 @@ class _Spread:
             first.
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells, s.
+        is_short: whether the residual amounts to too few independent samples: the covariance is then not a number.
     """
 
     covariance: FloatArray
     student: float
     cell_s: float
+    is_short: bool
 
 
 def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: BenchSettings) -> _Spread:
@@ -342,16 +382,15 @@ def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: Bench
 
     n, n_values = slopes.shape
     n_independent = independent_samples(residual)
-    if n_independent <= 2 * n_values:
-        raise NotDeterminedError(
-            f"the residual amounts to {n_independent:.0f} independent samples for {n_values} parameters: record longer"
-        )
     least, most = settings.cells
     length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
     cells = np.arange(n) // length
     # few cells: Student's interval instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
-    return _Spread(clustered_covariance(slopes, residual, cells), student, length / fs)
+    covariance = clustered_covariance(slopes, residual, cells)
+    if is_short := n_independent <= 2 * n_values:
+        covariance = np.full_like(covariance, np.nan)
+    return _Spread(covariance, student, length / fs, is_short)
 
 
 def _slopes_of_force(bench: Bench, fit: SeparableFit) -> FloatArray:
@@ -365,7 +404,7 @@ def _slopes_of_force(bench: Bench, fit: SeparableFit) -> FloatArray:
 def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:
     """Return value and interval of every parameter."""
     values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
-    std = np.sqrt(np.maximum(np.diag(spread.covariance)[: values.size], 0))
+    std = np.sqrt(np.clip(np.diag(spread.covariance)[: values.size], 0, None))
     bound = (*(False,) * fit.weights.size, *fit.at_bound)
     estimates = [
         Estimate(float(value))

@@ -1,4 +1,4 @@
-"""The energy that the part of a law that remembers takes in a cycle: it is determined better than its parameters."""
+"""The energy that a law takes in a cycle, all of it and its part that remembers: known better than its parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from opid.suspensions.bench.record import Bench
 
 @dataclass(frozen=True)
 class Loop(Estimates):
-    """The loop that the part of a law with memory draws over travel, under a sine of the size and pace of the record.
+    """The loop that a force draws over travel, under a sine of the size and pace of the record.
 
     Args:
         travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
@@ -25,6 +25,16 @@ class Loop(Estimates):
     travel_amplitude_m: float
     frequency_hz: float
     area_j: Estimate
+
+    @property
+    def friction_n(self) -> Estimate:
+        """Dry friction that takes the same energy in the cycle, N."""
+        way = 4.0 * self.travel_amplitude_m
+        area = self.area_j
+        ends = None if area.interval95 is None else (area.interval95[0] / way, area.interval95[1] / way)
+        return Estimate(
+            None if area.value is None else area.value / way, None if area.std is None else area.std / way, ends
+        )
 
 
 def loop_of(law: Law, covariance: FloatArray, bench: Bench, *, student: float) -> Loop | None:
@@ -40,14 +50,31 @@ def loop_of(law: Law, covariance: FloatArray, bench: Bench, *, student: float) -
     if not remembers.any():
         return None
     part = Law(tuple(term for term in law.terms if term.kind.memory is not None))
+    return _loop(part, 0.0, np.pad(covariance[np.ix_(remembers, remembers)], (1, 0)), bench, student)
+
+
+def cycle_of(law: Law, damping: float, covariance: FloatArray, bench: Bench, *, student: float) -> Loop:
+    """Return the loop of the whole force.
+
+    Args:
+        law: that was fitted.
+        damping: C beside it, N s/m.
+        covariance: (1 + n_parameters, 1 + n_parameters) of C and `law.vector`.
+        bench: the record.
+        student: half width of a 95 % interval over the standard deviation.
+    """
+    return _loop(law, damping, covariance, bench, student)
+
+
+def _loop(law: Law, damping: float, covariance: FloatArray, bench: Bench, student: float) -> Loop:
     z, v, fs = sine_of(bench)
     # by the end of the fourth cycle the first is forgotten
     n = z.size // 4
-    by_law = gradient_along(part, z, v, fs)[-n:].T @ v[-n:] / fs
+    slopes = np.column_stack([v, gradient_along(law, z, v, fs)])[-n:].T @ v[-n:] / fs
     # the force is a sum of terms that are proportional to their amplitudes
-    amplitudes = np.array([parameter.role == "amplitude" for parameter in part.parameter_list])
-    area = float(by_law[amplitudes] @ part.vector[amplitudes])
-    std = float(np.sqrt(max(float(by_law @ covariance[np.ix_(remembers, remembers)] @ by_law), 0.0)))
+    linear = np.array([True, *(parameter.role == "amplitude" for parameter in law.parameter_list)])
+    area = float(slopes[linear] @ np.append(damping, law.vector)[linear])
+    std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
     interval = (area - student * std, area + student * std)
     return Loop(float(z.max()), fs / n, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
 

@@ -8,7 +8,8 @@ regression), and one of them is made a third axis of the plane. The signals of t
   hysteresis   stop operators z - P_r[z], P_r the play (backlash) of half-width r: the elements of Prandtl, Ishlinskii,
                Jenkins and Iwan, whose sums come near every rate-independent hysteresis, Bouc-Wen's too;
   relaxation   the velocity behind first-order lags, the elements of Maxwell, and of a lag between two channels;
-  inertia      the acceleration: moving parts between the specimen and the force cell.
+  inertia      the acceleration: moving parts between the specimen and the force cell. A mass is the same in slow and in
+               quick motion; what follows the acceleration otherwise is told as vibration.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from opid.suspensions.bench.record import Bench, rate_of
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, MemorySettings
 from opid.suspensions.separable import independent_samples
 
-Cause = Literal["hysteresis", "relaxation", "inertia"]
+Past = Literal["hysteresis", "relaxation", "inertia"]
+Cause = Literal["hysteresis", "relaxation", "inertia", "vibration"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Memory:
         cause: the kind of past that explains most of what the law that was found leaves over; None where the past is
             not seen there.
         moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
+        slow_and_quick_kg: the same of the lower and of the upper half of the acceleration's power, where it explains
+            most; otherwise None.
         testable: whether the motion lets memory and law be told apart at all.
         foretold: median fraction of the stop operators that travel and velocity foretell.
         statement: the same in words.
@@ -53,6 +57,7 @@ class Memory:
     r2_with_past: float
     cause: Cause | None
     moving_mass_kg: float | None
+    slow_and_quick_kg: tuple[float, float] | None
     testable: bool
     foretold: float
     statement: str
@@ -93,7 +98,7 @@ def measure_memory(
     news = {cause: signals - signals[few].mean(axis=1) for cause, signals in groups.items()}
     told = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
     foretold = float(np.median(told))
-    knowing: list[tuple[FloatArray, Cause]] = [
+    knowing: list[tuple[FloatArray, Past]] = [
         (_regress(signals, static, fold, known.ridge), cause) for cause, signals in news.items() for static in statics
     ]
     for cause, signals in groups.items():
@@ -104,19 +109,24 @@ def measure_memory(
     total = points.y.size * points.force_rms**2
     static = _least(statics)
     testable = foretold < known.foretold
-    seen = best if testable and _is_seen(static, left, total, known) else None
+    seen: Cause | None = best if testable and _is_seen(static, left, total, known) else None
     r2_law = 1 - float(static @ static) / total
     r2_past = 1 - float(left @ left) / total if seen else r2_law
     without = _least(_corrected(static_rest, neighbours))
     r2_static = 1 - float(without @ without) / total
     by_law = points.motion.parameter_gradient(law)
-    mass = _moving_mass(groups["inertia"], np.column_stack([plane, by_law]), rest) if seen == "inertia" else None
+    mass, halves = None, None
+    if seen == "inertia":
+        others = np.column_stack([plane, by_law])
+        mass, halves = _moving_mass(groups["inertia"], others, rest), _slow_and_quick(bench, points, others, rest)
+        if abs(halves[0] - halves[1]) > known.mass_agreement * abs(mass):
+            seen, mass = "vibration", None
     remembering = "+".join(term.name for term in law.terms if term.kind.memory is not None)
-    measured = Memory(r2_static, r2_law, r2_past, seen, mass, testable, foretold, "")
+    measured = Memory(r2_static, r2_law, r2_past, seen, mass, halves, testable, foretold, "")
     return replace(measured, statement=_statement(measured, remembering, is_noise))
 
 
-def past_signals(bench: Bench, settings: BenchSettings = DEFAULTS) -> dict[Cause, FloatArray]:
+def past_signals(bench: Bench, settings: BenchSettings = DEFAULTS) -> dict[Past, FloatArray]:
     """Return the signals of the past by their kind, each (n, n_signals).
 
     Args:
@@ -223,6 +233,23 @@ def _moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray)
     return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
 
 
+def _slow_and_quick(bench: Bench, points: Points, others: FloatArray, rest: FloatArray) -> tuple[float, float]:
+    """Return the coefficients of the lower and the upper half of the acceleration's power, kg."""
+    from scipy import fft
+
+    acceleration, _ = rate_of(bench.velocity, fs=bench.fs)
+    spectrum = fft.rfft(acceleration)
+    power = np.cumsum(np.abs(spectrum) ** 2)
+    spectrum[int(np.searchsorted(power, 0.5 * power[-1])) :] = 0.0
+    slow = fft.irfft(spectrum, acceleration.size)
+    parts = [each[points.sample] for each in (slow, acceleration - slow)]
+    low, high = (
+        _moving_mass(part[:, np.newaxis], np.column_stack([other, others]), rest)
+        for part, other in (parts, parts[::-1])
+    )
+    return low, high
+
+
 def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
     """Say the same in words."""
     if not memory.testable:
@@ -240,6 +267,10 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
             "inertia": (
                 f"follows the acceleration (moving parts of {memory.moving_mass_kg or 0.0:.3g} kg between specimen and "
                 "force cell)"
+            ),
+            "vibration": (
+                "follows the acceleration, but not as a mass does ({:.3g} kg in slow motion, {:.3g} kg in quick "
+                "motion: the bench or the specimen vibrates)".format(*(memory.slow_and_quick_kg or (0.0, 0.0)))
             ),
         }[memory.cause]
         return (
