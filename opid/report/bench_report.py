@@ -218,7 +218,7 @@ def quality(result: BenchLaw) -> str:
     bench = result.bench
     return (
         f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
-        f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.force.size} "
+        f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
         f"samples at {bench.fs:.6g} Hz ({result.n_independent:.0f} independent ones in the residual); velocity: "
         f"{bench.velocity_from}.{_loop_words(result)}{_simulation_words(result)}"
     )

@@ -100,8 +100,8 @@ class BenchLaw:
 
     @property
     def residual_rms(self) -> float:
-        """Root mean square of the residual, N."""
-        return float(np.sqrt(np.mean(self.residual**2)))
+        """Root mean square of the residual, N, of the samples that count."""
+        return float(np.sqrt(np.mean(self.residual[self.bench.samples] ** 2)))
 
 
 def law_of_bench(
@@ -151,8 +151,7 @@ def law_of_bench(
         ladder, simulated = _simulated(bench, ladder, settings, say)
         step = chosen(ladder)
     if simulated:
-        refined = simulated[step.law_name]
-        fit = _as_fit_of_force(bench, refined)
+        fit = _as_fit_of_force(bench, simulated[step.law_name])
     else:
         say("the chosen law on all samples")
         fit = _fit_of_force(bench, step, settings)
@@ -171,63 +170,70 @@ def law_of_bench(
         is_noise=r2_left_out < settings.least_r2,
         settings=settings,
     )
-    n_independent = independent_samples(fit.residual)
-    if simulated:
-        spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
-    else:
+    return _answer(
+        bench,
+        fit,
+        simulated.get(step.law_name),
+        BenchLaw(
+            bench=bench,
+            title=title,
+            parameters=StraightPart(Estimate(), Estimate(), Estimate()),
+            law=fit.law,
+            law_estimates={},
+            residual=_residual(bench, fit),
+            r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
+            r2_left_out=r2_left_out,
+            ladder=ladder,
+            memory=memory,
+            loop=None,
+            cycle=Loop(0.0, 0.0, Estimate()),
+            n_independent=independent_samples(fit.residual),
+            warnings=(),
+            not_determined=None,
+            settings=settings,
+            candidates=kinds,
+            n_search_samples=problem.points.sample.size,
+            interval_cell_s=0.0,
+            simulation=_simulation(bench, simulated[step.law_name], simulated) if simulated else None,
+        ),
+    )
+
+
+def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, result: BenchLaw) -> BenchLaw:
+    """Return the result with what may be told of the parameters, and what is to be doubted."""
+    settings, n_straight = result.settings, fit.weights.size
+    if refined is None:
         spread = _spread(_slopes_of_force(bench, fit), fit.residual, bench.fs, settings)
-    estimates, n_straight = _estimates(fit, spread), fit.weights.size
-    is_biased = bench.acceleration is not None and not simulated and _may_be_biased(bench, fit, estimates[3])
-    if is_biased:
-        estimates = [each.without_interval() for each in estimates]
+    else:
+        spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
+    is_biased = bench.acceleration is not None and refined is None and _may_be_biased(bench, fit, spread)
+    if is_biased or spread.is_short:
+        spread = replace(spread, covariance=np.full_like(spread.covariance, np.nan))
+    estimates = _estimates(fit, spread)
     of_law = slice(n_straight, n_straight + fit.law.vector.size)
     with_damping = np.r_[1, np.arange(of_law.start, of_law.stop)]
-    cycle = cycle_of(
-        fit.law,
-        float(fit.weights[1]),
-        spread.covariance[np.ix_(with_damping, with_damping)],
-        bench,
-        student=spread.student,
-    )
-    loop = loop_of(fit.law, spread.covariance[of_law, of_law], bench, student=spread.student)
-    amplitude = bench.force - bench.force.mean()
-    result = BenchLaw(
-        bench=bench,
-        title=title,
+    of_cycle, damping = spread.covariance[np.ix_(with_damping, with_damping)], float(fit.weights[1])
+    result = replace(
+        result,
         parameters=StraightPart(*estimates[:n_straight]),
-        law=fit.law,
         law_estimates=_law_estimates(fit, estimates[of_law]),
-        residual=fit.residual,
-        r2=1 - float(fit.residual @ fit.residual) / float(amplitude @ amplitude),
-        r2_left_out=r2_left_out,
-        ladder=ladder,
-        memory=memory,
-        loop=loop.with_estimates(Estimate.without_interval) if loop is not None and is_biased else loop,
-        cycle=cycle.with_estimates(Estimate.without_interval) if is_biased else cycle,
-        n_independent=n_independent,
-        warnings=(),
-        not_determined=None,
-        settings=settings,
-        candidates=kinds,
-        n_search_samples=problem.points.sample.size,
+        loop=loop_of(fit.law, of_cycle[1:, 1:], bench, student=spread.student),
+        cycle=cycle_of(fit.law, damping, of_cycle, bench, student=spread.student),
         interval_cell_s=spread.cell_s,
-        simulation=_simulation(bench, refined, simulated) if simulated else None,
     )
-    doubts = _warnings(result, fit)
+    doubts = list(_warnings(result, fit))
     if spread.is_short:
-        doubts = (
-            *doubts,
-            f"what the law leaves over changes so slowly that it amounts to {n_independent:.0f} independent samples: "
-            "no parameter has an interval; record longer, or a motion that turns more often",
+        doubts.append(
+            f"what the law leaves over changes so slowly that it amounts to {result.n_independent:.0f} independent "
+            "samples: no parameter has an interval; record longer, or a motion that turns more often"
         )
     if is_biased:
-        doubts = (
-            *doubts,
+        doubts.append(
             "the moving mass is that of a differentiated motion, whose noise makes it too small and moves the other "
             "parameters, and the motion simulated from the force explains less: no parameter has an interval; record "
-            "the travel with less noise, or a stronger motion",
+            "the travel with less noise, or a stronger motion"
         )
-    return replace(result, warnings=doubts, not_determined=_reason(result))
+    return replace(result, warnings=tuple(doubts), not_determined=_reason(result))
 
 
 def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
@@ -249,15 +255,23 @@ def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], Non
 
 def _fit_of_force(bench: Bench, step: LawStep[BenchFit], settings: BenchSettings) -> SeparableFit:
     """Return the fit of a law that was found to all samples."""
+    law = step.fit.separable.law
     return separable_fit(
-        straight_columns(bench),
-        step.fit.separable.law,
-        recorded_motion(bench.travel, bench.velocity, bench.fs),
-        bench.force,
-        starts=[step.fit.separable.law],
+        straight_columns(bench)[bench.samples],
+        law,
+        recorded_motion(bench.travel, bench.velocity, bench.fs).part(bench.samples),
+        bench.force[bench.samples],
+        starts=[law],
         free_exponents=True,
         settings=settings.separable,
     )
+
+
+def _residual(bench: Bench, fit: SeparableFit) -> FloatArray:
+    """Return force minus fit of every sample, also of those that do not count, N."""
+    motion = recorded_motion(bench.travel, bench.velocity, bench.fs)
+    own = motion.force(fit.law) + motion.start_columns(fit.law) @ fit.start_weights
+    return bench.force - straight_columns(bench) @ fit.weights - own
 
 
 def _simulated(
@@ -317,24 +331,23 @@ def _is_better_simulated(fit: SimulatedFit, than: SimulatedFit, settings: BenchS
 
 def _as_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
     """Return a refined law as a fit of the force, with what it leaves of it."""
-    part, motion = simulated.part, recorded_motion(bench.travel, bench.velocity, bench.fs)
-    residual = bench.force - straight_columns(bench) @ part.straight - motion.force(part.law)
-    return SeparableFit(part.straight, np.zeros(part.begins.size - 2), part.law, residual, simulated.at_bound)
+    part = simulated.part
+    fit = SeparableFit(part.straight, np.zeros(part.begins.size - 2), part.law, np.empty(0), simulated.at_bound)
+    return replace(fit, residual=_residual(bench, fit))
 
 
-def _may_be_biased(bench: Bench, fit: SeparableFit, mass: Estimate) -> bool:
+def _may_be_biased(bench: Bench, fit: SeparableFit, spread: _Spread) -> bool:
     """Whether the residual, were it all noise of the acceleration, would move the mass by a standard deviation.
 
     Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).
     """
-    if mass.value is None or mass.std is None:
-        return False
+    mass, variance = float(fit.weights[3]), float(spread.covariance[3, 3])
     others = np.delete(_slopes_of_force(bench, fit), 3, axis=1)
     others = others / np.maximum(np.sqrt(np.mean(others**2, axis=0)), 1e-300)
     acceleration = straight_columns(bench)[:, 3]
     own = acceleration - others @ np.linalg.lstsq(others, acceleration, rcond=1e-12)[0]
-    noise = float(fit.residual @ fit.residual) / max(mass.value**2 * float(own @ own), 1e-300)
-    return noise * abs(mass.value) > mass.std
+    noise = float(fit.residual @ fit.residual) / max(mass**2 * float(own @ own), 1e-300)
+    return bool(noise * abs(mass) > np.sqrt(max(variance, 0.0)))
 
 
 def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, SimulatedFit]) -> Simulation:
@@ -360,7 +373,7 @@ class _Spread:
             first.
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells, s.
-        is_short: whether the residual amounts to too few independent samples: the covariance is then not a number.
+        is_short: whether the residual amounts to too few independent samples for any interval.
     """
 
     covariance: FloatArray
@@ -388,17 +401,14 @@ def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: Bench
     # few cells: Student's interval instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
     covariance = clustered_covariance(slopes, residual, cells)
-    if is_short := n_independent <= 2 * n_values:
-        covariance = np.full_like(covariance, np.nan)
-    return _Spread(covariance, student, length / fs, is_short)
+    return _Spread(covariance, student, length / fs, n_independent <= 2 * n_values)
 
 
 def _slopes_of_force(bench: Bench, fit: SeparableFit) -> FloatArray:
     """Return the derivatives of the force by stiffness, damping, offset, mass, the law, and what is held at first."""
-    motion = recorded_motion(bench.travel, bench.velocity, bench.fs)
-    return np.concatenate(
-        [straight_columns(bench), motion.parameter_gradient(fit.law), motion.start_columns(fit.law)], axis=1
-    )
+    motion = recorded_motion(bench.travel, bench.velocity, bench.fs).part(bench.samples)
+    own = motion.parameter_gradient(fit.law), motion.start_columns(fit.law)
+    return np.concatenate([straight_columns(bench)[bench.samples], *own], axis=1)
 
 
 def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:

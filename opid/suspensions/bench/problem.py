@@ -242,11 +242,13 @@ def thin_record(bench: Bench, settings: BenchSettings) -> Points:
         bench: the record.
         settings: how many, and in how many stretches and turns.
     """
-    n = bench.force.size
+    counted = bench.samples
+    n = counted.size
     step = -(-n // settings.n_search)
     first = np.arange(n // step) * step
     # multiples of the golden section fill every step evenly
-    sample = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
+    place = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
+    sample = counted[place]
     fold = (np.arange(sample.size) * settings.n_stretches) // sample.size % settings.n_folds
     whole = recorded_motion(bench.travel, bench.velocity, bench.fs, steps_per_rms=settings.steps_per_rms)
     motion = whole.part(sample)

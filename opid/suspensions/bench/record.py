@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray, Recording
@@ -28,6 +29,8 @@ class Bench:
         channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
         doubts: what to doubt about the record, one sentence each.
         acceleration: (n,) z'', m/s^2, where parts of unknown mass move with the specimen; None where none do.
+        counted: (n,) whether the law holds for a sample, None for all: while a valve or a voltage is in another state,
+            the motion is only followed.
     """
 
     travel: FloatArray
@@ -40,6 +43,12 @@ class Bench:
     channels: dict[str, str | None]
     doubts: tuple[str, ...]
     acceleration: FloatArray | None = None
+    counted: NDArray[np.bool_] | None = None
+
+    @property
+    def samples(self) -> NDArray[np.int64]:
+        """(m,) indices of the samples that count."""
+        return np.arange(self.force.size) if self.counted is None else np.flatnonzero(self.counted)
 
 
 def bench_from_recording(
@@ -49,6 +58,7 @@ def bench_from_recording(
     travel: str,
     velocity: str | None = None,
     moving_mass: bool = False,
+    counted: ArrayLike | None = None,
     settings: RecordSettings = DEFAULTS.record,
 ) -> Bench:
     """Take force and motion from a recording.
@@ -63,10 +73,13 @@ def bench_from_recording(
         velocity: name of the channel of its rate, or None.
         moving_mass: whether parts of unknown mass move between the force and the specimen. Their acceleration is the
             rate of the velocity.
+        counted: (n,) whether the law holds for a sample; None for all. What is remembered is followed through the
+            others, too.
         settings: when a record is doubted.
 
     Raises:
-        InputError: an unknown channel, one in the wrong unit or named twice, or too few samples.
+        InputError: an unknown channel, one in the wrong unit or named twice, too few samples, or samples that do not
+            count beside a moving mass, whose motion is simulated without a gap.
         NotDeterminedError: a travel or a force that never changes.
 
     >>> from opid.signals.recording import Channel
@@ -109,7 +122,25 @@ def bench_from_recording(
     channels = {"force": force, "travel": travel, "velocity": velocity}
     band = band_hz if velocity is None else None
     acceleration = rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None
-    return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts), acceleration)
+    which = None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings)
+    return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts), acceleration, which)
+
+
+def _checked_counted(
+    counted: ArrayLike, n_samples: int, moving_mass: bool, settings: RecordSettings
+) -> NDArray[np.bool_]:
+    which = np.asarray(counted)
+    if which.dtype != np.bool_ or which.shape != (n_samples,):
+        raise InputError(
+            f"counted has type {which.dtype} and shape {which.shape}: give one truth value a sample, {n_samples}"
+        )
+    if which.sum() < settings.least_samples:
+        raise InputError(f"{which.sum()} samples count: at least {settings.least_samples} are needed")
+    if moving_mass and not which.all():
+        raise InputError(
+            "counted beside moving_mass: a motion is simulated without a gap, give a stretch of the record"
+        )
+    return which
 
 
 def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAULTS.record) -> tuple[FloatArray, float]:
