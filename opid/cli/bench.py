@@ -15,8 +15,17 @@ from opid.cli.group import end, main, progress
 @click.option("--travel", required=True, metavar="COL", help="Column of the travel, in m, mm, in, ...")
 @click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
 @click.option("--moving-mass", is_flag=True, help="Parts of unknown mass move between force cell and specimen.")
+@click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figures.")
-def law(bench: Path, force: str, travel: str, velocity: str | None, moving_mass: bool, out: Path | None) -> None:
+def law(
+    bench: Path,
+    force: str,
+    travel: str,
+    velocity: str | None,
+    moving_mass: bool,
+    quasi_static: bool,
+    out: Path | None,
+) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
     F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
@@ -25,16 +34,25 @@ def law(bench: Path, force: str, travel: str, velocity: str | None, moving_mass:
     """
     from opid.report import bench_text, write_bench_report
     from opid.report.directory import require_directory
+    from opid.signals.log_settings import LogSettings
     from opid.signals.logs import read_log
     from opid.suspensions.bench.law import law_of_bench
-    from opid.suspensions.bench.record import bench_from_recording
+    from opid.suspensions.bench.record import bench_from_recording, quasi_static_bench
 
     target = None if out is None else require_directory(out)
     with progress() as say:
         say("the record")
         wanted = [name for name in dict.fromkeys((force, travel, velocity)) if name is not None]
-        recording = read_log(bench, channels=wanted)
-        record = bench_from_recording(recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass)
+        if quasi_static:
+            if velocity is not None or moving_mass:
+                raise click.UsageError("--quasi-static: a test without time has no --velocity and no --moving-mass")
+            recording = read_log(bench, LogSettings(fs_hz=1.0), channels=wanted)
+            record = quasi_static_bench(recording, force=force, travel=travel)
+        else:
+            recording = read_log(bench, channels=wanted)
+            record = bench_from_recording(
+                recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass
+            )
         result = law_of_bench(record, title=bench.name, progress=say)
         page = None if target is None else write_bench_report(result, target, progress=say)
     click.echo(bench_text(result))

@@ -164,7 +164,8 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
     with house_style():
         grid = panels(axes, 1, 3, height_in=3.1, sharey=True)
         velocity, travel = _motions(result)
-        for ax, place, label in zip(grid[0], (time, velocity, travel), ("time [s]", _VELOCITY, _TRAVEL), strict=True):
+        along = "way [m]" if bench.is_quasi_static else "time [s]"
+        for ax, place, label in zip(grid[0], (time, velocity, travel), (along, _VELOCITY, _TRAVEL), strict=True):
             ax.plot(place[shown], scale * bench.force[shown], color=PALE, label="force", **_DOTS)
             ax.plot(place[shown], scale * result.residual[shown], color=RUN_COLORS[0], label="residual", **_DOTS)
             ax.axhline(0, color=INK, linewidth=0.8)

@@ -31,8 +31,7 @@ def bench_text(result: BenchLaw) -> str:
     Args:
         result: from `law_of_bench`.
     """
-    mass = "" if result.bench.acceleration is None else "m z'' + "
-    parts = [f"{result.title or 'Test bench'}: F = F0 + {mass}K z + C z' + f(z, z')", ""]
+    parts = [f"{result.title or 'Test bench'}: {equation(result)}", ""]
     if result.not_determined:
         parts += [*wrapped("Not determined: " + result.not_determined), ""]
     parts += [*table_lines(bench_rows(result), columns(None)), "", *wrapped(quality(result))]
@@ -41,6 +40,18 @@ def bench_text(result: BenchLaw) -> str:
     if doubts:
         parts += ["", *(line for doubt in doubts for line in wrapped(doubt, "Warning: "))]
     return "\n".join(parts) + "\n"
+
+
+def equation(result: BenchLaw) -> str:
+    """Return the law as an equation, with what stands beside f.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    if result.bench.is_quasi_static:
+        return "F = F0 + K z + f(z)"
+    mass = "" if result.bench.acceleration is None else "m z'' + "
+    return f"F = F0 + {mass}K z + C z' + f(z, z')"
 
 
 def bench_json(result: BenchLaw) -> dict[str, Any]:
@@ -113,6 +124,8 @@ def _settings(result: BenchLaw) -> dict[str, Any]:
         "n_samples": bench.force.size,
         "fs_hz": bench.fs,
         "velocity_from": bench.velocity_from,
+        "quasi_static": bench.is_quasi_static,
+        "moving_mass": bench.acceleration is not None,
         "velocity_band_hz": bench.velocity_band_hz,
         "travel_zero_m": bench.travel_zero_m,
         "candidates": result.candidates,
@@ -148,6 +161,7 @@ def write_bench_report(
         columns=columns(None),
         rows=bench_rows(result),
         quality=quality(result),
+        equation=equation(result).replace("'", "′"),
         memory=_sentence(result.memory.statement),
         warnings=_doubts(result),
         pictures=bench_pictures(),
@@ -205,7 +219,8 @@ def bench_rows(result: BenchLaw) -> list[Row]:
     Args:
         result: from `law_of_bench`.
     """
-    table = [estimate_row(*LABELS[name], estimate) for name, estimate in result.parameters.items()]
+    told = result.parameters.items()
+    table = [estimate_row(*LABELS[name], estimate) for name, estimate in told if estimate.value is not None]
     return [*table, *_law_rows(result), Row("Whole force"), estimate_row("energy a cycle", "J", result.cycle.area_j)]
 
 
@@ -216,19 +231,21 @@ def quality(result: BenchLaw) -> str:
         result: from `law_of_bench`.
     """
     bench = result.bench
+    rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
     return (
         f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
         f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
-        f"samples at {bench.fs:.6g} Hz ({result.n_independent:.0f} independent ones in the residual); velocity: "
+        f"samples{rate} ({result.n_independent:.0f} independent ones in the residual); velocity: "
         f"{bench.velocity_from}.{_loop_words(result)}{_simulation_words(result)}"
     )
 
 
 def _loop_words(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
+    of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
     told = (
-        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm at {cycle.frequency_hz:.3g} Hz has rms travel and "
-        f"velocity of the record; it takes the energy of a dry friction of {friction.value:.3g} N"
+        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
+        f"the energy of a dry friction of {friction.value:.3g} N"
     )
     if result.loop is None:
         return told + "."
@@ -276,5 +293,6 @@ def _sentence(text: str) -> str:
 def _command(result: BenchLaw) -> str:
     names = {role: name for role, name in result.bench.channels.items() if name is not None}
     options = " ".join(f"--{role} {shlex.quote(name)}" for role, name in names.items())
-    mass = "" if result.bench.acceleration is None else " --moving-mass"
-    return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}{mass}"
+    flags = " --moving-mass" if result.bench.acceleration is not None else ""
+    flags += " --quasi-static" if result.bench.is_quasi_static else ""
+    return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}{flags}"

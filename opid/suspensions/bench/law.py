@@ -38,7 +38,7 @@ class StraightPart(Estimates):
 
     Args:
         stiffness_n_per_m: K.
-        damping_n_s_per_m: C.
+        damping_n_s_per_m: C; without a value where the test was quasi-static.
         offset_n: F0.
         moving_mass_kg: of the parts that move with the specimen; None where there are none.
     """
@@ -138,6 +138,8 @@ def law_of_bench(
     kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
         default_law(name)  # an unknown one is named here
+    if bench.is_quasi_static:
+        kinds = tuple(name for name in kinds if _is_of_travel(name))
     if most_terms is not None:
         settings = replace(settings, search=replace(settings.search, most_terms=most_terms))
     if settings.search.most_terms < 0:
@@ -186,7 +188,7 @@ def law_of_bench(
             ladder=ladder,
             memory=memory,
             loop=None,
-            cycle=Loop(0.0, 0.0, Estimate()),
+            cycle=Loop(0.0, None, Estimate()),
             n_independent=independent_samples(fit.residual),
             warnings=(),
             not_determined=None,
@@ -211,11 +213,14 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
         spread = replace(spread, covariance=np.full_like(spread.covariance, np.nan))
     estimates = _estimates(fit, spread)
     of_law = slice(n_straight, n_straight + fit.law.vector.size)
-    with_damping = np.r_[1, np.arange(of_law.start, of_law.stop)]
-    of_cycle, damping = spread.covariance[np.ix_(with_damping, with_damping)], float(fit.weights[1])
+    if bench.is_quasi_static:
+        damping, of_cycle = 0.0, np.pad(spread.covariance[of_law, of_law], (1, 0))
+    else:
+        with_damping = np.r_[1, np.arange(of_law.start, of_law.stop)]
+        damping, of_cycle = float(fit.weights[1]), spread.covariance[np.ix_(with_damping, with_damping)]
     result = replace(
         result,
-        parameters=StraightPart(*estimates[:n_straight]),
+        parameters=_straight_part(bench, estimates[:n_straight]),
         law_estimates=_law_estimates(fit, estimates[of_law]),
         loop=loop_of(fit.law, of_cycle[1:, 1:], bench, student=spread.student),
         cycle=cycle_of(fit.law, damping, of_cycle, bench, student=spread.student),
@@ -234,6 +239,22 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
             "the travel with less noise, or a stronger motion"
         )
     return replace(result, warnings=tuple(doubts), not_determined=_reason(result))
+
+
+def _is_of_travel(kind: str) -> bool:
+    """Whether the force of a kind depends on where the travel is and has been, and not on how fast it passed."""
+    if LAWS[kind].memory is not None:
+        return all(parameter.unit in ("N", "m", "1") for parameter in LAWS[kind].parameters)
+    _, by_velocity = default_law(kind).gradient(np.linspace(-0.01, 0.01, 21), np.linspace(-0.3, 0.3, 21))
+    return not np.any(by_velocity)
+
+
+def _straight_part(bench: Bench, estimates: Sequence[Estimate]) -> StraightPart:
+    """Return what stands beside the law; a quasi-static test tells no damping."""
+    if not bench.is_quasi_static:
+        return StraightPart(*estimates)
+    stiffness, offset = estimates
+    return StraightPart(stiffness, Estimate(), offset)
 
 
 def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
@@ -489,6 +510,13 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
             f"one explains {100 * result.r2_left_out:.4g} %: the library lacks its shape, which the intervals do not "
             "cover"
         )
+    for name, symbol in (("stiffness_n_per_m", "K"), ("damping_n_s_per_m", "C")):
+        ends = getattr(result.parameters, name).interval95
+        if ends is not None and ends[1] < 0 and fit.law.terms:
+            found.append(
+                f"{symbol} is below zero: it is the slope that is left beside the terms of the law, no property of its "
+                "own; what the whole force takes a cycle is"
+            )
     for name, others in _rivals(result).items():
         found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")
     for term in fit.law.terms:

@@ -18,12 +18,13 @@ class Loop(Estimates):
 
     Args:
         travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
-        frequency_hz: of the sine, its rms velocity over its rms travel that of the record.
+        frequency_hz: of the sine, its rms velocity over its rms travel that of the record; None where time means
+            nothing.
         area_j: what the loop encloses, the energy that is taken per cycle.
     """
 
     travel_amplitude_m: float
-    frequency_hz: float
+    frequency_hz: float | None
     area_j: Estimate
 
     @property
@@ -76,11 +77,14 @@ def _loop(law: Law, damping: float, covariance: FloatArray, bench: Bench, studen
     area = float(slopes[linear] @ np.append(damping, law.vector)[linear])
     std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
     interval = (area - student * std, area + student * std)
-    return Loop(float(z.max()), fs / n, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
+    frequency_hz = None if bench.is_quasi_static else fs / n
+    return Loop(float(z.max()), frequency_hz, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
 
 
 def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
     """Return travel (m), velocity (m/s) and rate (Hz) of four cycles of a sine of the size and pace of a record.
+
+    Along the way of a quasi-static test it passes at 1 m/s.
 
     Args:
         bench: the record.
@@ -95,5 +99,10 @@ def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
     travel, velocity = float(bench.travel.std()), float(bench.velocity.std())
     n = 2000
     phase = 2 * np.pi * np.arange(4 * n) / n
+    if bench.is_quasi_static:
+        quarter = (phase + 0.5 * np.pi / n) * 2 / np.pi % 4
+        saw = np.where(quarter < 1, quarter, np.where(quarter < 3, 2 - quarter, quarter - 4))
+        rising = np.where((quarter < 1) | (quarter > 3), 1.0, -1.0)
+        return np.sqrt(2) * travel * saw, rising, n / (4 * np.sqrt(2) * travel)
     fs = n * velocity / travel / (2 * np.pi)
     return np.sqrt(2) * travel * np.sin(phase), np.sqrt(2) * velocity * np.cos(phase), fs

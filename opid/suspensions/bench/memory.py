@@ -91,7 +91,10 @@ def measure_memory(
     """
     known, sample, fold = settings.memory, points.sample, points.fold
     plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
-    groups = {cause: signals[sample] for cause, signals in past_signals(bench, settings).items()}
+    signals_of = past_signals(bench, settings)
+    # without time there is only the way
+    told_of: tuple[Past, ...] = ("hysteresis",) if bench.is_quasi_static else tuple(signals_of)
+    groups = {each: signals_of[each][sample] for each in told_of}
     neighbours = [_find_neighbours(plane, fold, count) for count in known.neighbours]
     statics = _corrected(rest, neighbours)
     few = neighbours[0]

@@ -34,7 +34,7 @@ class Points:
         fold: (m,) the turn in which each is left out.
         motion: (m,) travel and velocity, and the record that they are taken from.
         y: (m,) force, N.
-        columns: (m, 3) what enters linearly: travel, velocity, one; (m, 4) with the acceleration of moving parts.
+        columns: (m, n_straight) what enters linearly, see `straight_columns`.
     """
 
     sample: NDArray[np.int64]
@@ -258,11 +258,14 @@ def thin_record(bench: Bench, settings: BenchSettings) -> Points:
 def straight_columns(bench: Bench) -> FloatArray:
     """Return what enters linearly: travel, velocity and one, (n, 3), and the acceleration of moving parts, (n, 4).
 
+    Of a quasi-static test they are travel and one, (n, 2).
+
     Args:
         bench: the record.
     """
     moving = [] if bench.acceleration is None else [bench.acceleration]
-    return np.stack([bench.travel, bench.velocity, np.ones_like(bench.travel), *moving], axis=1)
+    velocity = [] if bench.is_quasi_static else [bench.velocity]
+    return np.stack([bench.travel, *velocity, np.ones_like(bench.travel), *moving], axis=1)
 
 
 def _fit(points: Points, law: Law, settings: BenchSettings, *, tolerance: float = 1e-7) -> SeparableFit:

@@ -31,6 +31,8 @@ class Bench:
         acceleration: (n,) z'', m/s^2, where parts of unknown mass move with the specimen; None where none do.
         counted: (n,) whether the law holds for a sample, None for all: while a valve or a voltage is in another state,
             the motion is only followed.
+        is_quasi_static: whether time means nothing: `fs` counts samples a metre of the path, and `velocity` is the
+            direction, 1 or -1.
     """
 
     travel: FloatArray
@@ -44,6 +46,7 @@ class Bench:
     doubts: tuple[str, ...]
     acceleration: FloatArray | None = None
     counted: NDArray[np.bool_] | None = None
+    is_quasi_static: bool = False
 
     @property
     def samples(self) -> NDArray[np.int64]:
@@ -124,6 +127,52 @@ def bench_from_recording(
     acceleration = rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None
     which = None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings)
     return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts), acceleration, which)
+
+
+def quasi_static_bench(
+    recording: Recording, *, force: str, travel: str, settings: RecordSettings = DEFAULTS.record
+) -> Bench:
+    """Take force and travel from a test so slow that time means nothing; the recording may have any rate.
+
+    The path is cut into equal steps, and the way along it takes the place of time. Laws of travel and memories of
+    travel do not depend on how it is passed. The samples that count are those nearest to the recorded ones.
+
+    Args:
+        recording: of the test, in SI units.
+        force: name of the channel of the force.
+        travel: name of the channel of the travel (extension).
+        settings: when a record is doubted.
+
+    Raises:
+        InputError: an unknown channel, one in the wrong unit or named twice, or too few samples.
+        NotDeterminedError: a travel or a force that never changes.
+
+    >>> from opid.signals.recording import Channel
+    >>> turns = np.interp(np.arange(400), [0, 100, 300, 400], [0.0, 0.01, -0.01, 0.0])
+    >>> samples = np.stack([1e4 * turns, turns], axis=1)
+    >>> record = Recording(samples, fs=1.0, channels=(Channel("pull", "N"), Channel("stroke", "m")))
+    >>> bench = quasi_static_bench(record, force="pull", travel="stroke")
+    >>> sorted(set(bench.velocity.tolist())), round(bench.force.size / bench.fs, 3)
+    ([-1.0, 1.0], 0.04)
+    """
+    bench = bench_from_recording(recording, force=force, travel=travel, settings=settings)
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(bench.travel)))])
+    n = max(settings.path_steps * bench.force.size, 2)
+    step = float(way[-1]) / (n - 1)
+    along = np.arange(n) * step
+    # the segment that each place lies on gives its direction
+    moves = np.flatnonzero(np.diff(way) > 0)
+    segment = moves[np.minimum(np.searchsorted(way[moves + 1], along), moves.size - 1)]
+    direction = np.sign(bench.travel[segment + 1] - bench.travel[segment])
+    counted = np.zeros(n, dtype=bool)
+    counted[np.round(way / step).astype(np.int64)] = True
+    last = np.append(moves, bench.force.size - 1)
+    z, y = (np.interp(along, way[last], each[last]) for each in (bench.travel, bench.force))
+    doubts = tuple(doubt for doubt in bench.doubts if "drives the motion" not in doubt)
+    return Bench(
+        z, direction, y, 1.0 / step, bench.travel_zero_m, "none, a quasi-static test", None, bench.channels, doubts,
+        counted=counted, is_quasi_static=True,
+    )  # fmt: skip
 
 
 def _checked_counted(

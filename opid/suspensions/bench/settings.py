@@ -14,6 +14,8 @@ class RecordSettings:
 
     Args:
         least_samples: a shorter record shows no law.
+        path_steps: steps that the path of a quasi-static test is cut into, for each of its samples: a memory is
+            followed through turns that fall between two samples.
         above_floor: a travel is differentiated up to where its spectrum last stands this many times above its floor.
         left_above: or up to where the spectrum of the rate is lowest, if less than this fraction of its power lies
             above.
@@ -23,6 +25,7 @@ class RecordSettings:
     """
 
     least_samples: int = 200
+    path_steps: int = 4
     above_floor: float = 10.0
     left_above: float = 0.1
     rate_factor: tuple[float, float] = (0.8, 1.25)
