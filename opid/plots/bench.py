@@ -33,21 +33,26 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
         axes: two Axes, or None for a new figure.
 
     Returns:
-        (1, 2) Axes.
+        (1, 2) Axes; (1, 1) of a quasi-static test, which has no velocity.
     """
     bench = result.bench
     shown = every(bench.force.size)
     fitted = bench.force - result.residual
     scale, unit = _force_unit(bench.force)
+    motions = list(zip(_motions(result), (_VELOCITY, _TRAVEL), strict=True))[bench.is_quasi_static :]
     with house_style():
-        grid = panels(axes, 1, 2, height_in=3.7, sharey=True)
-        for ax, motion, label in zip(grid[0], _motions(result), (_VELOCITY, _TRAVEL), strict=True):
+        grid = panels(axes, 1, len(motions), height_in=3.7, sharey=True)
+        for ax, (motion, label) in zip(grid[0], motions, strict=True):
             ax.plot(motion[shown], scale * bench.force[shown], color=PALE, label="measured", **_DOTS)
             ax.plot(motion[shown], scale * fitted[shown], color=RUN_COLORS[1], label="law", **_DOTS)
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel(f"force [{unit}]")
         grid[0, 0].set_title(result.law.name.replace("_", " ").replace("+", " + "))
-        grid[0, 1].set_title(f"{100 * result.r2_left_out:.4g} % explained where left out", fontweight="normal")
+        explained = f"{100 * result.r2_left_out:.4g} % explained where left out"
+        if bench.is_quasi_static:
+            grid[0, 0].set_title(f"{grid[0, 0].get_title()}: {explained}")
+        else:
+            grid[0, 1].set_title(explained, fontweight="normal")
         thick(grid[0, 0].legend(loc="upper left"))
     return grid
 
@@ -62,7 +67,7 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
         axes: two Axes, or None for a new figure.
 
     Returns:
-        (1, 2) Axes.
+        (1, 2) Axes; (1, 1) of a quasi-static test, which has no velocity.
     """
     bench = result.bench
     shown = every(bench.force.size)
@@ -71,11 +76,11 @@ def bench_curves(result: BenchLaw, axes: Any = None) -> np.ndarray:
     slopes = [found.damping_n_s_per_m.value or 0.0, found.stiffness_n_per_m.value or 0.0]
     memory = Law(tuple(term for term in result.law.terms if term.kind.memory is not None))
     remembered, cycle = force_along(memory, bench.travel, bench.velocity, bench.fs), _cycle(memory, bench)
+    raws = (bench.velocity, bench.travel)
+    curves = list(zip(raws, _motions(result), slopes, ("velocity", "travel"), strict=True))[bench.is_quasi_static :]
     with house_style():
-        grid = panels(axes, 1, 2, height_in=3.7)
-        for ax, raw, drawn, slope, along in zip(
-            grid[0], (bench.velocity, bench.travel), _motions(result), slopes, ("velocity", "travel"), strict=True
-        ):
+        grid = panels(axes, 1, len(curves), height_in=3.7)
+        for ax, (raw, drawn, slope, along) in zip(grid[0], curves, strict=True):
             line = np.linspace(raw.min(), raw.max(), 601)
             factor = 1.0 if along == "velocity" else 1e3
             curve, straight = _along(result, line, slope, along), slope * line
@@ -155,17 +160,19 @@ def bench_residual(result: BenchLaw, axes: Any = None) -> np.ndarray:
         axes: three Axes, or None for a new figure.
 
     Returns:
-        (1, 3) Axes.
+        (1, 3) Axes; (1, 2) of a quasi-static test, which has no velocity.
     """
     bench = result.bench
     shown = every(bench.force.size)
     scale, unit = _force_unit(bench.force)
     time = np.arange(bench.force.size) / bench.fs
     with house_style():
-        grid = panels(axes, 1, 3, height_in=3.1, sharey=True)
         velocity, travel = _motions(result)
-        along = "way [m]" if bench.is_quasi_static else "time [s]"
-        for ax, place, label in zip(grid[0], (time, velocity, travel), (along, _VELOCITY, _TRAVEL), strict=True):
+        places = [(time, "time [s]"), (velocity, _VELOCITY), (travel, _TRAVEL)]
+        if bench.is_quasi_static:
+            places = [(time, "way [m]"), (travel, _TRAVEL)]
+        grid = panels(axes, 1, len(places), height_in=3.1, sharey=True)
+        for ax, (place, label) in zip(grid[0], places, strict=True):
             ax.plot(place[shown], scale * bench.force[shown], color=PALE, label="force", **_DOTS)
             ax.plot(place[shown], scale * result.residual[shown], color=RUN_COLORS[0], label="residual", **_DOTS)
             ax.axhline(0, color=INK, linewidth=0.8)

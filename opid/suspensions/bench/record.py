@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,23 +93,7 @@ def bench_from_recording(
     >>> bool(np.abs(bench.velocity - 0.09 * np.cos(9 * t))[200:-200].max() < 1e-4)
     True
     """
-    names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
-    for role, name in names.items():
-        _check_channel(recording, role, name, names)
-    if recording.n_samples < settings.least_samples:
-        raise InputError(f"the record has {recording.n_samples} samples: at least {settings.least_samples} are needed")
-    y, raw = recording.channel(force), recording.channel(travel)
-    for role, values in (("travel", raw), ("force", y)):
-        if np.ptp(values) <= 1e-9 * np.abs(values).max():
-            what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
-            raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
-    doubts = []
-    zero = 0.0
-    if np.abs(raw.mean()) > np.ptp(raw):
-        zero = float(raw.mean())
-        doubts.append(
-            f"the travel {travel!r} never comes near its zero: it is counted from its mean, {1e3 * zero:.4g} mm"
-        )
+    y, raw, zero, doubts = _force_and_travel(recording, force, travel, velocity, settings)
     rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
     if velocity is None:
         v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
@@ -155,24 +139,46 @@ def quasi_static_bench(
     >>> sorted(set(bench.velocity.tolist())), round(bench.force.size / bench.fs, 3)
     ([-1.0, 1.0], 0.04)
     """
-    bench = bench_from_recording(recording, force=force, travel=travel, settings=settings)
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(bench.travel)))])
-    n = max(settings.path_steps * bench.force.size, 2)
+    recorded_y, raw, zero, doubts = _force_and_travel(recording, force, travel, None, settings)
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(raw)))])
+    n = settings.path_steps * raw.size
     step = float(way[-1]) / (n - 1)
     along = np.arange(n) * step
     # the segment that each place lies on gives its direction
     moves = np.flatnonzero(np.diff(way) > 0)
     segment = moves[np.minimum(np.searchsorted(way[moves + 1], along), moves.size - 1)]
-    direction = np.sign(bench.travel[segment + 1] - bench.travel[segment])
+    direction = np.sign(raw[segment + 1] - raw[segment])
     counted = np.zeros(n, dtype=bool)
     counted[np.round(way / step).astype(np.int64)] = True
-    last = np.append(moves, bench.force.size - 1)
-    z, y = (np.interp(along, way[last], each[last]) for each in (bench.travel, bench.force))
-    doubts = tuple(doubt for doubt in bench.doubts if "drives the motion" not in doubt)
-    return Bench(
-        z, direction, y, 1.0 / step, bench.travel_zero_m, "none, a quasi-static test", None, bench.channels, doubts,
-        counted=counted, is_quasi_static=True,
-    )  # fmt: skip
+    last = np.append(moves, raw.size - 1)
+    z, y = (np.interp(along, way[last], each[last]) for each in (raw - zero, recorded_y))
+    names: dict[str, str | None] = {"force": force, "travel": travel, "velocity": None}
+    told = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(doubts))
+    return replace(told, counted=counted, is_quasi_static=True)
+
+
+def _force_and_travel(
+    recording: Recording, force: str, travel: str, velocity: str | None, settings: RecordSettings
+) -> tuple[FloatArray, FloatArray, float, list[str]]:
+    """Return force and travel as recorded, the travel's value that is counted as zero, and what to doubt of it."""
+    names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
+    for role, name in names.items():
+        _check_channel(recording, role, name, names)
+    if recording.n_samples < settings.least_samples:
+        raise InputError(f"the record has {recording.n_samples} samples: at least {settings.least_samples} are needed")
+    y, raw = recording.channel(force), recording.channel(travel)
+    for role, values in (("travel", raw), ("force", y)):
+        if np.ptp(values) <= 1e-9 * np.abs(values).max():
+            what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
+            raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
+    doubts = []
+    zero = 0.0
+    if np.abs(raw.mean()) > np.ptp(raw):
+        zero = float(raw.mean())
+        doubts.append(
+            f"the travel {travel!r} never comes near its zero: it is counted from its mean, {1e3 * zero:.4g} mm"
+        )
+    return y, raw, zero, doubts
 
 
 def _checked_counted(
