@@ -47,10 +47,11 @@ def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
             ax.plot(motion[shown], scale * fitted[shown], color=RUN_COLORS[1], label="law", **_DOTS)
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel(f"force [{unit}]")
-        grid[0, 0].set_title(result.law.name.replace("_", " ").replace("+", " + "))
+        name = result.law.name.replace("_", " ").replace("+", " + ")
+        grid[0, 0].set_title(name)
         explained = f"{100 * result.r2_left_out:.4g} % explained where left out"
         if bench.is_quasi_static:
-            grid[0, 0].set_title(f"{grid[0, 0].get_title()}: {explained}")
+            grid[0, 0].set_title(f"{name}: {explained}")
         else:
             grid[0, 1].set_title(explained, fontweight="normal")
         thick(grid[0, 0].legend(loc="upper left"))

@@ -229,7 +229,7 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
     doubts = list(_warnings(result, fit))
     if spread.is_short:
         doubts.append(
-            f"what the law leaves over changes so slowly that it amounts to {result.n_independent:.0f} independent "
+            f"what the law leaves over changes so slowly that it amounts to {spread.n_independent:.0f} independent "
             "samples: no parameter has an interval; record longer, or a motion that turns more often"
         )
     if is_biased:
@@ -394,12 +394,14 @@ class _Spread:
             first.
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells, s.
-        is_short: whether the residual amounts to too few independent samples for any interval.
+        n_independent: independent samples that the residual amounts to.
+        is_short: whether these are too few for any interval.
     """
 
     covariance: FloatArray
     student: float
     cell_s: float
+    n_independent: float
     is_short: bool
 
 
@@ -422,7 +424,7 @@ def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: Bench
     # few cells: Student's interval instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
     covariance = clustered_covariance(slopes, residual, cells)
-    return _Spread(covariance, student, length / fs, n_independent <= 2 * n_values)
+    return _Spread(covariance, student, length / fs, n_independent, n_independent <= 2 * n_values)
 
 
 def _slopes_of_force(bench: Bench, fit: SeparableFit) -> FloatArray:

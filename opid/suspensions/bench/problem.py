@@ -200,14 +200,18 @@ class BenchLaws:
         )
         return {"": dictionary}
 
-    def refit(self, fit: BenchFit, laws: Mapping[str, Law]) -> BenchFit:
+    def refit(self, fit: BenchFit, laws: Mapping[str, Law]) -> BenchFit | None:
         """Fit another law, its inner parameters searched from the values that it has.
+
+        None where what remembers would feed energy in: beside a damping it imitates an acceleration.
 
         Args:
             fit: of another law.
             laws: the law, by the empty name.
         """
-        return self._fitted(laws[""])
+        found = self._fitted(laws[""])
+        terms = found.separable.law.terms
+        return None if any(term.amplitude < 0 and term.kind.memory is not None for term in terms) else found
 
     def left_out(self, fit: BenchFit) -> float:
         """Return what is left of stretches of time as fits to the others predict them, N, rms.

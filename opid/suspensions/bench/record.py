@@ -172,6 +172,11 @@ def _force_and_travel(
             what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
             raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
     doubts = []
+    if _turns(raw, settings.turn * float(np.ptp(raw))) < 2:
+        doubts.append(
+            f"the travel {travel!r} turns round less than twice: friction cannot be told from the offset, nor what "
+            "remembers from what does not; record some cycles"
+        )
     zero = 0.0
     if np.abs(raw.mean()) > np.ptp(raw):
         zero = float(raw.mean())
@@ -179,6 +184,18 @@ def _force_and_travel(
             f"the travel {travel!r} never comes near its zero: it is counted from its mean, {1e3 * zero:.4g} mm"
         )
     return y, raw, zero, doubts
+
+
+def _turns(travel: FloatArray, least_m: float) -> int:
+    """Return how often a travel turns round and goes back by more than `least_m`."""
+    count, direction, extreme = 0, 0, float(travel[0])
+    for value in travel.tolist():
+        if direction * (value - extreme) > 0 or (direction == 0 and abs(value - extreme) > least_m):
+            direction = direction or (1 if value > extreme else -1)
+            extreme = value
+        elif direction and abs(value - extreme) > least_m:
+            count, direction, extreme = count + 1, -direction, value
+    return count
 
 
 def _checked_counted(

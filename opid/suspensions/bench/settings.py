@@ -14,6 +14,7 @@ class RecordSettings:
 
     Args:
         least_samples: a shorter record shows no law.
+        turn: a travel has turned round where it went back by this fraction of its range.
         path_steps: steps that the path of a quasi-static test is cut into, for each of its samples: a memory is
             followed through turns that fall between two samples.
         above_floor: a travel is differentiated up to where its spectrum last stands this many times above its floor.
@@ -25,6 +26,7 @@ class RecordSettings:
     """
 
     least_samples: int = 200
+    turn: float = 0.1
     path_steps: int = 4
     above_floor: float = 10.0
     left_above: float = 0.1
