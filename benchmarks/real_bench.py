@@ -1,7 +1,7 @@
 """`opid law` on measured dampers, joints and structures: the law, what it explains, and the energy that a cycle takes.
 
-Run `python benchmarks/real_bench.py ../shared/data [friction mr cyclic rack]`. The records are those of README.md in that
-folder; they are not part of the project. docs/real_records.md says what comes out.
+Run `python benchmarks/real_bench.py ../shared/data [friction mr cyclic rack]`. The records are those of the README in
+that folder; they are not part of the project. docs/real_records.md says what comes out.
 """
 
 from __future__ import annotations

@@ -281,6 +281,51 @@ def test_a_maxwell_element_and_a_moving_mass_are_no_hysteresis():
     assert heavy.memory.moving_mass_kg == pytest.approx(40, rel=0.1)
 
 
+def test_what_follows_the_acceleration_otherwise_than_a_mass_is_a_vibration():
+    z, v = random_motion(np.random.default_rng(1))
+    noise = 5 * np.random.default_rng(2).standard_normal(z.size)
+    # a mass on a spring inside the bench answers quick motion more than slow one
+    ringing = signal.filtfilt(*signal.iirpeak(3.0, 2.0, fs=FS), np.gradient(v, 1 / FS))
+    found = law_of_bench(bench_of(z, v, 2e4 * z + 500 * v + 60 * ringing + noise), candidates=())
+    assert found.memory.cause == "vibration"
+    assert found.memory.moving_mass_kg is None
+    assert len(found.memory.by_pace_kg) == DEFAULTS.memory.n_paces
+    assert "not as a mass does" in found.memory.statement
+
+
+def test_a_motion_that_hardly_turns_is_doubted():
+    t = np.arange(1000) / FS
+    z = 0.01 * (1 - np.cos(np.pi * t / 2))
+    columns = {"x": z, "v": np.gradient(z, 1 / FS), "F": STIFFNESS * z + 100.0}
+    bench = bench_from_recording(recording(**columns), force="F", travel="x", velocity="v")
+    assert any("turns round less than twice" in doubt for doubt in bench.doubts)
+    assert not bench_from_recording(recording(**good()), force="F", travel="x").doubts
+
+
+def test_samples_that_do_not_count_are_followed_and_not_fitted():
+    """A law with memory, and a force of another state in every second half of a second."""
+    z, v = random_motion(np.random.default_rng(5))
+    time_s = np.arange(z.size) / FS
+    counted = (2 * time_s).astype(int) % 2 == 0
+    own = bouc_wen(z)
+    force = 5e3 * z + 200 * v + np.where(counted, own, 3 * own) + 2 * np.random.default_rng(6).standard_normal(z.size)
+    columns = recording(x=z, v=v, F=force)
+    names = {"force": "F", "travel": "x", "velocity": "v"}
+    kinds = ("bouc_wen", "cubic_stiffness")
+    held = law_of_bench(bench_from_recording(columns, counted=counted, **names), candidates=kinds)
+    mixed = law_of_bench(bench_from_recording(columns, **names), candidates=kinds)
+    assert held.law.name == "bouc_wen"
+    assert held.r2_left_out > 0.999 > mixed.r2_left_out
+    assert held.residual.size == z.size
+    assert held.residual_rms < 5 < np.std(held.residual)
+    with pytest.raises(InputError, match="one truth value a sample"):
+        bench_from_recording(columns, counted=counted[1:], **names)
+    with pytest.raises(InputError, match="simulated without a gap"):
+        bench_from_recording(columns, counted=counted, moving_mass=True, **names)
+    with pytest.raises(InputError, match="10 samples count"):
+        bench_from_recording(columns, counted=np.arange(z.size) < 10, **names)
+
+
 def test_one_cycle_over_and_over_cannot_tell_memory():
     t = np.arange(5000) / FS
     z, v = 0.01 * np.sin(9 * t), 0.09 * np.cos(9 * t)

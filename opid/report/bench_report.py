@@ -243,10 +243,9 @@ def quality(result: BenchLaw) -> str:
 def _loop_words(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
     of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
-    told = (
-        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
-        f"the energy of a dry friction of {friction.value:.3g} N"
-    )
+    told = f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
+    is_friction = friction.value is not None and friction.value > 0
+    told += f"the energy of a dry friction of {friction.value:.3g} N" if is_friction else "no energy"
     if result.loop is None:
         return told + "."
     return f"{told}. The loop area is what the part that remembers takes of it."

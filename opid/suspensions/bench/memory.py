@@ -45,8 +45,7 @@ class Memory:
         cause: the kind of past that explains most of what the law that was found leaves over; None where the past is
             not seen there.
         moving_mass_kg: coefficient of the acceleration where the cause is inertia; otherwise None.
-        slow_and_quick_kg: the same of the lower and of the upper half of the acceleration's power, where it explains
-            most; otherwise None.
+        by_pace_kg: the same of parts of the acceleration from slow to quick, where it explains most; otherwise empty.
         testable: whether the motion lets memory and law be told apart at all.
         foretold: median fraction of the stop operators that travel and velocity foretell.
         statement: the same in words.
@@ -57,7 +56,7 @@ class Memory:
     r2_with_past: float
     cause: Cause | None
     moving_mass_kg: float | None
-    slow_and_quick_kg: tuple[float, float] | None
+    by_pace_kg: tuple[float, ...]
     testable: bool
     foretold: float
     statement: str
@@ -118,14 +117,15 @@ def measure_memory(
     without = _least(_corrected(static_rest, neighbours))
     r2_static = 1 - float(without @ without) / total
     by_law = points.motion.parameter_gradient(law)
-    mass, halves = None, None
+    mass, by_pace = None, tuple[float, ...]()
     if seen == "inertia":
         others = np.column_stack([plane, by_law])
-        mass, halves = _moving_mass(groups["inertia"], others, rest), _slow_and_quick(bench, points, others, rest)
-        if abs(halves[0] - halves[1]) > known.mass_agreement * abs(mass):
+        mass = _moving_mass(groups["inertia"], others, rest)
+        by_pace = _masses_by_pace(bench, points, others, rest, settings)
+        if max(by_pace) - min(by_pace) > known.mass_agreement * abs(mass):
             seen, mass = "vibration", None
     remembering = "+".join(term.name for term in law.terms if term.kind.memory is not None)
-    measured = Memory(r2_static, r2_law, r2_past, seen, mass, halves, testable, foretold, "")
+    measured = Memory(r2_static, r2_law, r2_past, seen, mass, by_pace, testable, foretold, "")
     return replace(measured, statement=_statement(measured, remembering, is_noise))
 
 
@@ -236,21 +236,23 @@ def _moving_mass(acceleration: FloatArray, others: FloatArray, rest: FloatArray)
     return float(np.linalg.lstsq(basis / scale, rest, rcond=None)[0][0] / scale[0])
 
 
-def _slow_and_quick(bench: Bench, points: Points, others: FloatArray, rest: FloatArray) -> tuple[float, float]:
-    """Return the coefficients of the lower and the upper half of the acceleration's power, kg."""
+def _masses_by_pace(
+    bench: Bench, points: Points, others: FloatArray, rest: FloatArray, settings: BenchSettings
+) -> tuple[float, ...]:
+    """Return the coefficients of parts of the acceleration, each of as much power, from slow to quick, kg."""
     from scipy import fft
 
-    acceleration, _ = rate_of(bench.velocity, fs=bench.fs)
+    acceleration, _ = rate_of(bench.velocity, fs=bench.fs, settings=settings.record)
     spectrum = fft.rfft(acceleration)
     power = np.cumsum(np.abs(spectrum) ** 2)
-    spectrum[int(np.searchsorted(power, 0.5 * power[-1])) :] = 0.0
-    slow = fft.irfft(spectrum, acceleration.size)
-    parts = [each[points.sample] for each in (slow, acceleration - slow)]
-    low, high = (
-        _moving_mass(part[:, np.newaxis], np.column_stack([other, others]), rest)
-        for part, other in (parts, parts[::-1])
+    n_parts = settings.memory.n_paces
+    owner = np.minimum((n_parts * power / power[-1]).astype(np.int64), n_parts - 1)
+    parts = [fft.irfft(np.where(owner == k, spectrum, 0.0), acceleration.size)[points.sample] for k in range(n_parts)]
+    columns = np.column_stack(parts)
+    return tuple(
+        _moving_mass(columns[:, k : k + 1], np.column_stack([np.delete(columns, k, axis=1), others]), rest)
+        for k in range(n_parts)
     )
-    return low, high
 
 
 def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
@@ -272,8 +274,9 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
                 "force cell)"
             ),
             "vibration": (
-                "follows the acceleration, but not as a mass does ({:.3g} kg in slow motion, {:.3g} kg in quick "
-                "motion: the bench or the specimen vibrates)".format(*(memory.slow_and_quick_kg or (0.0, 0.0)))
+                "follows the acceleration, but not as a mass does "
+                f"({' kg, '.join(f'{mass:.3g}' for mass in memory.by_pace_kg)} kg from slow to quick motion: the bench "
+                "or the specimen vibrates)"
             ),
         }[memory.cause]
         return (

@@ -49,8 +49,9 @@ class MemorySettings:
         fraction_of_force: ... and this fraction of the variance of the force ...
         evidence: ... with this gain in the log likelihood, counted twice, in independent samples.
         foretold: memory cannot be tested where the present foretells this fraction of the signals of the past.
-        mass_agreement: a force that follows the acceleration is that of moving parts if its coefficients in slow and in
-            quick motion differ by less than this fraction.
+        n_paces: the acceleration is cut into so many parts from slow to quick ...
+        mass_agreement: ... and a force that follows it is that of moving parts if their coefficients differ by less
+            than this fraction.
         ridge: penalty of the regression on the past over the size of its columns, which are nearly parallel.
     """
 
@@ -62,6 +63,7 @@ class MemorySettings:
     fraction_of_force: float = 0.001
     evidence: float = 10.0
     foretold: float = 0.98
+    n_paces: int = 3
     mass_agreement: float = 0.15
     ridge: float = 1e-3
 

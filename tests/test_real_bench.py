@@ -1,0 +1,132 @@
+"""Measured dampers and structures on the bench (benchmarks/real_bench.py): what holds over all records of a set."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from opid.suspensions.bench.law import law_of_bench
+
+ROOT = Path(__file__).parent.parent
+DATA = ROOT.parent / "shared" / "data"
+# of all kinds it takes five times as long
+REMEMBERING = ("dahl_friction", "bouc_wen", "iwan_friction", "arctan_velocity")
+
+
+def there(folder):
+    return pytest.mark.skipif(not (DATA / folder).exists(), reason=f"the records {folder} are not beside the project")
+
+
+@pytest.fixture(scope="module")
+def real_bench():
+    spec = importlib.util.spec_from_file_location("real_bench", ROOT / "benchmarks" / "real_bench.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def dampers(real_bench):
+    """Laws of the friction damper by frequency, tension of its band and amplitude."""
+    records = real_bench.friction_records(DATA)
+    named = {real_bench.tested(name): bench for name, bench in records.items()}
+    return {test: law_of_bench(bench, candidates=REMEMBERING) for test, bench in named.items() if test is not None}
+
+
+@there("friction_damper_brfd")
+def test_a_friction_damper_remembers_at_every_tension(dampers):
+    for (_, tension, _), found in dampers.items():
+        assert found.not_determined is None
+        assert found.law.has_memory
+        assert found.memory.r2_at_most < found.memory.r2_with_law
+        if tension >= 30:
+            assert found.r2_left_out > 0.8
+        # what follows the acceleration of such a bench is no mass of tons
+        assert found.memory.moving_mass_kg is None or found.memory.moving_mass_kg < 1000
+
+
+@there("friction_damper_brfd")
+def test_its_friction_grows_with_the_tension(dampers):
+    tensions = sorted({tension for _, tension, _ in dampers})
+    assert len(tensions) >= 2
+    for frequency, tension, amplitude in dampers:
+        tighter = [each for each in tensions if each > tension and (frequency, each, amplitude) in dampers]
+        for each in tighter:
+            looser, tight = dampers[frequency, tension, amplitude], dampers[frequency, each, amplitude]
+            assert looser.cycle.friction_n.interval95[1] < tight.cycle.friction_n.interval95[0]
+
+
+@there("friction_damper_brfd")
+def test_its_friction_hardly_depends_on_the_frequency(dampers):
+    """A viscous damper would take eight times the force at eight times the frequency."""
+    for tension, amplitude in {(tension, amplitude) for _, tension, amplitude in dampers if tension >= 30}:
+        forces = [found.cycle.friction_n.value for key, found in dampers.items() if key[1:] == (tension, amplitude)]
+        assert max(forces) < 1.4 * min(forces)
+
+
+@there("friction_damper_brfd")
+def test_its_friction_grows_little_with_the_amplitude(dampers):
+    """Backlash is a part of the way, and a smaller one of a longer way; a spring would take three times the force."""
+    for frequency, tension in {(frequency, tension) for frequency, tension, _ in dampers if tension >= 30}:
+        forces = [found.cycle.friction_n.value for key, found in dampers.items() if key[:2] == (frequency, tension)]
+        assert max(forces) < 1.8 * min(forces)
+
+
+@there("mr_damper")
+def test_a_magnetorheological_damper_has_a_law_for_each_voltage(real_bench):
+    """Friction grows with the voltage; held, a law explains what it cannot where the voltage is not told."""
+    records = real_bench.mr_records(DATA)
+    kinds = ("arctan_velocity", "coulomb_friction", "signed_power_damping", "dahl_friction")
+    on, off, mixed = (
+        law_of_bench(records[name], candidates=kinds) for name in ("voltage on", "voltage off", "voltage not told")
+    )
+    assert on.r2_left_out > 0.95
+    assert off.r2_left_out > 0.9
+    assert mixed.r2_left_out < 0.9
+    assert mixed.memory.r2_with_law < 0.9
+    low, high = off.cycle.friction_n, on.cycle.friction_n
+    assert high.interval95[0] > 2 * low.interval95[1]
+    # the voltage that is not told lies between
+    assert low.value < mixed.cycle.friction_n.value < high.value
+
+
+@there("cyclic_tests")
+def test_cyclic_tests_need_no_time_and_remember(real_bench):
+    for found in map(law_of_bench_of_travel, real_bench.cyclic_records(DATA).values()):
+        assert found.law.has_memory
+        assert found.parameters.damping_n_s_per_m.value is None
+        assert found.memory.r2_with_law > found.memory.r2_at_most + 0.02
+        assert found.cycle.area_j.interval95[0] > 0
+        assert found.memory.cause in (None, "hysteresis")
+
+
+def law_of_bench_of_travel(bench):
+    return law_of_bench(bench, candidates=("dahl_friction", "arctan_displacement", "cubic_stiffness"))
+
+
+@there("cyclic_tests")
+def test_the_pace_of_a_quasi_static_test_means_nothing(real_bench):
+    bench = real_bench.cyclic_records(DATA)["gill"]
+    force, travel = bench.force[bench.counted], bench.travel[bench.counted]
+    found = []
+    for times in (1, 2):
+        # every second stretch of the record passed slowly
+        n = force.size
+        places = np.sort(np.concatenate([np.arange(n), *[np.arange(n // 2) + 0.5] * (times - 1)]))
+        columns = {
+            "F": (np.interp(places, np.arange(n), force), "N"),
+            "z": (np.interp(places, np.arange(n), travel), "m"),
+        }
+        record = real_bench.recording_of(columns, 1.0)
+        found.append(law_of_bench_of_travel(real_bench.quasi_static_bench(record, force="F", travel="z")))
+    assert found[0].law.name == found[1].law.name
+    assert found[1].cycle.friction_n.value == pytest.approx(found[0].cycle.friction_n.value, rel=0.1)
+
+
+@there("rack_and_pinion")
+def test_one_stroke_tells_neither_friction_nor_memory(real_bench):
+    (bench,) = real_bench.rack_records(DATA).values()
+    found = law_of_bench(bench, candidates=REMEMBERING)
+    assert not found.memory.testable
+    assert any("turns round less than twice" in warning for warning in found.warnings)
