@@ -7,6 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from opid import cli
+from opid.mechanics.laws import LAWS, default_law
+from opid.mechanics.memory import recorded_motion
 from opid.suspensions.bench import law as bench_law
 
 N, FS = 1500, 200.0
@@ -91,6 +93,53 @@ def test_without_a_velocity_it_is_differentiated_and_nothing_is_written(bench, t
     assert done.exit_code == 0
     assert "'stroke' differentiated up to" in done.stdout.replace("\n", " ")
     assert [path.name for path in tmp_path.iterdir()] == ["bench.csv"]
+
+
+def test_moving_parts_have_their_mass(tmp_path):
+    columns = damper()
+    speed = np.gradient(columns["stroke [mm]"] / 1e3, 1 / FS)
+    columns["load [kN]"] = columns["load [kN]"] + 1e-3 * 400 * np.gradient(speed, 1 / FS)
+    path = written(tmp_path / "heavy.csv", columns)
+    done = opid("law", path, *COLUMNS, "--moving-mass", "--out", tmp_path / "result")
+    assert done.exit_code == 0, done.output
+    assert "F = F0 + m z'' + K z" in done.stdout
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert result["parameters"]["moving_mass_kg"]["value"] == pytest.approx(400, rel=0.1)
+    assert result["settings"]["moving_mass"] is True
+    page = (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+    assert "--moving-mass" in page
+
+
+@pytest.fixture
+def slow_test(tmp_path, monkeypatch):
+    """A spring and a friction that yields, in cycles of growing size, without time."""
+    few = {name: LAWS[name] for name in ("dahl_friction", "arctan_velocity", "cubic_stiffness")}
+    monkeypatch.setattr(bench_law, "LAWS", few)
+    phase = np.linspace(0, 16 * np.pi, 800)
+    z = 1e-3 * phase / 10 * np.sin(phase)
+    force = 2e5 * z + recorded_motion(z, np.gradient(z), 1.0).force(default_law("dahl_friction"))
+    force += 5 * np.random.default_rng(0).standard_normal(z.size)
+    return written(tmp_path / "slow.csv", {"stroke [mm]": 1e3 * z, "load [kN]": 1e-3 * force})
+
+
+def test_a_slow_test_needs_no_time(slow_test, tmp_path):
+    done = opid("law", slow_test, *COLUMNS, "--quasi-static", "--out", tmp_path / "result")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "F = F0 + K z + f(z)" in done.stdout
+    assert "damping C" not in done.stdout
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert result["law"]["name"] == "dahl_friction"
+    amplitude, scale = result["law"]["parameters"]["dahl_friction"].values()
+    np.testing.assert_allclose([amplitude["value"], scale["value"]], [400, 5e-4], rtol=0.1)
+    assert result["parameters"]["stiffness_n_per_m"]["value"] == pytest.approx(2e5, rel=0.02)
+    assert result["parameters"]["damping_n_s_per_m"]["value"] is None
+    assert result["settings"]["candidates"] == ["dahl_friction", "cubic_stiffness"]
+    assert "--quasi-static" in (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_test_without_time_is_told_how_to_do_without(slow_test):
+    refused(opid("law", slow_test, *COLUMNS), "there is no time column", "--quasi-static")
+    refused(opid("law", slow_test, *COLUMNS, "--quasi-static", "--moving-mass"), "no --velocity and no --moving-mass")
 
 
 def test_noise_ends_with_status_1_and_what_there_is(tmp_path):

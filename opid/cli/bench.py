@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from opid.cli.group import end, main, progress
+
+if TYPE_CHECKING:
+    from opid.signals.recording import Recording
 
 
 @main.command()
@@ -34,8 +38,6 @@ def law(
     """
     from opid.report import bench_text, write_bench_report
     from opid.report.directory import require_directory
-    from opid.signals.log_settings import LogSettings
-    from opid.signals.logs import read_log
     from opid.suspensions.bench.law import law_of_bench
     from opid.suspensions.bench.record import bench_from_recording, quasi_static_bench
 
@@ -46,10 +48,9 @@ def law(
         if quasi_static:
             if velocity is not None or moving_mass:
                 raise click.UsageError("--quasi-static: a test without time has no --velocity and no --moving-mass")
-            recording = read_log(bench, LogSettings(fs_hz=1.0), channels=wanted)
-            record = quasi_static_bench(recording, force=force, travel=travel)
+            record = quasi_static_bench(_without_time(bench, wanted), force=force, travel=travel)
         else:
-            recording = read_log(bench, channels=wanted)
+            recording = _with_time(bench, wanted)
             record = bench_from_recording(
                 recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass
             )
@@ -59,3 +60,25 @@ def law(
     if page is not None:
         click.echo(f"Report: {page} (open it in a browser)")
     end(result)
+
+
+def _with_time(path: Path, channels: list[str]) -> Recording:
+    """Read a test with its time; where only that is at fault, say how to do without."""
+    from opid.errors import InputError
+    from opid.signals.logs import read_log
+
+    try:
+        return read_log(path, channels=channels)
+    except InputError as error:
+        try:
+            _without_time(path, channels)
+        except InputError:
+            raise error from None
+        raise InputError(f"{error}; a test so slow that time means nothing needs none: --quasi-static") from None
+
+
+def _without_time(path: Path, channels: list[str]) -> Recording:
+    from opid.signals.log_settings import LogSettings
+    from opid.signals.logs import read_log
+
+    return read_log(path, LogSettings(fs_hz=1.0), channels=channels)
