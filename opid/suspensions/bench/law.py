@@ -261,6 +261,10 @@ def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], Non
     """Return the laws that were tried and those that come closest to the chosen one, with stretches left out."""
     say("the linear law")
     ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)
+    best = chosen(ladder)
+    if _has_memory(best):
+        again = replace(best, fit=problem.restarted(best.fit))
+        ladder = tuple(again if step is best else step for step in ladder)
     say("the laws that come closest")
     with_neighbours = add_neighbours(problem, ladder, kinds=kinds)
     in_order = (*ladder, *with_neighbours[: -len(ladder)])

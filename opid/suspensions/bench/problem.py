@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws import LAWS, LINEAR, Law
+from opid.mechanics.laws import LAWS, LINEAR, Law, Parameter
 from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
@@ -213,6 +213,22 @@ class BenchLaws:
         terms = found.separable.law.terms
         return None if any(term.amplitude < 0 and term.kind.memory is not None for term in terms) else found
 
+    def restarted(self, fit: BenchFit) -> BenchFit:
+        """Return the better of a fit and one that begins at its scales with what remembers shaped as by default.
+
+        A memory of several sliders bends where one after the other slips for good: the squared error has a minimum on
+        either side.
+
+        Args:
+            fit: of a law.
+        """
+        vector = fit.separable.law.vector.copy()
+        for k, (parameter, remembers) in enumerate(zip(*_owned_parameters(fit.separable.law), strict=True)):
+            if remembers and parameter.role in ("exponent", "shape") and parameter.unit == "1":
+                vector[k] = parameter.default
+        other = self._fitted(fit.separable.law.with_vector(vector))
+        return other if other.error_rms < fit.error_rms else fit
+
     def left_out(self, fit: BenchFit) -> float:
         """Return what is left of stretches of time as fits to the others predict them, N, rms.
 
@@ -237,6 +253,12 @@ class BenchLaws:
 
     def _fitted(self, law: Law) -> BenchFit:
         return BenchFit(self.points, _fit(self.points, law, self.known), self.n_independent, self.known)
+
+
+def _owned_parameters(law: Law) -> tuple[list[Parameter], list[bool]]:
+    """Return every parameter of a law, and whether its term remembers."""
+    remembers = [term.kind.memory is not None for term in law.terms for _ in term.values]
+    return list(law.parameter_list), remembers
 
 
 def thin_record(bench: Bench, settings: BenchSettings) -> Points:
