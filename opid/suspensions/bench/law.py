@@ -15,7 +15,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws import LAWS, Law, default_law
+from opid.mechanics.laws import LAWS, Law, Term, default_law
 from opid.mechanics.memory import recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
@@ -156,6 +156,7 @@ def law_of_bench(
         fit = _as_fit_of_force(bench, simulated[step.law_name])
     else:
         say("the chosen law on all samples")
+        bench = _without_beginning(bench, step.fit.separable.law, settings)
         fit = _fit_of_force(bench, step, settings)
     say("memory")
     r2_left_out = _r2_left_out(step)
@@ -209,7 +210,8 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
     else:
         spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
     is_biased = bench.acceleration is not None and refined is None and _may_be_biased(bench, fit, spread)
-    if is_biased or spread.is_short:
+    not_told = _not_told(bench, fit, spread) if refined is None else None
+    if is_biased or spread.is_short or not_told is not None:
         spread = replace(spread, covariance=np.full_like(spread.covariance, np.nan))
     estimates = _estimates(fit, spread)
     of_law = slice(n_straight, n_straight + fit.law.vector.size)
@@ -232,6 +234,8 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
             f"what the law leaves over changes so slowly that it amounts to {spread.n_independent:.0f} independent "
             "samples: no parameter has an interval; record longer, or a motion that turns more often"
         )
+    if not_told is not None:
+        doubts.append(not_told)
     if is_biased:
         doubts.append(
             "the moving mass is that of a differentiated motion, whose noise makes it too small and moves the other "
@@ -276,6 +280,53 @@ def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], Non
         replace(step, left_out=problem.left_out(step.fit)) if any(step is each for each in asked) else step
         for step in in_order
     )
+
+
+def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench:
+    """Return the record without its beginning, where a memory that is not linear depends on what it held at first.
+
+    Where that takes more than half of the record all of it stays.
+    """
+    first, motion = 0, recorded_motion(bench.travel, bench.velocity, bench.fs)
+    for term in law.terms:
+        if term.kind.memory is not None and not _is_linear(term):
+            held = np.abs(motion.start_columns(Law((term,)))[:, 0])
+            first = max(first, int(np.flatnonzero(held >= settings.forgotten * held.max())[-1]) + 1)
+    samples = bench.samples
+    if not first or np.sum(samples >= first) < 0.5 * samples.size:
+        return bench
+    counted = np.zeros(bench.force.size, dtype=bool)
+    counted[samples[samples >= first]] = True
+    return replace(bench, counted=counted)
+
+
+def _is_linear(term: Term) -> bool:
+    """Whether what a memory held at first fades in proportion to itself, as of Dahl, LuGre and Maxwell."""
+    kind = term.kind
+    if kind.memory is None or np.isfinite(kind.limit):
+        return False
+    inner = (*term.inner, 0.0, 0.0, 0.0)[:3]
+    slopes = [kind.memory(h, 1.0, *inner, kind.elements[0])[1] for h in (-0.8, -0.2, 0.2, 0.8)]
+    return bool(np.allclose(slopes, slopes[0]))
+
+
+def _not_told(bench: Bench, fit: SeparableFit, spread: _Spread) -> str | None:
+    """Say why a memory has no interval, or None where it may have one."""
+    for term in fit.law.terms:
+        if len(term.kind.elements) > 1 and term.inner[0] > 0.5 * np.ptp(bench.travel):
+            return (
+                f"the motion does not go as far as the last slider of {term.name} slips, which is a spring then, as K "
+                "is: no parameter has an interval; record larger strokes"
+            )
+    remembers = [term for term in fit.law.terms if term.kind.memory is not None]
+    deviations = np.sqrt(np.maximum(np.diag(spread.covariance)[spread.covariance.shape[0] - len(remembers) :], 0.0))
+    for term, weight, std in zip(remembers, fit.start_weights, deviations, strict=True):
+        if not _is_linear(term) and np.all(bench.samples[:1] == 0) and abs(weight) > 3 * std:
+            return (
+                f"what {term.name} held where the record begins is not forgotten before half of it is over: no "
+                "parameter has an interval; record longer, or from rest"
+            )
+    return None
 
 
 def _fit_of_force(bench: Bench, step: LawStep[BenchFit], settings: BenchSettings) -> SeparableFit:

@@ -210,11 +210,10 @@ class BenchLaws:
             laws: the law, by the empty name.
         """
         found = self._fitted(laws[""])
-        terms = found.separable.law.terms
-        return None if any(term.amplitude < 0 and term.kind.memory is not None for term in terms) else found
+        return found if _feeds_nothing_in(found) else None
 
     def restarted(self, fit: BenchFit) -> BenchFit:
-        """Return the better of a fit and one that begins at its scales with what remembers shaped as by default.
+        """Return the best of a fit and of some that begin near its scales, with what remembers shaped as by default.
 
         A memory of several sliders bends where one after the other slips for good: the squared error has a minimum on
         either side.
@@ -222,12 +221,16 @@ class BenchLaws:
         Args:
             fit: of a law.
         """
-        vector = fit.separable.law.vector.copy()
-        for k, (parameter, remembers) in enumerate(zip(*_owned_parameters(fit.separable.law), strict=True)):
-            if remembers and parameter.role in ("exponent", "shape") and parameter.unit == "1":
-                vector[k] = parameter.default
-        other = self._fitted(fit.separable.law.with_vector(vector))
-        return other if other.error_rms < fit.error_rms else fit
+        fits = [fit]
+        for factor in self.known.restart_scales:
+            vector = fit.separable.law.vector.copy()
+            for k, (parameter, remembers) in enumerate(zip(*_owned_parameters(fit.separable.law), strict=True)):
+                if remembers and parameter.role in ("exponent", "shape") and parameter.unit == "1":
+                    vector[k] = parameter.default
+                elif remembers and parameter.role == "scale":
+                    vector[k] *= factor
+            fits.append(self._fitted(fit.separable.law.with_vector(vector)))
+        return min((each for each in fits if _feeds_nothing_in(each)), key=lambda each: each.error_rms, default=fit)
 
     def left_out(self, fit: BenchFit) -> float:
         """Return what is left of stretches of time as fits to the others predict them, N, rms.
@@ -253,6 +256,10 @@ class BenchLaws:
 
     def _fitted(self, law: Law) -> BenchFit:
         return BenchFit(self.points, _fit(self.points, law, self.known), self.n_independent, self.known)
+
+
+def _feeds_nothing_in(fit: BenchFit) -> bool:
+    return all(term.amplitude >= 0 for term in fit.separable.law.terms if term.kind.memory is not None)
 
 
 def _owned_parameters(law: Law) -> tuple[list[Parameter], list[bool]]:

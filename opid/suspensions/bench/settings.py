@@ -134,11 +134,14 @@ class BenchSettings:
             the report.
         left_out_tolerance: relative one at which a fit without a turn ends: it begins at the fit to all samples, and
             only what it predicts is asked for.
+        restart_scales: the chosen memory is fitted once more from so many times its scales: sliders that slip or do not
+            make minima of their own.
         exponents: at which a power is tried, before it is searched.
         least_r2: a law that explains a smaller fraction of the force where it was left out explains nothing.
         least_static_r2: where the past is seen and no law explains this fraction of the force, there is no law.
         missing_r2: fraction of the force, and ...
         missing_of_rest: ... of what the law leaves, from which a shape that the library lacks is worth a warning.
+        forgotten: the last fit begins where what a memory held at first has faded to this fraction of its force.
         cells_per_correlation: scores are added up over cells of so many independent samples ...
         cells: ... but the record has at least and at most so many cells.
     """
@@ -154,11 +157,13 @@ class BenchSettings:
     n_folds: int = 10
     n_left_out: int = 6
     left_out_tolerance: float = 1e-4
+    restart_scales: tuple[float, ...] = (0.7, 1.0, 1.4)
     exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
     least_r2: float = 0.02
     least_static_r2: float = 0.5
     missing_r2: float = 0.002
     missing_of_rest: float = 0.1
+    forgotten: float = 0.01
     cells_per_correlation: float = 8.0
     cells: tuple[int, int] = (20, 200)
 
