@@ -99,6 +99,41 @@ def test_a_record_may_begin_in_the_middle_of_a_motion(name):
     np.testing.assert_allclose(found.law.vector[:2], truth.vector[:2], rtol=0.05)
 
 
+@pytest.mark.parametrize("begin", [0, 1137], ids=["from rest", "in mid-motion"])
+@pytest.mark.parametrize(
+    "truth",
+    [
+        law("iwan_friction", amplitude_n=400.0, scale_m=0.006, spread=0.5, jump=0.5),
+        law("bouc_wen", amplitude_n=400.0, scale_m=0.02, exponent=2.0, shape=0.5),
+    ],
+    ids=lambda each: each.name,
+)
+def test_intervals_hold_whatever_was_remembered_at_first(truth, begin):
+    """Six sliders are each somewhere; what is held fades, or no interval is told."""
+    held = []
+    for seed in range(5):
+        _, z, v = motion(seed, 3000)
+        force = STIFFNESS * z + DAMPING * v + recorded_motion(z, v, FS).force(truth)
+        found = law_of_bench(bench_of(*(each[begin:] for each in (z, v, force)), seed), candidates=(truth.name,))
+        if found.law.name != truth.name:
+            continue
+        estimates = [each for _, each in found.parameters.items()] + [*found.law_estimates[truth.name].values()]
+        pairs = zip(estimates, [STIFFNESS, DAMPING, 0.0, *truth.vector], strict=True)
+        held += [estimate.holds(true) for estimate, true in pairs if estimate.interval95 is not None]
+    assert len(held) >= 7
+    assert np.mean(held) > 0.85
+
+
+def test_sliders_that_never_slip_are_springs():
+    truth = law("iwan_friction", amplitude_n=400.0, scale_m=0.04, spread=0.5, jump=0.5)
+    _, z, v = motion(1, 3000)
+    force = STIFFNESS * z + DAMPING * v + recorded_motion(z, v, FS).force(truth)
+    found = law_of_bench(bench_of(z, v, force), candidates=("iwan_friction",))
+    assert found.law.name == "iwan_friction"
+    assert found.parameters.stiffness_n_per_m.interval95 is None
+    assert any("which is a spring then" in warning for warning in found.warnings)
+
+
 @pytest.mark.parametrize("name", ["dahl_friction", "maxwell_arm"])
 def test_the_loop_area_is_known(name):
     truth = TRUTHS[name]

@@ -265,13 +265,18 @@ def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], Non
     """Return the laws that were tried and those that come closest to the chosen one, with stretches left out."""
     say("the linear law")
     ladder = search_laws(problem, problem.linear_fit(), kinds=kinds, progress=say)
-    best = chosen(ladder)
-    if _has_memory(best):
-        again = replace(best, fit=problem.restarted(best.fit))
-        ladder = tuple(again if step is best else step for step in ladder)
     say("the laws that come closest")
-    with_neighbours = add_neighbours(problem, ladder, kinds=kinds)
-    in_order = (*ladder, *with_neighbours[: -len(ladder)])
+    neighbours = add_neighbours(problem, ladder, kinds=kinds)[: -len(ladder)]
+    best = chosen(ladder)
+    for step in neighbours:
+        # its columns promised nothing, its fit keeps more
+        if is_better(step.fit, best.fit, problem.settings) and problem.confirms(step.fit, best.fit):
+            best = step
+    if _has_memory(best):
+        best = replace(best, fit=problem.restarted(best.fit))
+    tried = [step for step in (*ladder, *neighbours) if step.law_name != best.law_name]
+    # the last one that was kept is the choice
+    in_order = (*tried, replace(best, kept=True))
     asked = [step for step in in_order if step.kept]
     for has_memory in (False, True):
         alike = sorted((each for each in in_order if _has_memory(each) is has_memory), key=lambda each: each.fit.bic)
