@@ -131,7 +131,7 @@ def test_sliders_that_never_slip_are_springs():
     found = law_of_bench(bench_of(z, v, force), candidates=("iwan_friction",))
     assert found.law.name == "iwan_friction"
     assert found.parameters.stiffness_n_per_m.interval95 is None
-    assert any("which is a spring then" in warning for warning in found.warnings)
+    assert any("which is a spring until then" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize("name", ["dahl_friction", "maxwell_arm"])

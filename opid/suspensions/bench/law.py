@@ -210,7 +210,7 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
     else:
         spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
     is_biased = bench.acceleration is not None and refined is None and _may_be_biased(bench, fit, spread)
-    not_told = _not_told(bench, fit, spread) if refined is None else None
+    not_told = _not_told(bench, fit, spread, settings) if refined is None else None
     if is_biased or spread.is_short or not_told is not None:
         spread = replace(spread, covariance=np.full_like(spread.covariance, np.nan))
     estimates = _estimates(fit, spread)
@@ -315,13 +315,13 @@ def _is_linear(term: Term) -> bool:
     return bool(np.allclose(slopes, slopes[0]))
 
 
-def _not_told(bench: Bench, fit: SeparableFit, spread: _Spread) -> str | None:
+def _not_told(bench: Bench, fit: SeparableFit, spread: _Spread, settings: BenchSettings) -> str | None:
     """Say why a memory has no interval, or None where it may have one."""
     for term in fit.law.terms:
-        if len(term.kind.elements) > 1 and term.inner[0] > 0.5 * np.ptp(bench.travel):
+        if len(term.kind.elements) > 1 and term.inner[0] > settings.slips * np.ptp(bench.travel):
             return (
-                f"the motion does not go as far as the last slider of {term.name} slips, which is a spring then, as K "
-                "is: no parameter has an interval; record larger strokes"
+                f"the motion hardly goes as far as the last slider of {term.name} slips, which is a spring until then, "
+                "as K is: no parameter has an interval; record larger strokes"
             )
     remembers = [term for term in fit.law.terms if term.kind.memory is not None]
     deviations = np.sqrt(np.maximum(np.diag(spread.covariance)[spread.covariance.shape[0] - len(remembers) :], 0.0))

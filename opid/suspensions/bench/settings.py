@@ -142,6 +142,8 @@ class BenchSettings:
         missing_r2: fraction of the force, and ...
         missing_of_rest: ... of what the law leaves, from which a shape that the library lacks is worth a warning.
         forgotten: the last fit begins where what a memory held at first has faded to this fraction of its force.
+        slips: a joint of sliders has no intervals where the last one slips beyond this fraction of the range of the
+            motion: it slips seldom, and is a spring between.
         cells_per_correlation: scores are added up over cells of so many independent samples ...
         cells: ... but the record has at least and at most so many cells.
     """
@@ -164,6 +166,7 @@ class BenchSettings:
     missing_r2: float = 0.002
     missing_of_rest: float = 0.1
     forgotten: float = 0.01
+    slips: float = 0.25
     cells_per_correlation: float = 8.0
     cells: tuple[int, int] = (20, 200)
 
