@@ -1,0 +1,66 @@
+"""Real records of structures measured on both sides, as `examples/real_records.py` makes studies of them.
+
+What is asked holds of every record of a set; other records of the same sets are kept elsewhere.
+"""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from opid.signals.health import check_pair
+from opid.suspensions.identification import identify
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="module")
+def records():
+    specification = importlib.util.spec_from_file_location("real_records", ROOT / "examples" / "real_records.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def found(records, name, chosen=None, **options):
+    """The identification of some records of a set."""
+    each = records.SETS[name]
+    if not (DATA / name).is_dir():
+        pytest.skip(f"the records of {name} are not here")
+    study = each.study(DATA / name, chosen or each.records)
+    return identify(study, band_hz=each.band_hz, **options)
+
+
+def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(records):
+    """Its floors bend and its rubber remembers: the model is the limit, and the other quakes predict each of them."""
+    result = found(records, "isolated_building", law="dahl_friction")
+    assert result.limited_by == "model"
+    assert not result.is_refused
+    assert result.parameters.sprung_mass_kg.value is None
+    linear = found(records, "isolated_building", law="linear")
+    straight, bent = (np.mean([run.unexplained for run in each.runs]) for each in (linear, result))
+    assert bent < 0.8 * straight
+    for left_out in result.evidence[0].error.left_out:
+        assert left_out.unexplained < 0.8
+        assert left_out.inside > 0.8
+    for equivalent in result.equivalents:
+        frequency = equivalent.natural_frequency_hz
+        assert 0.25 < frequency.value < 0.6
+        assert frequency.std > 0.02 * frequency.value
+
+
+def test_a_stiff_frame_has_one_frequency_and_one_delay_in_all_records(records):
+    """Two records of an earthquake: frequency to half a per cent, delay to 0.3 ms; it passes for no exchanged pair."""
+    results = [
+        found(records, "shake_table_frame", (name,), law="linear")
+        for name in records.SETS["shake_table_frame"].records[:2]
+    ]
+    frequencies = [each.ratios.natural_frequency_hz.value for each in results]
+    lags = [each.evidence[0].fit.value("lag_s") for each in results]
+    np.testing.assert_allclose(frequencies, frequencies[0], rtol=0.005)
+    np.testing.assert_allclose(lags, lags[0], atol=3e-4)
+    for result in results:
+        log = result.study.runs[0].recording
+        assert not check_pair(log.channel("ground"), log.channel("top"), fs=log.fs, names=("ground", "top"))
