@@ -162,8 +162,10 @@ def test_the_driven_model_with_a_wrong_law_says_so_and_its_intervals_hold_the_tr
 
 def test_swapped_and_mute_channels_are_refused(study):
     swapped = study_of_gear("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs)
-    with pytest.raises(InputError, match=r"run 'heavy'.*exchange sprung and unsprung"):
-        identify(swapped)
+    result = identify(swapped, law="linear")
+    assert result.is_refused
+    assert "check the channels (swapped" in result.not_determined
+    assert any("run 'heavy'" in each and "exchange sprung and unsprung" in each for each in result.warnings)
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
     with pytest.raises(InputError, match=r"run 'heavy'.*mute"):
