@@ -1,0 +1,89 @@
+"""Records of structures measured on both sides of their suspensions: what is told of them, and how far.
+
+Run `python benchmarks/real_records.py --data ../shared/data`; in parts `--sets shake_table_frame`. The studies are those
+of `examples/real_records.py`. Sets whose records are repeated trials are identified record by record, the others all at
+once. "Unexplained" is what the free motion leaves of the body's rms acceleration in the band; "left out" the same of a
+run that the others predict, "inside" its lines inside the band that is to hold 95 %. Frequencies and damping ratios are
+those of the equivalent straight suspension.
+"""
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+# before numpy is loaded
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import opid
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+from real_records import SETS
+
+# laws that are given, None to search one; whether each record is identified alone
+CASES = {
+    "isolated_building": (("linear", "dahl_friction", "arctan_displacement+dahl_friction"), False),
+    "shake_table_frame": (("linear", None), True),
+    "sliding_isolators": (("linear", "coulomb_friction", "dahl_friction"), False),
+    "quarter_car_bench": (("linear", "coulomb_friction", "dahl_friction"), False),
+}
+
+
+def print_rows(name: str, data: Path) -> None:
+    """Print a row for each record of a set under each law."""
+    each, (laws, alone) = SETS[name], CASES[name]
+    groups = [(record,) for record in each.records] if alone else [each.records]
+    for law in laws:
+        for records in groups:
+            study = each.study(data / name, records)
+            begun = time.process_time()
+            found = opid.identify(study, law=law, band_hz=each.band_hz)
+            busy_s = time.process_time() - begun
+            left_out = {each.run: each for error in _errors(found) for each in error.left_out}
+            lag = found.evidence[0].fit.value("lag_s")
+            for place, run in enumerate(found.runs):
+                told = found.equivalents[place] if found.equivalents else None
+                other = left_out.get(place)
+                cells = (
+                    run.name,
+                    found.law.name if law else f"{found.law.name} (searched)",
+                    found.limited_by + (", refused" if found.is_refused else ""),
+                    "-" if told is None else _shown(told.natural_frequency_hz),
+                    "-" if told is None else _shown(told.damping_ratio),
+                    f"{1e3 * lag:.2f}" if lag else "-",
+                    f"{run.unexplained:.3f}",
+                    "-" if other is None else f"{other.unexplained:.3f}",
+                    "-" if other is None else f"{100 * other.inside:.0f}",
+                    f"{busy_s:.1f}",
+                )
+                print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def _errors(found: opid.Identification) -> list:
+    return [each.error for each in found.evidence if each.error is not None]
+
+
+def _shown(estimate: opid.Estimate) -> str:
+    if estimate.value is None:
+        return "-"
+    return f"{estimate.value:.4g}" + (f" +- {1.96 * estimate.std:.2g}" if estimate.std is not None else "")
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder that holds the sets")
+    parser.add_argument("--sets", help=f"names joined by commas, of {', '.join(SETS)}; all where left out")
+    options = parser.parse_args()
+    print(
+        "| record | law | limited by | frequency, Hz | damping ratio | lag, ms | unexplained | left out | inside, % | "
+        "processor, s |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for name in options.sets.split(",") if options.sets else SETS:
+        print_rows(name, options.data)
+
+
+if __name__ == "__main__":
+    main()
