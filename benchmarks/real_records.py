@@ -1,10 +1,10 @@
 """Records of structures measured on both sides of their suspensions: what is told of them, and how far.
 
-Run `python benchmarks/real_records.py --data ../shared/data`; in parts `--sets shake_table_frame`. The studies are those
-of `examples/real_records.py`. Sets whose records are repeated trials are identified record by record, the others all at
-once. "Unexplained" is what the free motion leaves of the body's rms acceleration in the band; "left out" the same of a
-run that the others predict, "inside" its lines inside the band that is to hold 95 %. Frequencies and damping ratios are
-those of the equivalent straight suspension.
+Run `python benchmarks/real_records.py --data ../shared/data`; in parts `--sets shake_table_frame`. The studies are
+those of `examples/real_records.py`. Sets whose records are repeated trials are identified record by record, the others
+all at once. "Unexplained" is what the free motion leaves of the body's rms acceleration in the band, "left out" the
+same of a run that the others predict, "inside" its lines inside the band that is to hold 95 %. Frequencies and damping
+ratios are those of the equivalent straight suspension.
 """
 
 import argparse
