@@ -31,9 +31,9 @@ MOTIONS = ("sine and sweep", "random")
 PAIRS = (
     ("coulomb_friction", "cubic_stiffness"),
     ("arctan_velocity", "quadratic_damping"),
-    ("blow_off_damping", "gas_spring"),
+    ("blow_off_damping", "gas_column"),
     ("asymmetric_damping", "dead_zone_stiffness"),
-    ("quadratic_damping", "gas_spring"),
+    ("quadratic_damping", "gas_column"),
     ("arctan_displacement", "arctan_velocity"),
     ("asymmetric_damping", "quadratic_stiffness"),
     ("signed_power_damping", "asymmetric_stiffness"),
@@ -50,7 +50,7 @@ SCALES = {
     "arctan_mixed": (0.1, 0.8),
     "blow_off_damping": (0.5, 1.2),
     "dead_zone_stiffness": (0.5, 1.2),
-    "gas_spring": (3.5, 8.0),
+    "gas_column": (3.5, 8.0),
     "dahl_friction": (0.03, 0.5),
     "bouc_wen": (0.1, 0.5),
     "lugre_friction": (0.03, 0.5),
@@ -104,14 +104,14 @@ def term_of(kind: str, z: np.ndarray, v: np.ndarray, rng: np.random.Generator) -
         if parameter.role == "lag":
             lag = float(z.std() / v.std() * np.exp(rng.uniform(np.log(0.3), np.log(3.0))))
             inner.append(lag)
-        elif LAWS[kind].memory is not None and parameter.role != "scale":
+        elif (LAWS[kind].memory is not None and parameter.role != "scale") or parameter.known:
             inner.append(parameter.default)
         elif parameter.role == "exponent":
             inner.append(float(rng.uniform(*EXPONENTS[rng.integers(len(EXPONENTS))])))
         else:
             references = {"m/s": np.std(v), "s": np.std(z) / np.std(v), "m": np.std(z + lag * v)}
             reference = float(references[parameter.unit])
-            if kind == "gas_spring":
+            if kind == "gas_column":
                 # no column is shorter than the stroke
                 reference = max(reference, float(-z.min()) / 2.5)
             inner.append(reference * float(np.exp(rng.uniform(*np.log(SCALES[kind])))))

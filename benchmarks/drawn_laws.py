@@ -8,6 +8,7 @@ import numpy as np
 
 from opid.mechanics.landing_gear import LandingGear, taxi_run
 from opid.mechanics.laws import LINEAR, Law, law
+from opid.mechanics.weight import GRAVITY_M_PER_S2
 
 # kinds and ranges of their parameters, each drawn evenly on a logarithmic scale
 RANGES = {
@@ -36,12 +37,10 @@ ALL_KINDS = (
     "quintic_stiffness",
     "asymmetric_stiffness",
     "dead_zone_stiffness",
-    "gas_spring",
+    "gas_column",
 )
 """The built-in kinds that are searched by their scales, and the paper's own equation (3)."""
 
-GRAVITY = 9.81
-POLYTROPIC = 1.3
 # of `typical_motion`: long enough for a rms to a few per cent
 TYPICAL_S = 20.0
 
@@ -128,12 +127,10 @@ def law_of_kind(kind: str, gear: LandingGear, motion: Motion, rng: np.random.Gen
             stiffness_n_per_m=k2 * log_uniform(rng, 0.25, 2.5),
             gap_m=motion.travel_m * log_uniform(rng, 0.3, 1.5),
         )
-    if kind == "gas_spring":
-        # the gas carries the weight at rest, but for some friction and the preload; it is 0.05 to 0.3 m long, and no
-        # shorter than the spring allows: its tangent n F0 / h is part of K2
-        static_n = gear.sprung_mass_kg * GRAVITY * log_uniform(rng, 0.9, 1.1)
-        shortest_m = max(0.05, POLYTROPIC * static_n / k2)
-        return law(kind, static_force_n=static_n, gas_length_m=log_uniform(rng, shortest_m, 0.3))
+    if kind == "gas_column":
+        # the gas carries the weight, and its tangent n F0 / h is the spring's: there is none beside it
+        static_n, exponent = gear.sprung_mass_kg * GRAVITY_M_PER_S2, rng.uniform(1.1, 1.35)
+        return law(kind, static_force_n=static_n, gas_length_m=exponent * static_n / k2, exponent=exponent)
     raise ValueError(f"no range is given for the kind {kind!r}")
 
 

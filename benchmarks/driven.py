@@ -16,7 +16,7 @@ from opid.mechanics.laws import default_law
 
 FS, DURATION_S, MASS_KG = 512.0, 40.0, 1850.0
 STIFFNESS, DAMPING = 3.9e5, 6e3
-LAWS = ("linear", "arctan_velocity", "arctan_mixed", "signed_power_damping", "gas_spring")
+LAWS = ("linear", "arctan_velocity", "arctan_mixed", "signed_power_damping", "gas_column")
 
 
 def best_of(n, function):

@@ -53,24 +53,24 @@ class World:
     study: Callable[[int], tuple[AnyStudy, float | None]]
 
 
-# Forces with memory: (state h, rate z', parameters) -> (h', force)
+# Forces with memory: (state h, travel z, its rate z', parameters) -> (h', force)
 
 
 @njit
-def arctan_friction(h: float, v: float, p: Any) -> Any:
+def arctan_friction(h: float, z: float, v: float, p: Any) -> Any:
     """Friction without memory, A (2/pi) arctan(v/s): the estimator's own kind, to check this file by."""
     return 0.0, p[0] * 2.0 / np.pi * np.arctan(v / p[1])
 
 
 @njit
-def dahl(h: float, v: float, p: Any) -> Any:
+def dahl(h: float, z: float, v: float, p: Any) -> Any:
     """Dahl (1968): dF/dz = sigma (1 - sgn(v) F/F_c)."""
     stiffness, slip = p[0], p[1]
     return stiffness * (v - np.abs(v) * h / slip), h
 
 
 @njit
-def bouc_wen(h: float, v: float, p: Any) -> Any:
+def bouc_wen(h: float, z: float, v: float, p: Any) -> Any:
     """Bouc (1967) and Wen (1976): F = k h, h' = v (1 - |h/h_y|^n (b + (1 - b) sgn(v h)))."""
     stiffness, yielding, power, share = p[0], p[1], p[2], p[3]
     bent = np.abs(h / yielding) ** power
@@ -78,7 +78,7 @@ def bouc_wen(h: float, v: float, p: Any) -> Any:
 
 
 @njit
-def lugre(h: float, v: float, p: Any) -> Any:
+def lugre(h: float, z: float, v: float, p: Any) -> Any:
     """Canudas de Wit et al. (1995): F = s0 h + s1 h', h' = v - s0 |v| h / g(v), g with the Stribeck effect."""
     stiffness, damping, slip, sticking, stribeck = p[0], p[1], p[2], p[3], p[4]
     g = slip + (sticking - slip) * np.exp(-((v / stribeck) ** 2))
@@ -100,7 +100,7 @@ LUGRE = (2e6, 1e3, 400.0, 600.0, 0.02)
 def _rates(x: Any, memory: Any, p: Any, gear: Any, under: float, aside: float) -> Any:
     m1, m2, k1, c1, k2, c2 = gear
     z, v = x[2] - x[0], x[3] - x[1]
-    h_rate, force = memory(x[4], v, p)
+    h_rate, force = memory(x[4], z, v, p)
     force += k2 * z + c2 * v
     return np.array([x[1], (force - k1 * x[0] - c1 * x[1] + under) / m1, x[3], (aside - force) / m2, h_rate])
 
@@ -131,6 +131,7 @@ def rolled(
     rng: np.random.Generator,
     aside_n: Callable[[np.random.Generator, int, float], FloatArray] | None = None,
     sensor: Sensor = Sensor(),  # noqa: B008
+    steps: int = STEPS,
 ) -> Recording:
     """Return one braked run of a gear whose strut has a force with memory in place of its law.
 
@@ -141,12 +142,13 @@ def rolled(
         rng: source of road, noise and push.
         aside_n: (rng, number of half steps, their rate) -> force on the sprung mass, N; none where left out.
         sensor: both of them.
+        steps: of the integration to a sample.
     """
     road_rng, push_rng, *noise_rngs = rng.spawn(4)
     speed = SpeedProfile(18.0, 0.5, DURATION_S)
     begin_m = float(speed.position_m(-LEAD_IN_S))
     road = iso8608_road("B", length_m=float(speed.position_m(DURATION_S + TAIL_S)) - begin_m, rng=road_rng)
-    step_rate_hz = FS * STEPS
+    step_rate_hz = FS * steps
     time = np.arange(2 * round((LEAD_IN_S + DURATION_S + TAIL_S) * step_rate_hz) + 1) / (2.0 * step_rate_hz) - LEAD_IN_S
     under = tyre_force(gear, road, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))[:, 0]
     aside = np.zeros(time.size) if aside_n is None else aside_n(push_rng, time.size, 2.0 * step_rate_hz)
@@ -162,7 +164,7 @@ def rolled(
     record = slice(round(LEAD_IN_S * FS), round((LEAD_IN_S + DURATION_S) * FS))
     columns = [
         measure(column, fs=FS, sensor=sensor, rng=noise)[record]
-        for column, noise in zip(decimate(motion, STEPS).T, noise_rngs, strict=True)
+        for column, noise in zip(decimate(motion, steps).T, noise_rngs, strict=True)
     ]
     return recording_from_arrays(columns, ["lower_z", "upper_z"], fs=FS)
 

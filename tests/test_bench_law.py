@@ -112,17 +112,17 @@ def gas_bench(seed, stroke_m, length_m=0.1, n=2500):
     sweep = 2 * np.pi * (0.3 * time_s + 3.7 * time_s**2 * FS / n / 2)
     z = stroke_m * (0.6 * np.sin(2 * np.pi * 0.7 * time_s + phases[0]) + 0.4 * np.sin(sweep + phases[1]))
     v = np.gradient(z, 1 / FS)
-    gas = law("gas_spring", static_force_n=1.8e4, gas_length_m=length_m)
-    force = 2e5 * z + 2e3 * v + gas.force(z, v)
+    gas = law("gas_column", static_force_n=1.8e4, gas_length_m=length_m, exponent=1.27)
+    force = 2e4 * z + 2e3 * v + gas.force(z, v)
     return bench_of(z, v, force + 0.01 * force.std() * rng.standard_normal(n))
 
 
-@pytest.mark.parametrize(("stroke_m", "within"), [(0.01, 0.4), (0.02, 0.1), (0.03, 0.05), (0.04, 0.03)])
-def test_a_gas_spring_is_found_with_its_load_and_its_length(stroke_m, within):
+@pytest.mark.parametrize(("stroke_m", "within"), [(0.01, 0.4), (0.02, 0.15), (0.03, 0.08), (0.04, 0.08)])
+def test_a_gas_column_is_found_with_its_load_and_its_length(stroke_m, within):
     held = []
     for seed in range(12):
-        found = law_of_bench(gas_bench(seed, stroke_m), candidates=("gas_spring",))
-        load, length = found.law_estimates["gas_spring"].values()
+        found = law_of_bench(gas_bench(seed, stroke_m), candidates=("gas_column",))
+        load, length, _ = found.law_estimates["gas_column"].values()
         np.testing.assert_allclose([length.value, load.value], [0.1, 1.8e4], rtol=within)
         held += [length.holds(0.1), load.holds(1.8e4)]
     # 24 intervals of 95 %, two by two of one record
@@ -131,11 +131,11 @@ def test_a_gas_spring_is_found_with_its_load_and_its_length(stroke_m, within):
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("stroke_m", [0.001, 0.003, 0.005])
-def test_a_gas_spring_that_hardly_moves_has_a_wide_interval_or_none(stroke_m, seed):
-    found = law_of_bench(gas_bench(seed, stroke_m), candidates=("gas_spring",))
+def test_a_gas_column_that_hardly_moves_has_a_wide_interval_or_none(stroke_m, seed):
+    found = law_of_bench(gas_bench(seed, stroke_m), candidates=("gas_column",))
     if found.law.name == "linear":
         return
-    load, length = found.law_estimates["gas_spring"].values()
+    load, length, _ = found.law_estimates["gas_column"].values()
     # the parabola is determined all the same
     np.testing.assert_allclose(load.value / length.value**2, 1.8e6, rtol=1e-3 / stroke_m)
     if length.interval95 is None:

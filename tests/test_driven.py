@@ -92,7 +92,7 @@ def test_derivatives_are_those_of_the_steps(name):
 
 def _two_coupled(p, drive, n_law):
     first = default_law("arctan_mixed+cubic_stiffness").with_vector(p[6 : 6 + n_law])
-    interfaces = [Interface(*p[:3], first), Interface(*p[3:6], default_law("gas_spring"))]
+    interfaces = [Interface(*p[:3], first), Interface(*p[3:6], default_law("gas_column"))]
     A = np.array([[1.0, 0.3], [0.3, 0.8]]) / 1000
     by_mass = np.array([[[1.0, 0.2], [0.2, 0.5]]]) / 1000
     by_drive = np.stack([_drive(_half(drive.shape[0] // 2 + 1) + 0.1), 0 * drive[:, 0] + 1], axis=1)[:, None]
@@ -117,8 +117,8 @@ def test_derivatives_of_two_coupled_interfaces_are_those_of_the_steps():
     exact = _two_coupled(base, drive, n_law).sensitivity
     # in the order of the response: each interface with its rest and its law, the mass, the drive, the start
     second = 4 + n_law
-    places = [*range(3), *range(second, second + 3), *range(4, second), *range(second + 6, exact.shape[2])]
-    assert exact.shape == (n, 2, base.size + 2 + 2)
+    places = [*range(3), *range(second, second + 3), *range(4, second), *range(second + 7, exact.shape[2])]
+    assert exact.shape == (n, 2, base.size + 2 + 3)
     for i, place in enumerate(places):
         step = np.zeros(base.size)
         step[i] = 1e-5 * max(abs(base[i]), 1e-3)

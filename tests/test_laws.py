@@ -58,7 +58,7 @@ def test_the_compiled_force_is_the_numpy_force(name):
     np.testing.assert_allclose(compiled, subject.force(Z, V).ravel(), rtol=1e-12, atol=1e-12)
 
 
-ONE_SIDED = ["asymmetric_damping", "asymmetric_stiffness", "even_quadratic_stiffness", "gas_spring"]
+ONE_SIDED = ["asymmetric_damping", "asymmetric_stiffness", "even_quadratic_stiffness", "gas_column", "orifice_damping"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -95,19 +95,30 @@ def test_a_gap_and_a_relief_valve_act_beyond_their_scale():
     np.testing.assert_allclose(slope, [2e3, 6e3, 6e3, 2e3])
 
 
-def test_the_gas_spring_is_the_polytropic_law_about_rest():
-    static_n, length_m, exponent = 2e4, 0.12, 1.3
-    subject = law("gas_spring", static_force_n=static_n, gas_length_m=length_m)
+def test_the_gas_column_is_the_polytropic_law_about_rest():
+    static_n, length_m, exponent = 2e4, 0.12, 1.27
+    subject = law("gas_column", static_force_n=static_n, gas_length_m=length_m, exponent=exponent)
     z = np.linspace(-0.9, 2.0, 30) * length_m
     push = static_n * (length_m / (length_m + z)) ** exponent
-    tangent = exponent * static_n / length_m
-    np.testing.assert_allclose(subject.force(z, 0.0) + tangent * z, static_n - push, rtol=1e-9, atol=1e-9)
-    assert subject.gradient(0.0, 0.0)[0] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(subject.force(z, 0.0), static_n - push, rtol=1e-9, atol=1e-9)
+    assert subject.gradient(0.0, 0.0)[0] == pytest.approx(exponent * static_n / length_m)
     # bottomed out: finite, and no corner where the tangent takes over
     assert np.isfinite(subject.force([-length_m, -3.0 * length_m], 0.0)).all()
     either_side = -0.95 * length_m + np.array([-1e-9, 1e-9])
     np.testing.assert_allclose(*subject.force(either_side, 0.0), rtol=1e-5)
     np.testing.assert_allclose(*subject.gradient(either_side, 0.0)[0], rtol=1e-5)
+
+
+def test_a_gas_column_is_loaded_along_an_isotherm_and_moves_on_a_polytrope_from_there():
+    static_n, length_m, exponent, rest_m = 2e4, 0.12, 1.27, 0.013
+    column = law("gas_column", static_force_n=static_n, gas_length_m=length_m, exponent=exponent)
+    carried = static_n * length_m / (length_m + rest_m)
+    assert column.stand(rest_m)[0] == pytest.approx(static_n - carried)
+    there = law("gas_column", static_force_n=carried, gas_length_m=length_m + rest_m, exponent=exponent)
+    z, moved = np.linspace(-0.02, 0.03, 7), column.resting_at(rest_m)
+    np.testing.assert_allclose(moved.force(z, 0.0), there.force(z, 0.0), rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(moved.gradient(z, 0.0)[0], there.gradient(z, 0.0)[0], rtol=1e-12)
+    np.testing.assert_allclose(moved.stand(z)[0], there.stand(z)[0], rtol=1e-9, atol=1e-9)
 
 
 def test_signed_powers_contain_the_whole_powers():

@@ -247,7 +247,7 @@ def gear_with_faults():
 
 def body_with_everything():
     """Three interfaces of which two share what they have, ground springs, coordinates, and faults here and there."""
-    gas = default_law("gas_spring")
+    gas = default_law("gas_column")
     groups = [
         Group("nose", (0,), (MIXED + gas).scaled(1 / MASS_KG)),
         Group("left, right", (1, 2), (FRICTION + HARDENING).scaled(1 / MASS_KG), ground=True),
@@ -272,7 +272,7 @@ def body_with_everything():
 
 def gear_with_origin():
     """A gear whose law has its origin elsewhere than where the gear rests, with a ground spring."""
-    law = default_law("gas_spring") + MIXED + HARDENING
+    law = default_law("gas_column") + MIXED + HARDENING
     group = Group("", (0,), law.scaled(1 / 1850), ground=True, origin_m=0.01)
     return one_gear(group, ground_stiffness_per_mass=20.0, rest_m=-0.006)
 

@@ -114,7 +114,7 @@ def test_a_linear_suspension_is_filtered_as_the_textbook_does(n, ground, noise):
     np.testing.assert_allclose(found.innovation.T, innovation, atol=1e-6 * np.abs(innovation).max())
 
 
-LAWS = ("arctan_mixed+cubic_stiffness", "gas_spring")
+LAWS = ("arctan_mixed+cubic_stiffness", "gas_column")
 
 
 def _directions(n):

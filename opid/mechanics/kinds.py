@@ -20,9 +20,6 @@ RateAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
 TWO_OVER_PI = 2.0 / math.pi
 # keeps log(|z|) and |z|^(n-1) finite at z = 0
 TINY = 1e-30
-# polytropic exponent of the gas in an oleo strut: 1.1 where oil and gas mix (nearly isothermal), up to 1.4 (adiabatic)
-# where they are apart and quick (Currey 1988, Aircraft Landing Gear Design)
-POLYTROPIC = 1.3
 # share of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
 BOTTOM = 0.95
 # fractions of the force of a joint, each in the middle of what one of its elements carries
@@ -36,7 +33,8 @@ class Parameter:
     The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` or a `shape` any
     number; a search tries several lags, and a shape from its default on. Outside of `over_rms`, in rms motions, a scale
     cannot be seen: below, friction is a step, above, a straight line. A scale in seconds is compared with the ratio of
-    rms travel and velocity. `within` is where an exponent is searched.
+    rms travel and velocity. `within` is where an exponent is searched; `known` are the value and the standard deviation
+    that are known of an exponent before any measurement.
     """
 
     name: str
@@ -45,6 +43,7 @@ class Parameter:
     default: float
     over_rms: tuple[float, float] = (0.01, 3.0)
     within: tuple[float, float] = (0.0, math.inf)
+    known: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +64,10 @@ class Kind:
             power is not told from the kinds that it contains as special cases.
         is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
             same curve about another position is the same kind with other parameters, and needs no origin.
+        quasi_static: inner values with which it is loaded slowly, None for those that are as in quick motion; empty
+            where all are. The amplitude of such a kind is the force that it carries at its origin, and 1 less its force
+            for unit amplitude the fraction that is left elsewhere. Loaded slowly it comes to rest on one curve, and
+            moves from there on another.
         is_friction: whether it is friction or yielding, whose force grows and falls by itself from run to run.
         memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
             (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
@@ -82,6 +85,7 @@ class Kind:
     searched: bool = True
     bench_only: bool = False
     is_about_rest: bool = False
+    quasi_static: tuple[float | None, ...] = ()
     is_friction: bool = False
     memory: Callable[..., RateAndDerivatives] | None = field(default=None, repr=False)
     elements: tuple[float, ...] = (1.0,)
@@ -115,6 +119,13 @@ def _coulomb_friction(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
 def _quadratic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
     speed = np.abs(v)
     return v * speed, 0.0, 2.0 * speed, 0.0, 0.0
+
+
+def _orifice_damping(z: Any, v: Any, r: Any, _: Any) -> ForceAndDerivatives:
+    speed = np.abs(v)
+    rebound = 0.5 * (1.0 + np.sign(v))
+    factor, square = 1.0 + (r - 1.0) * rebound, v * speed
+    return factor * square, 0.0, 2.0 * factor * speed, rebound * square, 0.0
 
 
 def _cubic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
@@ -190,13 +201,15 @@ def _dead_zone_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
     return np.sign(z) * beyond, np.sign(beyond), 0.0, -touching_side, 0.0
 
 
-def _gas_spring(z: Any, v: Any, h: Any, _: Any) -> ForceAndDerivatives:
+def _gas_column(z: Any, v: Any, h: Any, n: Any) -> ForceAndDerivatives:
     extension = z / h
     within = np.maximum(extension, -BOTTOM)
-    pressure = (1.0 + within) ** -POLYTROPIC
-    by_extension = POLYTROPIC * (pressure / (1.0 + within) - 1.0)
-    shape = 1.0 - pressure - POLYTROPIC * within + by_extension * (extension - within)
-    return shape, by_extension / h, 0.0, -by_extension * extension / h, 0.0
+    beyond, volume = extension - within, 1.0 + within
+    pressure, logarithm = volume**-n, np.log(volume)
+    slope = pressure / volume
+    by_extension = n * slope
+    by_n = logarithm * pressure + beyond * slope * (1.0 - n * logarithm)
+    return 1.0 - pressure + by_extension * beyond, by_extension / h, 0.0, -by_extension * extension / h, by_n
 
 
 def _sliding(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
@@ -288,6 +301,17 @@ BUILT_IN = (
         r"c\, \dot z |\dot z|",
         (Parameter("damping_n_s2_per_m2", "N s^2/m^2", "amplitude", 4e4),),
         _quadratic_damping,
+    ),
+    # the same with another orifice in rebound than in compression, as oleo struts have it: c while it shortens, r c
+    # while it extends
+    Kind(
+        "orifice_damping",
+        r"c\, \dot z |\dot z| (1 + (r - 1) [\dot z > 0])",
+        (
+            Parameter("damping_n_s2_per_m2", "N s^2/m^2", "amplitude", 4e4),
+            Parameter("rebound_ratio", "1", "exponent", 2.0, within=(0.05, 20.0)),
+        ),
+        _orifice_damping,
     ),
     # the next odd term of any smooth damper
     Kind(
@@ -398,18 +422,21 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m", "N/m", "amplitude", 3e5), Parameter("gap_m", "m", "scale", 0.004)),
         _dead_zone_stiffness,
     ),
-    # gas compressed in an oleo strut, F0 carried at rest, h the volume over the piston area; without its tangent
-    # n F0 / h, which belongs to the stiffness of the joint
+    # gas compressed in an oleo strut, F0 carried at rest, h its volume over the piston area. Moving it is polytropic,
+    # with an exponent of 1.1 where oil and gas mix to 1.35 where they are apart (Currey 1988, Aircraft Landing Gear
+    # Design); loaded in a hangar it is isothermal
     Kind(
-        "gas_spring",
-        r"F_0 (1 - (1 + z / h)^{-1.3} - 1.3 z / h)",
+        "gas_column",
+        r"F_0 (1 - (1 + z / h)^{-n})",
         (
             Parameter("static_force_n", "N", "amplitude", 1.8e4),
             # a column of gas is longer than the stroke
             Parameter("gas_length_m", "m", "scale", 0.1, over_rms=(3.0, 300.0)),
+            Parameter("exponent", "1", "exponent", 1.225, within=(1.0, 1.7), known=(1.225, 0.07)),
         ),
-        _gas_spring,
+        _gas_column,
         is_about_rest=True,
+        quasi_static=(None, 1.0),
     ),
     # dry friction that bends before it slides: A/s is its stiffness, s the travel after which it slides (Dahl 1968)
     Kind(

@@ -48,7 +48,8 @@ class LandingGear:
         sliders: of the strut, beside the law; None for none.
 
     Raises:
-        InputError: a mass, tyre or suspension stiffness that is not positive, another value that is negative.
+        InputError: a mass or tyre stiffness that is not positive, a suspension without any spring, another value that
+            is negative.
     """
 
     sprung_mass_kg: float = 1850.0
@@ -66,6 +67,8 @@ class LandingGear:
             if name in ("law", "sliders"):
                 continue
             may_be_zero = "damping" in name or name == "ground_stiffness_n_per_m"
+            # gas may carry all of the weight
+            may_be_zero |= name == "suspension_stiffness_n_per_m" and float(self.law.gradient(0.0, 0.0)[0]) > 0.0
             if not (0.0 <= value < np.inf) or (value == 0.0 and not may_be_zero):
                 needed = "zero or more" if may_be_zero else "a positive number"
                 raise InputError(f"{name} of the landing gear is {value}: give {needed}")

@@ -77,6 +77,8 @@ class Term:
     def evaluate_about(self, rest_m: float, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
         """Return the same about a rest position: the force and its derivatives by inner values are zero there.
 
+        What is loaded slowly on another curve than it moves on is at rest on the first one (see `loading`).
+
         Args:
             rest_m: extension at rest, m.
             z: extension from there, m.
@@ -88,7 +90,53 @@ class Term:
         # a kind may divide zero by zero at rest before it puts the right value in place
         with np.errstate(all="ignore"):
             at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
-        return shape - at_rest[0], by_z, by_v, first - at_rest[3], second - at_rest[4]
+        factor, _, by_first, by_second = self.loading(rest_m)
+        shape, first, second = shape - at_rest[0], first - at_rest[3], second - at_rest[4]
+        return (
+            factor * shape,
+            factor * by_z,
+            factor * by_v,
+            factor * (first + by_first * shape),
+            factor * (second + by_second * shape),
+        )
+
+    def stand(self, z: FloatArray) -> tuple[Any, Any, Any, Any]:
+        """Return the force for unit amplitude of the term standing still, by z and by the first two inner values.
+
+        Args:
+            z: extension to which it was brought slowly, m.
+        """
+        slowly = (*self.kind.quasi_static, None, None)[:2]
+        inner = [
+            value if fixed is None else fixed for value, fixed in zip((*self.inner, 1.0, 1.0), slowly, strict=False)
+        ]
+        shape, by_z, _, *by_inner = self.kind.function(z, np.zeros_like(z), *inner)
+        first, second = (by if fixed is None else 0.0 for by, fixed in zip(by_inner, slowly, strict=True))
+        return shape, by_z, first, second
+
+    def loading(self, rest_m: float) -> tuple[float, float, float, float]:
+        """Return the factor on the amplitude where the term was brought slowly to rest, and what it depends on.
+
+        A gas that carries the force 1 - s there, as its slow curve s(z) says, moves as if it carried the factor at its
+        origin: with its quick curve q(z) that is (1 - s)/(1 - q).
+
+        Args:
+            rest_m: extension at rest, m.
+
+        Returns:
+            The factor, and the derivatives of its logarithm by the place and by the first two inner values.
+        """
+        if not self.kind.quasi_static:
+            return 1.0, 0.0, 0.0, 0.0
+        place = np.array(rest_m)
+        slow, slow_by, *slow_by_inner = self.stand(place)
+        quick, quick_by, _, *quick_by_inner = self.evaluate(place, np.array(0.0))
+        left, moving = 1.0 - float(slow), 1.0 - float(quick)
+        by = [
+            float(q) / moving - float(s) / left
+            for s, q in zip((slow_by, *slow_by_inner), (quick_by, *quick_by_inner), strict=True)
+        ]
+        return left / moving, by[0], by[1], by[2]
 
 
 @dataclass(frozen=True)
@@ -126,12 +174,42 @@ class TermSet:
             total += term.amplitude * term.evaluate_about(self.rest_m, z, v)[0]
         return total
 
+    def stand(self, z: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what the law carries more standing still at an extension than where it rests, N.
+
+        Args:
+            z: extension from where it rests, to which it was brought slowly, m.
+
+        Returns:
+            The force, its derivative by z, (*z.shape,) each, and those by each entry of `vector`, (*z.shape,
+            n_parameters).
+        """
+        place, rest = np.asarray(z, dtype=np.float64) + self.rest_m, np.array(self.rest_m)
+        force, by_z, by_values = (
+            np.zeros(place.shape),
+            np.zeros(place.shape),
+            np.zeros((*place.shape, self.vector.size)),
+        )
+        column = 0
+        # a kind may divide zero by zero at rest before it puts the right value in place
+        with np.errstate(all="ignore"):
+            for term in self.terms:
+                shape, slope, *by_inner = term.stand(place)
+                at_rest, _, *by_inner_at_rest = term.stand(rest)
+                force += term.amplitude * (shape - at_rest)
+                by_z += term.amplitude * slope
+                by_values[..., column] = shape - at_rest
+                for k in range(min(2, len(term.inner))):
+                    by_values[..., column + 1 + k] = term.amplitude * (by_inner[k] - by_inner_at_rest[k])
+                column += len(term.values)
+        return force, by_z, by_values
+
     def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return df/dz, N/m, and df/dv, N s/m, the tangent stiffness and damping at (z, v)."""
         z, v = _broadcast(z, v)
         by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
         for term in self.terms:
-            _, term_by_z, term_by_v, *_ = term.evaluate(z + self.rest_m, v)
+            _, term_by_z, term_by_v, *_ = term.evaluate_about(self.rest_m, z, v)
             by_z += term.amplitude * term_by_z
             by_v += term.amplitude * term_by_v
         return by_z, by_v

@@ -28,7 +28,6 @@ GRAVITY_M_PER_S2 = 9.80665
 # no suspension gives way so far
 FARTHEST_M = 10.0
 _MOST_STEPS, _MOST_HALVINGS = 50, 30
-_AT_REST = np.array(0.0)
 # a kind may divide zero by zero at rest before it puts the right value in place
 _QUIETLY = np.errstate(all="ignore")
 
@@ -105,7 +104,6 @@ def resting_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray
     return [law.resting_at(law.rest_m + float(z)) for law, z in zip(laws, travel, strict=True)]
 
 
-@_QUIETLY
 def by_parameters(slot: Interface, travel: float) -> FloatArray:
     """Return the derivatives of a spring's force at rest by what an interface has, as `Interface` orders them.
 
@@ -113,9 +111,8 @@ def by_parameters(slot: Interface, travel: float) -> FloatArray:
         slot: where it rests in the reference run.
         travel: where it rests now, from there, m.
     """
-    law, z = slot.law, np.array(travel)
-    of_law = law.parameter_gradient(z, 0.0)
-    of_rest = law.gradient(z, 0.0)[0] - law.gradient(0.0, 0.0)[0]
+    _, by_place, of_law = slot.law.stand(travel)
+    of_rest = by_place - slot.law.stand(0.0)[1]
     return np.array([travel, 0.0, travel, float(of_rest), *of_law])
 
 
@@ -144,7 +141,7 @@ def _springs(slots: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray
         force[number] = slope[number] * z
         place = np.array(slot.law.rest_m + z)
         for term in slot.law.terms:
-            shape, by_z, *_ = term.evaluate(place, _AT_REST)
+            shape, by_z, *_ = term.stand(place)
             force[number] += term.amplitude * shape
             slope[number] += term.amplitude * by_z
     return force, slope

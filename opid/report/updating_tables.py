@@ -253,8 +253,8 @@ def short_kind(kind: str) -> str:
     Args:
         kind: as in `opid.mechanics.laws.LAWS`.
 
-    >>> short_kind("even_quadratic_stiffness"), short_kind("gas_spring")
-    ('even quadratic', 'gas spring')
+    >>> short_kind("even_quadratic_stiffness"), short_kind("gas_column")
+    ('even quadratic', 'gas column')
     """
     return kind.removesuffix("_stiffness").replace("_", " ")
 

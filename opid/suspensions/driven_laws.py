@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS, Law, Term
+from opid.mechanics.repeatability import part_of
 from opid.signals.recording import FloatArray
-from opid.suspensions.fit import Fit, left_out_ratio, refit
+from opid.suspensions.fit import Fit, carrying, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_parameters import faint_terms, has_slope
 from opid.suspensions.model import Group
@@ -34,7 +35,7 @@ class DrivenLaws:
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
-            if group.has_origin:
+            if group.has_origin or model.is_carried:
                 new = [kind for kind in new if not LAWS[kind].is_about_rest]
             offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
         try:
@@ -51,7 +52,8 @@ class DrivenLaws:
                 place += len(term.values)
             own = np.arange(errors.jacobian.shape[1])[model.law_places(number)]
             by_law, others = errors.jacobian[:, own], np.delete(errors.jacobian, own, axis=1)
-            found[name] = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
+            dictionary = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
+            found[name] = replace(dictionary, further=tuple(_carriers(fit, number, law, kinds)))
         if fit.ratio > fit.model.settings.verdicts.refused:
             # no law mends what a wrong structure leaves
             promised = sum(each.most_promised() for each in found.values())
@@ -89,6 +91,21 @@ class DrivenLaws:
             noise=fit.model.level,
             settings=self.settings,
         )
+
+
+def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+    """Laws with a column of gas that carries the weight in place of all springs, as stiff as they are."""
+    model = fit.model
+    if not model.is_carried or any(term.kind.quasi_static for term in law.terms):
+        return
+    springs = tuple(term for term in law.terms if part_of(term.kind) == "spring")
+    travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, model.groups[number].slots), strict=True))
+    stiffness = float(fit.theta[model.first_of_group[number]])
+    stiffness += float(np.mean(Law(springs, law.rest_m).gradient(travel, velocity)[0]))
+    for kind in kinds:
+        if LAWS[kind].quasi_static and stiffness > 0.0:
+            column = carrying(kind, model.weight, stiffness)
+            yield Law((column, *(term for term in law.terms if term not in springs)))
 
 
 def _node(term: Term, columns: FloatArray) -> Node:

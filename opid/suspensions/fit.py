@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import ImpossibleBodyError
 from opid.suspensions.law_parameters import to_free
@@ -87,7 +87,7 @@ class Fit:
         """Bayesian information criterion (Schwarz 1978): smaller is better."""
         # known to a tolerance before, a place is no free parameter; it costs to move it, and a sensor or the strut of a
         # run, far from there
-        n_free = self.model.n_shared - len(self.model.body.coordinates)
+        n_free = self.model.n_shared - len(self.model.body.coordinates) - self.model.n_known_of_laws
         moved = self.errors.stacked[self.n_data :][self.model.is_weighed]
         likelihood = self.model.log_likelihood(self.errors, self.theta)
         return float(n_free * np.log(self.n_data) - 2 * likelihood + moved @ moved)
@@ -154,8 +154,30 @@ def first_vector(model: Model, start: Start) -> FloatArray:
         shared.append(start.inverse_mass or 0.0)
     shared += [start.lags.get(fault.name, fault.nominal) for fault in model.faults]
     shared += [0.0] * len(model.body.coordinates)
+    for number, place in model.carriers:
+        first, law = model.first_of_group[number], model.groups[number].law
+        term = next(each for each in law.terms if each.kind.quasi_static)
+        tangent = shared[first] + shared[place] * float(term.evaluate(np.array(0.0), np.array(0.0))[1])
+        if tangent > 0.0:
+            column = carrying(term.name, model.weight, tangent)
+            shared[first], shared[place : place + len(column.values)] = 0.0, to_free(Law((column,))).tolist()
     # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
     return np.array([*shared, *[0.0] * (model.n_own * len(model.runs))])
+
+
+def carrying(kind: str, weight: float, stiffness: float) -> Term:
+    """Return a column of gas that carries a weight and is as stiff as a spring.
+
+    Args:
+        kind: of it, with a force at rest, a length and an exponent.
+        weight: that it carries, m/s^2, or N.
+        stiffness: of the spring, 1/s^2, or N/m.
+
+    >>> carrying("gas_column", 18e3, 225e3).values
+    (18000.0, 0.098, 1.225)
+    """
+    exponent = LAWS[kind].parameters[2].default
+    return Term(kind, (weight, round(exponent * weight / stiffness, 9), exponent))
 
 
 def fit_model(
@@ -183,15 +205,19 @@ def fit_model(
         UnboundedResponseError: the start values make a suspension that grows without bound.
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
-    known, spent = model.settings.fit, 0
+    known, spent, promise = model.settings.fit, 0, 0.0
     for factor in (*noisier, 1.0):
-        louder = replace(model, louder=factor)
+        louder = replace(model, louder=factor, is_held=bool(model.carriers))
         if factor != 1.0 and hold_places:
             louder = _with_places_held(louder)
         promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
         theta, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
         spent += n
-    return Fit(model, theta, model.evaluate(theta), spent + 1)
+    fit = Fit(model, theta, model.evaluate(theta), spent + 1)
+    if not model.carriers or fit.ratio > model.settings.verdicts.doubtful:
+        return fit
+    theta, n = _moved(model, theta, free, most_evaluations or known.most_evaluations, promise)
+    return Fit(model, theta, model.evaluate(theta), fit.n_evaluations + n + 1)
 
 
 def refit(fit: Fit, laws: dict[str, Law], *, least_promise: float | None = None) -> Fit | None:

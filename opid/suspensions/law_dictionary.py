@@ -80,6 +80,7 @@ class LawDictionary:
         along: (n_columns,) products of columns and errors.
         size: (n_columns,) of the columns before they were scaled.
         settings: of the search.
+        further: laws that are fitted without a look at columns, for it would mislead.
     """
 
     law: Law
@@ -93,6 +94,7 @@ class LawDictionary:
     along: FloatArray
     size: FloatArray
     settings: SearchSettings
+    further: tuple[Law, ...] = ()
 
     def proposals(self) -> list[Proposal]:
         """Return the laws near the fitted one, a term more or less, one or two exchanged, the most promising first.
@@ -163,7 +165,7 @@ class LawDictionary:
             place = self.fitted[name][0] if name in self.fitted else picked[name]
             inner = self.terms[place].inner
             if name in log_step:
-                inner = (float(inner[0] * np.exp(log_step[name])),)
+                inner = (float(inner[0] * np.exp(log_step[name])), *inner[1:])
             terms.append(Term(name, (weight[place], *inner)))
         return cost, Law(tuple(terms), self.law.rest_m)
 
@@ -258,6 +260,6 @@ def _between(nodes: Sequence[Node], n_between: int) -> list[Node]:
             between = between + width * (t * (1 - t) ** 2 * node.slope - t**2 * (1 - t) * after.slope)
             along = 6 * t * (1 - t) / width * rise
             along = along + (1 - t) * (1 - 3 * t) * node.slope + t * (3 * t - 2) * after.slope
-            term = Term(node.term.name, (1.0, float(node.term.inner[0] * np.exp(t * width))))
+            term = Term(node.term.name, (1.0, float(node.term.inner[0] * np.exp(t * width)), *node.term.inner[1:]))
             dense.append(Node(term, between, along))
     return [*dense, *nodes[-1:]]

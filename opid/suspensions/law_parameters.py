@@ -83,7 +83,9 @@ def reference(parameter: Parameter, travel_rms: float, velocity_rms: float) -> f
 
 
 def has_slope(kind: Kind) -> bool:
-    """Return whether a kind has one inner parameter that is positive: its columns are moved along its logarithm.
+    """Return whether a kind has one positive inner parameter to be found: its columns are moved along its logarithm.
+
+    Others may follow that are known roughly beforehand.
 
     Args:
         kind: any kind.
@@ -91,7 +93,9 @@ def has_slope(kind: Kind) -> bool:
     >>> [has_slope(LAWS[name]) for name in ("arctan_velocity", "signed_power_damping", "arctan_mixed", "cubic_damping")]
     [True, True, False, False]
     """
-    return [parameter.role for parameter in kind.parameters[1:]] in (["scale"], ["exponent"])
+    first, *others = (*kind.parameters[1:], None)
+    is_positive = first is not None and first.role in ("scale", "exponent")
+    return is_positive and all(other is None or other.known for other in others)
 
 
 def faint_terms(
@@ -157,11 +161,12 @@ def offered_terms(
     [()]
     """
     inner = LAWS[kind].parameters[1:]
-    roles = {parameter.role for parameter in inner}
-    offered = []
+    roles, offered = {parameter.role for parameter in inner}, []
+    # what is known beforehand is begun with
+    is_power = any(parameter.role == "exponent" and not parameter.known for parameter in inner)
     for lag in travel_rms / velocity_rms * np.array(lags) if "lag" in roles else np.zeros(1):
         for fraction in np.linspace(*fractions, n_scales) if "scale" in roles else np.zeros(1):
-            for exponent in exponents if "exponent" in roles and exponents else (None,):
+            for exponent in exponents if is_power and exponents else (None,):
                 values = []
                 for parameter in inner:
                     rms = reference(parameter, float(np.hypot(travel_rms, lag * velocity_rms)), velocity_rms)

@@ -295,15 +295,21 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
     for group, law in fit.laws.items():
         moves += [_Move({group: other}, 0.0, 0) for other in (*_limits(law, kinds), *_relatives(law, kinds))]
+        # no column tells what they promise
+        dictionary = dictionaries.get(group)
+        moves += [] if dictionary is None else [_Move({group: other}, -math.inf, 0) for other in dictionary.further]
     return sorted(moves, key=lambda move: move.bic)
 
 
 def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
     """Laws with a term's limits in its place: it imitates them so well that no derivative asks for the exchange."""
     for term in law.terms:
+        others = tuple(each for each in law.terms if each is not term)
+        if term.kind.quasi_static:
+            # what is known of the weight holds straight springs at none beside it
+            yield Law(others, law.rest_m)
         if term.name != "arctan_mixed" or term.values[2] == 0.0:
             continue
-        others = tuple(each for each in law.terms if each is not term)
         amplitude, scale_m, lag_s = term.values
         for limit in (
             Term("arctan_velocity", (math.copysign(amplitude, amplitude * lag_s), scale_m / abs(lag_s))),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from opid.mechanics.driven import N_HEAD, Interface, UnboundedResponseError
 from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
+from opid.mechanics.memory import force_along
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.mechanics.repeatability import PARTS, Departure, part_rows
 from opid.mechanics.weight import Rest, by_parameters, depends_on_travel, rest_under, resting
@@ -136,6 +137,7 @@ class Model:
         louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
             the sensors below: it stands for what the model does not know yet.
         process: what moves the body and no sensor measured.
+        is_held: whether, while a fit comes from afar, a column of gas carries all of the weight.
     """
 
     runs: tuple[DrivenRun, ...]
@@ -150,6 +152,7 @@ class Model:
     held_inverse_mass: float = 0.0
     louder: float = 1.0
     process: ProcessNoise = NO_PROCESS_NOISE
+    is_held: bool = False
 
     @cached_property
     def coarse(self) -> Model:
@@ -221,7 +224,7 @@ class Model:
     def is_weighed(self) -> NDArray[np.bool_]:
         """Which of the departures from what was known count for a model: all but those of how a run begins."""
         first = self._first_fault
-        weighed = np.ones(self.n_shared - first + self.n_own * len(self.runs), dtype=bool)
+        weighed = np.ones(self.n_shared - first + self.n_own * len(self.runs) + self.n_known_of_laws, dtype=bool)
         for place in range(len(self.runs)):
             start = self.places_of_run(place)[0]
             weighed[start.start - first : start.stop - first] = False
@@ -233,6 +236,66 @@ class Model:
             return (Departure(),) * len(self.groups)
         values = theta[self.places_of_run(place)[1]].reshape(-1, len(PARTS))
         return tuple(Departure(*row) for row in values.tolist())
+
+    @property
+    def n_known_of_laws(self) -> int:
+        """How much of stiffness and laws was known before the data: exponents, and what carries the weight."""
+        exponents = [parameter for group in self.groups for parameter in group.law.parameter_list if parameter.known]
+        return len(exponents) + 2 * len(self.carriers)
+
+    @property
+    def weight(self) -> float:
+        """What the suspension of one gear carries at rest in the reference run, per unit of the reference mass, m/s^2.
+
+        It is 0 where no weight acts, and for bodies, of which gears carry shares not known.
+        """
+        return abs(float(self.body.fall[0])) if self.body.fall is not None and self.body.n_slots == 1 else 0.0
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether it is known what a column of gas would carry: it pushes outwards, so the axis must count so."""
+        return self.weight > 0.0 and self.body.fall is not None and float(self.body.fall[0]) < 0.0
+
+    @cached_property
+    def carriers(self) -> tuple[tuple[int, int], ...]:
+        """Groups whose law has a term that carries the weight, and where the term stands in the vector."""
+        if not self.is_carried:
+            return ()
+        found, place = [], self.law_places(0).start
+        for term in self.groups[0].law.terms:
+            if term.kind.quasi_static:
+                found.append((0, place))
+            place += len(term.values)
+        return tuple(found)
+
+    def _known_of_laws(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far exponents are from what is known of them, and what carries the weight from a column of gas alone."""
+        left, rows = [], []
+
+        def add(value: float, slopes: dict[int, float], std: float, *, is_loose: bool = False) -> None:
+            size, share = value / std, 1.0 / std
+            if is_loose:
+                # Student's t of one degree of freedom: what the runs contradict is given up
+                size, share = _loosely(size, share)
+            left.append(size)
+            rows.append(np.zeros(theta.size))
+            for place, slope in slopes.items():
+                rows[-1][place] = share * slope
+
+        for number, group in enumerate(self.groups):
+            for place, parameter in enumerate(group.law.parameter_list, start=self.law_places(number).start):
+                if parameter.known:
+                    mean, std = parameter.known
+                    add(float(theta[place]) - float(np.log(mean)), {place: 1.0}, std / mean)
+        for number, place in self.carriers:
+            weight, first, known, is_loose = self.weight, self.first_of_group[number], self.settings, not self.is_held
+            std = known.gas.carried * (known.fit.held_fraction if self.is_held else 1.0)
+            length, exponent = np.exp(theta[place + 1 : place + 3]).tolist()
+            add(float(theta[place]) / weight - 1.0, {place: 1.0 / weight}, std, is_loose=is_loose)
+            of_gas = length / (exponent * weight)
+            beside = float(theta[first]) * of_gas
+            add(beside, {first: of_gas, place + 1: beside, place + 2: -beside}, std, is_loose=is_loose)
+        return np.array(left), np.array(rows).reshape(-1, theta.size)
 
     @property
     def _first_coordinate(self) -> int:
@@ -558,7 +621,7 @@ class Model:
             force[2] = travel  # the spring to the ground is none of the strut's
             change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
             if self._n_departures and len(slots) == 1 and fall is not None:
-                own = slot.stiffness * travel + float(slot.law.force(travel, 0.0))
+                own = slot.stiffness * travel + float(slot.law.stand(travel)[0])
                 by[self.places_of_run(place)[1].start] += (own + fall[0]) * moved
         if self.mass_free:
             row = firsts[-1] + len(self.body.names)
@@ -746,7 +809,7 @@ class Model:
         return Errors(stacked, jacobian, tuple(lines), tuple(predictions), columns)
 
     def _known_before(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What was known before the data: faults of sensors, places, and roughly how a run begins."""
+        """What was known before the data: faults of sensors, places, roughly how a run begins, and of the laws."""
         known = [(fault.nominal, fault.std) for fault in self.faults]
         known += [(0.0, coordinate.std) for coordinate in self.body.coordinates]
         start_rms = self.settings.runs.start_rms
@@ -757,7 +820,8 @@ class Model:
         first = theta.size - std.size
         jacobian = np.zeros((std.size, theta.size))
         jacobian[np.arange(std.size), first + np.arange(std.size)] = 1 / std
-        return (theta[first:] - nominal) / std, jacobian
+        of_laws, by_laws = self._known_of_laws(theta)
+        return np.concatenate([(theta[first:] - nominal) / std, of_laws]), np.concatenate([jacobian, by_laws])
 
     def log_likelihood(self, errors: Errors, theta: FloatArray) -> float:
         """Return the logarithm of the likelihood of the lines, the noise level at its estimate, up to a constant.
@@ -818,8 +882,12 @@ class Model:
         ground = np.array([slot.ground_stiffness for slot in slots])
         for k, slot in enumerate(slots):
             assert isinstance(slot.law, Law)  # without candidates
-            by_z, by_v = slot.law.gradient(prediction.travel[:, k], prediction.velocity[:, k])
+            z, v = prediction.travel[:, k], prediction.velocity[:, k]
+            by_z, by_v = slot.law.gradient(z, v)
             spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
+            if slot.law.has_memory:
+                stiffness, damping = _of_memories(slot.law, z, v, self.runs[place].fs)
+                spring[:, k] += stiffness + 1j * omega * damping
         square = (omega**2)[:, np.newaxis, np.newaxis]
         # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
         system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(slots))
@@ -831,11 +899,25 @@ def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
     return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
 
 
+def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
+    """Stiffness and damping that come nearest to what the terms with memory do along a motion."""
+    remembering = Law(tuple(term for term in law.terms if term.kind.memory is not None))
+    columns = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1)
+    found = np.linalg.lstsq(columns, force_along(remembering, z, v, fs), rcond=None)[0]
+    return float(found[0]), float(found[1])
+
+
 def _moved(slots: list[Interface], rest: Rest | None) -> list[Interface]:
     """Suspensions where they rest in a run."""
     if rest is None:
         return slots
     return [resting(slot, float(travel)) for slot, travel in zip(slots, rest.travel, strict=True)]
+
+
+def _loosely(size: float, share: float) -> tuple[float, float]:
+    """Return the root of minus twice a log density with long tails, sqrt(2 log(1 + x^2/2)), and its derivative."""
+    cost = float(np.sqrt(2.0 * np.log1p(0.5 * size**2)))
+    return float(np.copysign(cost, size)), share * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
 
 
 def _widened(samples: FloatArray, n_slots: int) -> FloatArray:

@@ -27,7 +27,7 @@ class SeparableSettings:
 
     Args:
         beyond_seen: a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the
-            largest: there a friction is a straight line and a gas spring a parabola.
+            largest: there a friction is a straight line and a gas column a parabola.
         exponents: least and largest exponent of a kind that names none: 0.1 is nearly dry friction, and beyond 6 a
             power is a wall.
         shapes: largest size of a shape; of one in seconds over the ratio of the rms motions.
@@ -71,6 +71,7 @@ def separable_fit(
     *,
     starts: Sequence[Law] | None = None,
     free_exponents: bool = False,
+    noise: float = 0.0,
     tolerance: float = 1e-7,
     settings: SeparableSettings = DEFAULTS,
 ) -> SeparableFit:
@@ -83,6 +84,7 @@ def separable_fit(
         y: (n,) what is fitted.
         starts: laws of the same terms whose inner parameters the search starts from; None for `start_laws`.
         free_exponents: whether exponents are searched too; otherwise they stay at the first start.
+        noise: what a squared error is worth one, as `y`: what is known of exponents beforehand weighs by it.
         tolerance: the search ends when the squared error, or what is searched, changes by a smaller fraction.
         settings: where inner parameters are searched.
 
@@ -105,7 +107,9 @@ def separable_fit(
         key = inner.tobytes()
         if key not in last:
             last.clear()
-            last[key] = _projected(columns, search, inner, motion, y)
+            residual, slopes = _projected(columns, search, inner, motion, y)
+            departure, by_inner = _known_before(search, inner, noise)
+            last[key] = np.concatenate([residual, departure]), np.concatenate([slopes, by_inner])
         return last[key]
 
     solutions = []
@@ -271,6 +275,16 @@ def _projected(
     owner = np.cumsum([parameter.role == "amplitude" for parameter in shapes.parameter_list]) - 1
     slopes = gradient[:, search.free] * weights[linear.shape[1] + owner[search.free]] * search.stretch(shapes)
     return residual, q @ (q.T @ slopes) - slopes
+
+
+def _known_before(search: _Search, inner: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
+    """How far exponents are from what is known of them, in units of a residual, and the derivatives."""
+    known = [(k, search.law.parameter_list[place].known) for k, place in enumerate(search.free)]
+    rows = [(k, noise * each[0] / each[1], float(np.log(each[0]))) for k, each in known if each is not None]
+    slopes = np.zeros((len(rows), inner.size))
+    for row, (k, weight, _) in enumerate(rows):
+        slopes[row, k] = weight
+    return np.array([weight * (inner[k] - mean) for k, weight, mean in rows]), slopes
 
 
 def _linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

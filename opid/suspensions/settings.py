@@ -133,8 +133,8 @@ class FitSettings:
         promise_from_afar: the same while the noise is exaggerated.
         largest_log_step: how far the logarithm of a positive entry moves in a step.
         farthest_std: coordinates and faults of sensors are not looked for farther from what is known of them.
-        held_fraction: while a fit comes from afar, tolerances of coordinates are multiplied by this: places are not to
-            make up for what is still wrong.
+        held_fraction: while a fit comes from afar, tolerances of coordinates, and of what carries the weight, are
+            multiplied by this: they are not to make up for what is still wrong.
         fastest: a motion of this rate times its length is put off by two parts in a thousand by a step.
         turnover_in_step: where a friction turns over at a larger rate times the length of a step, the found model is
             fitted with more steps to a sample: at 0.6 damping was off by seven standard deviations, at 0.2 by none.
@@ -252,6 +252,19 @@ class OriginSettings:
     n_rounds: int = 3
     least_bend: float = 1e-4
     balance_std: float = 0.2
+
+
+@dataclass(frozen=True)
+class GasSettings:
+    """What is known of a column of gas that carries a gear.
+
+    Args:
+        carried: by how much its static force may differ from the weight, relative, and a spring beside it from none,
+            over the stiffness of the gas: lift and seals carry about so much of a gear that taxies. Where the runs
+            speak against it by much, they are believed.
+    """
+
+    carried: float = 0.003
 
 
 @dataclass(frozen=True)
@@ -521,6 +534,7 @@ class Settings:
         fit: of the least squares.
         search: of laws.
         origin: of laws, where it is not where a suspension rests.
+        gas: that carries a gear.
         regression: of laws, by the second method.
         process: noise that tells forces that nobody measured from what the model lacks.
         faults: that may be let in.
@@ -541,6 +555,7 @@ class Settings:
     fit: FitSettings = field(default_factory=FitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     origin: OriginSettings = field(default_factory=OriginSettings)
+    gas: GasSettings = field(default_factory=GasSettings)
     regression: RegressionSettings = field(default_factory=RegressionSettings)
     process: ProcessSettings = field(default_factory=ProcessSettings)
     faults: FaultSettings = field(default_factory=FaultSettings)

@@ -87,8 +87,8 @@ def kind_named(text: str) -> str:
     Raises:
         InputError: there is none.
 
-    >>> kind_named(" cubic "), kind_named("gas spring")
-    ('cubic_stiffness', 'gas_spring')
+    >>> kind_named(" cubic "), kind_named("gas column")
+    ('cubic_stiffness', 'gas_column')
     """
     plain = "_".join(text.lower().split())
     for name in (plain, f"{plain}_stiffness"):

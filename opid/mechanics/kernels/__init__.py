@@ -38,9 +38,10 @@ class LawArrays(NamedTuple):
     Args:
         firsts: (n_laws + 1,) row at which each law begins and, at the end, the number of rows.
         codes: (n_terms,) of each term, see `code_of`.
-        values: (n_terms, 10) amplitude and two inner values, filled up with ones; where it rests; at rest the force for
-            unit amplitude and its derivatives by z and by both inner values; the fourth inner value, 0 where there is
-            none; the third one, 1 where there is none.
+        values: (n_terms, 14) amplitude times `Term.loading`, and two inner values, filled up with ones; where it rests;
+            at rest the force for unit amplitude and its derivatives by z and by both inner values; the fourth inner
+            value, 0 where there is none; the third one, 1 where there is none; `Term.loading` where it rests and the
+            derivatives of its logarithm by that place and by both inner values.
         memories: (n_terms, 2) first of its memories and how many a term has; the first is -1 where it has none, and
             -2 - q where a faint term's first is that of the place q among those of all faint terms.
         elements: (n_memories, 2) u of each memory and what it does not pass, see `opid.mechanics.kinds.Kind`.
@@ -68,11 +69,13 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
     firsts = np.cumsum([0, *(len(law.terms) for law in laws)], dtype=np.int64)
     terms = [(term, law.rest_m, k >= len(law.terms) - law.n_faint) for law in laws for k, term in enumerate(law.terms)]
     codes = np.array([code_of(term.name) for term, _, _ in terms], dtype=np.int64)
-    values, memories = np.ones((len(terms), 10)), np.tile(np.array([-1, 0]), (len(terms), 1))
+    values, memories = np.ones((len(terms), 14)), np.tile(np.array([-1, 0]), (len(terms), 1))
     elements: tuple[list[tuple[float, float]], list[tuple[float, float]]] = [], []
     for row, (term, rest_m, is_faint) in enumerate(terms):
         values[row, : min(3, len(term.values))] = term.values[:3]
-        values[row, 8:] = (*term.values[4:], 0.0)[0], (*term.values[3:], 1.0)[0]
+        values[row, 8:10] = (*term.values[4:], 0.0)[0], (*term.values[3:], 1.0)[0]
+        values[row, 10:] = term.loading(rest_m)
+        values[row, 0] *= values[row, 10]
         if term.kind.memory is None:
             # a kind may divide zero by zero at rest before it puts the right value in place
             with np.errstate(all="ignore"):

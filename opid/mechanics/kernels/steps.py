@@ -218,12 +218,12 @@ def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-u
             total += amplitude * shape
             slope_z += amplitude * shape_z
             slope_v += amplitude * shape_v
-            by_own[stage, by_rest] += amplitude * (shape_z - values[row, 5])
-            by_own[stage, place] = shape
+            by_own[stage, by_rest] += amplitude * (shape_z - values[row, 5] + values[row, 11] * shape)
+            by_own[stage, place] = values[row, 10] * shape
             if n_inner[row] > 0:
-                by_own[stage, place + 1] = amplitude * (first - values[row, 6])
+                by_own[stage, place + 1] = amplitude * (first - values[row, 6] + values[row, 12] * shape)
             if n_inner[row] > 1:
-                by_own[stage, place + 2] = amplitude * (second - values[row, 7])
+                by_own[stage, place + 2] = amplitude * (second - values[row, 7] + values[row, 13] * shape)
         place += 1 + n_inner[row]
     return total, slope_z, slope_v, place
 

@@ -20,13 +20,20 @@ from opid.mechanics.memory import recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
 from opid.suspensions.bench.memory import Memory, measure_memory
-from opid.suspensions.bench.problem import BenchFit, BenchLaws, straight_columns, thin_record
+from opid.suspensions.bench.problem import (
+    BenchFit,
+    BenchLaws,
+    fit_law,
+    residual_worth,
+    straight_columns,
+    thin_record,
+)
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
 from opid.suspensions.covariance import clustered_covariance
 from opid.suspensions.law_search import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
-from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
+from opid.suspensions.separable import SeparableFit, independent_samples
 
 SCHEMA = "opid.law/1"
 Ladder = tuple[LawStep[BenchFit], ...]
@@ -206,7 +213,9 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
     """Return the result with what may be told of the parameters, and what is to be doubted."""
     settings, n_straight = result.settings, fit.weights.size
     if refined is None:
-        spread = _spread(_slopes_of_force(bench, fit), fit.residual, bench.fs, settings)
+        spread = _spread(
+            _slopes_of_force(bench, fit), fit.residual, bench.fs, settings, _known_before(fit)
+        )
     else:
         spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
     is_biased = bench.acceleration is not None and refined is None and _may_be_biased(bench, fit, spread)
@@ -336,15 +345,13 @@ def _not_told(bench: Bench, fit: SeparableFit, spread: _Spread, settings: BenchS
 
 def _fit_of_force(bench: Bench, step: LawStep[BenchFit], settings: BenchSettings) -> SeparableFit:
     """Return the fit of a law that was found to all samples."""
-    law = step.fit.separable.law
-    return separable_fit(
+    return fit_law(
         straight_columns(bench)[bench.samples],
-        law,
+        step.fit.separable.law,
         recorded_motion(bench.travel, bench.velocity, bench.fs).part(bench.samples),
         bench.force[bench.samples],
-        starts=[law],
-        free_exponents=True,
-        settings=settings.separable,
+        n_independent=step.fit.n_independent,
+        settings=settings,
     )
 
 
@@ -465,7 +472,19 @@ class _Spread:
     is_short: bool
 
 
-def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: BenchSettings) -> _Spread:
+def _known_before(fit: SeparableFit) -> list[tuple[int, float]]:
+    """Return the places of values that were known before, among all that is fitted, and how well they were."""
+    listed = enumerate(fit.law.parameter_list, start=fit.weights.size)
+    return [(place, parameter.known[1]) for place, parameter in listed if parameter.known]
+
+
+def _spread(
+    slopes: FloatArray,
+    residual: FloatArray,
+    fs: float,
+    settings: BenchSettings,
+    known: Sequence[tuple[int, float]] = (),
+) -> _Spread:
     """Return the covariance from scores added up over cells longer than the correlation.
 
     Args:
@@ -473,6 +492,7 @@ def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: Bench
         residual: (n,) of the fit.
         fs: samples a second, Hz.
         settings: of the cells.
+        known: places among the values of what was known before, and its standard deviation.
     """
     from scipy import special
 
@@ -483,6 +503,11 @@ def _spread(slopes: FloatArray, residual: FloatArray, fs: float, settings: Bench
     cells = np.arange(n) // length
     # few cells: Student's interval instead of the normal one
     student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
+    worth = residual_worth(residual, n_independent)
+    for place, std in known:
+        # what was known before is one more cell
+        slopes = np.vstack([slopes, worth / std * np.eye(1, n_values, place)])
+        residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
     covariance = clustered_covariance(slopes, residual, cells)
     return _Spread(covariance, student, length / fs, n_independent, n_independent <= 2 * n_values)
 
@@ -509,13 +534,13 @@ def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:
     for term in fit.law.terms:
         last = first + len(LAWS[term.name].parameters)
         if _has_long_scale(term.name):
-            estimates[first:last] = _long_scaled(estimates[first:last])
+            estimates[first : first + 2] = _long_scaled(estimates[first : first + 2])
         first = last
     return estimates
 
 
 def _has_long_scale(kind: str) -> bool:
-    """Whether the scale of a kind is longer than the motion, as the column of a gas spring is."""
+    """Whether the scale of a kind is longer than the motion, as a column of gas is."""
     return any(p.role == "scale" and p.over_rms[0] > 1 for p in LAWS[kind].parameters)
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from opid.mechanics.laws import LAWS, LINEAR, Law, Parameter
-from opid.mechanics.memory import RecordedMotion, recorded_motion
+from opid.mechanics.memory import Motion, RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
@@ -121,7 +121,8 @@ class BenchFit:
         errors = np.empty_like(points.y)
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
-            part = _fit(points.part(~here), law, self.settings, tolerance=self.settings.left_out_tolerance)
+            tolerance = self.settings.left_out_tolerance
+            part = _fit(points.part(~here), law, self.n_independent, self.settings, tolerance=tolerance)
             predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
@@ -255,7 +256,8 @@ class BenchLaws:
         return float(falls.sum()) > float(falls.std(ddof=1) * np.sqrt(falls.size))
 
     def _fitted(self, law: Law) -> BenchFit:
-        return BenchFit(self.points, _fit(self.points, law, self.known), self.n_independent, self.known)
+        n_independent = self.n_independent
+        return BenchFit(self.points, _fit(self.points, law, n_independent, self.known), n_independent, self.known)
 
 
 def _feeds_nothing_in(fit: BenchFit) -> bool:
@@ -301,14 +303,63 @@ def straight_columns(bench: Bench) -> FloatArray:
     return np.stack([bench.travel, *velocity, np.ones_like(bench.travel), *moving], axis=1)
 
 
-def _fit(points: Points, law: Law, settings: BenchSettings, *, tolerance: float = 1e-7) -> SeparableFit:
-    return separable_fit(
+def fit_law(
+    columns: FloatArray,
+    law: Law,
+    motion: Motion,
+    y: FloatArray,
+    *,
+    n_independent: float,
+    settings: BenchSettings,
+    tolerance: float = 1e-7,
+) -> SeparableFit:
+    """Return the fit of a law and of what enters linearly, with what is known of exponents beforehand.
+
+    Args:
+        columns: (n, n_columns) what enters linearly.
+        law: where the search of its inner parameters starts.
+        motion: (n,) samples.
+        y: (n,) force, N.
+        n_independent: independent samples that residuals amount to.
+        settings: of the bench.
+        tolerance: of `separable_fit`.
+    """
+    fit = partial(
+        separable_fit,
+        columns,
+        motion=motion,
+        y=y,
+        free_exponents=True,
+        tolerance=tolerance,
+        settings=settings.separable,
+    )
+    found = fit(law=law, starts=[law])
+    if any(parameter.known for parameter in law.parameter_list):
+        # how much a residual is worth is known only now
+        noise = residual_worth(found.residual, n_independent)
+        found = fit(law=law, starts=[found.law, law], noise=noise)
+    return found
+
+
+def residual_worth(residual: FloatArray, n_independent: float) -> float:
+    """Return what a residual of one sample is worth, N: of samples that are alike each tells less.
+
+    Args:
+        residual: (n,) of a fit, N.
+        n_independent: independent samples that it amounts to.
+    """
+    return float(np.sqrt(np.sum(residual**2) / n_independent))
+
+
+def _fit(
+    points: Points, law: Law, n_independent: float, settings: BenchSettings, *, tolerance: float = 1e-7
+) -> SeparableFit:
+    return fit_law(
         points.columns,
         law,
         points.motion,
         points.y,
-        starts=[law],
-        free_exponents=True,
+        n_independent=n_independent,
+        settings=settings,
         tolerance=tolerance,
-        settings=settings.separable,
     )
