@@ -288,7 +288,7 @@ class Parameters:
         k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
         ratios = GearRatios(self.per_force(0, per_mass=True), self.per_force(1, per_mass=True), ground)
         total = k + fit.value(group.called(GROUND))
-        if group.has_origin:
+        if group.has_origin or fit.model.carriers:
             # where it rests the law has a slope of its own
 
             def at_rest(theta: FloatArray) -> FloatArray:

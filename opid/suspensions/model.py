@@ -268,6 +268,10 @@ class Model:
             place += len(term.values)
         return tuple(found)
 
+    def carrier(self, number: int) -> Term:
+        """Return the term of a group that carries the weight."""
+        return next(term for term in self.groups[number].law.terms if term.kind.quasi_static)
+
     def _known_of_laws(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How far exponents are from what is known of them, and what carries the weight from a column of gas alone."""
         left, rows = [], []

@@ -264,7 +264,7 @@ class GasSettings:
             speak against it by much, they are believed.
     """
 
-    carried: float = 0.003
+    carried: float = 0.005
 
 
 @dataclass(frozen=True)
