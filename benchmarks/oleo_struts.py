@@ -1,14 +1,15 @@
 """Oleo-pneumatic struts: gas, oil and seals, found from two runs, as a Markdown table.
 
-Run `python benchmarks/oleo_struts.py --seeds 60 --jobs 2`. Each seed draws a strut: gas that carries the body, its
-column 50 to 150 mm long and its exponent 1.1 to 1.35; an orifice that damps rebound 1.5 to 4 times as much as
-compression; a seal that rubs with 1 to 4 % of the weight and bends 0.1 to 1 mm before it slides (Dahl); masses within a
-third of the usual gear's. Between the runs, 40 s at 512 Hz with 5 mm/s^2 of noise, 12 % of the mass is taken off: the
-gas expands along its isotherm. The motion is integrated here and in `worlds.py`, not by the predictor of opid.
+Run `python benchmarks/oleo_struts.py --seeds 60 --jobs 2`. Each seed draws a strut: gas of 3 to 10 MPa that carries the
+body, its column 50 to 150 mm long and its exponent 1.1 to 1.35; the air that pushes back on the piston, whose area is
+stated; an orifice that damps rebound 1.5 to 4 times as much as compression; a seal that rubs with 1 to 4 % of the
+weight and bends 0.1 to 1 mm before it slides (Dahl); masses within a third of the usual gear's. Between the runs, 40 s
+at 512 Hz with 5 mm/s^2 of noise, 12 % of the mass is taken off: the gas expands along its isotherm. The motion is
+integrated here and in `worlds.py`, not by the predictor of opid.
 
-`--world` draws struts that are not what is assumed: "spring" carries a fifth of the weight on a coil beside the gas,
-"isothermal" moves as slowly as it was loaded, "lift" takes 2 % of the weight off the gas, "cooling" lets the gas of the
-second run be 1 % colder.
+`--world` draws struts that are not what is assumed: "unstated" does not state the area, "spring" carries a fifth of the
+weight on a coil beside the gas, "isothermal" moves as slowly as it was loaded, "lift" takes 2 % of the weight off the
+gas, "cooling" lets the gas of the second run be 1 % colder.
 """
 
 import argparse
@@ -29,13 +30,13 @@ from worlds import rolled
 from opid import identify
 from opid.mechanics.landing_gear import LandingGear
 from opid.mechanics.laws import LINEAR
-from opid.mechanics.weight import GRAVITY_M_PER_S2
+from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
 from opid.suspensions.study import Run, study_of_gear
 
 LAW = "gas_column+orifice_damping+dahl_friction"
 # to a sample: a seal that is hardly bent is stiff
 STEPS = 64
-WORLDS = ("plain", "spring", "isothermal", "lift", "cooling")
+WORLDS = ("plain", "unstated", "spring", "isothermal", "lift", "cooling")
 
 
 @njit
@@ -53,7 +54,8 @@ class Strut:
 
     Args:
         gear: masses, tyre, the damping and stiffness beside gas and oil; its law does not count.
-        weight_n: that the gas carries.
+        push_n: of the gas, on the other side of whose piston is air.
+        area_m2: of the piston.
         length_m: of the gas.
         exponent: of the gas in motion.
         compression: of the oil, N s^2/m^2.
@@ -64,7 +66,8 @@ class Strut:
     """
 
     gear: LandingGear
-    weight_n: float
+    push_n: float
+    area_m2: float
     length_m: float
     exponent: float
     compression: float
@@ -74,21 +77,21 @@ class Strut:
     beside_n_per_m: float = 0.0
 
     def lighter(self, removed_kg: float, colder: float) -> "Strut":
-        """Return the strut under less weight: F l = F0 h (1 - colder) of the gas, and a spring beside it."""
+        """Return the strut under less weight: p V of the gas is as before but for 1 - colder; a spring is beside it."""
         off, stiffness = removed_kg * GRAVITY_M_PER_S2, self.beside_n_per_m
-        product, carried = self.weight_n * self.length_m * (1.0 - colder), self.weight_n - off
-        # carried by the gas at the travel d: product / (length + d) = carried - stiffness d
+        product, carried = self.push_n * self.length_m * (1.0 - colder), self.push_n - off
+        # of the gas at the travel d: product / (length + d) = carried + stiffness d
         travel = 0.0
         for _ in range(100):
-            missing = product / (self.length_m + travel) + stiffness * -travel - carried
+            missing = product / (self.length_m + travel) - stiffness * travel - carried
             travel += missing / (product / (self.length_m + travel) ** 2 + stiffness)
         gear = replace(self.gear, sprung_mass_kg=self.gear.sprung_mass_kg - removed_kg)
-        return replace(self, gear=gear, weight_n=product / (self.length_m + travel), length_m=self.length_m + travel)
+        return replace(self, gear=gear, push_n=product / (self.length_m + travel), length_m=self.length_m + travel)
 
     def run(self, rng: np.random.Generator) -> Any:
         """Return the recording of one run."""
         values = (
-            self.weight_n,
+            self.push_n,
             self.length_m,
             self.exponent,
             self.compression,
@@ -116,6 +119,7 @@ def random_strut(seed: int, world: str) -> Strut:
         gas_n = 0.98 * weight
     elif world == "isothermal":
         exponent = 1.0
+    area = gas_n / _log_uniform(rng, 3e6, 10e6)
     gear = LandingGear(
         sprung_mass_kg=mass,
         # none is not allowed without a law
@@ -123,7 +127,7 @@ def random_strut(seed: int, world: str) -> Strut:
         suspension_damping_n_s_per_m=damping,
         law=LINEAR,
     )
-    return Strut(gear, gas_n, length, exponent, compression, rebound, seal, bend, coil)
+    return Strut(gear, gas_n + ATMOSPHERE_PA * area, area, length, exponent, compression, rebound, seal, bend, coil)
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -164,20 +168,30 @@ class Outcome:
     seconds: float
 
 
-def study_of_strut(strut: Strut, seed: int, *, colder: float = 0.0, repeatability: float | None = None) -> Any:
+def study_of_strut(
+    strut: Strut, seed: int, *, colder: float = 0.0, is_stated: bool = True, repeatability: float | None = None
+) -> Any:
     """Return the study of two runs of a strut."""
     removed_kg = round(0.12 * strut.gear.sprung_mass_kg, 1)
     streams = np.random.default_rng([92, seed]).spawn(2)
     light = strut.lighter(removed_kg, colder)
     runs = (Run("heavy", strut.run(streams[0])), Run("light", light.run(streams[1]), -removed_kg))
-    return study_of_gear("strut", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=repeatability)
+    return study_of_gear(
+        "strut",
+        sprung="upper_z",
+        unsprung="lower_z",
+        runs=runs,
+        piston_area_m2=strut.area_m2 if is_stated else None,
+        repeatability=repeatability,
+    )
 
 
 def run(job: Job) -> Outcome:
     """Simulate and identify."""
     strut = random_strut(job.seed, job.world)
     colder = 0.01 if job.world == "cooling" else 0.0
-    study = study_of_strut(strut, job.seed, colder=colder, repeatability=job.repeatability)
+    is_stated = job.world != "unstated"
+    study = study_of_strut(strut, job.seed, colder=colder, is_stated=is_stated, repeatability=job.repeatability)
     began = time.process_time()
     found = identify(study, law=job.law)
     seconds = time.process_time() - began

@@ -3,19 +3,22 @@
 import importlib
 import sys
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from opid import identify
+from opid import identify, read_study, result_text
 from opid.errors import InputError
 from opid.mechanics.landing_gear import LandingGear, gear_structure, taxi_test
 from opid.mechanics.laws import LINEAR, law, law_from_parameters
 from opid.mechanics.response import time_response
-from opid.mechanics.weight import GRAVITY_M_PER_S2
+from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
 from opid.suspensions.candidates import gear_body
 from opid.suspensions.fit import carrying
+from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.results import read_flights
 from opid.suspensions.law_parameters import to_free
 from opid.suspensions.model import Group, Model
 from opid.suspensions.run import driven_run
@@ -75,8 +78,8 @@ def test_the_integrator_of_the_benchmark_agrees_with_the_time_response(struts):
 def test_a_lighter_strut_of_the_benchmark_rests_where_its_gas_does(struts):
     strut = struts.random_strut(0, "plain")
     light = strut.lighter(200.0, 0.0)
-    assert light.weight_n == pytest.approx(strut.weight_n - 200.0 * GRAVITY_M_PER_S2)
-    assert light.weight_n * light.length_m == pytest.approx(strut.weight_n * strut.length_m)
+    assert light.push_n == pytest.approx(strut.push_n - 200.0 * GRAVITY_M_PER_S2)
+    assert light.push_n * light.length_m == pytest.approx(strut.push_n * strut.length_m)
 
 
 def test_a_gear_needs_a_spring_or_gas():
@@ -110,9 +113,11 @@ def made_model(**settings):
     return model, theta
 
 
+@pytest.mark.parametrize("area_m2", [0.0, 0.006])
 @pytest.mark.parametrize("settings", [{}, {"is_held": True}, {"repeatability": 0.01}])
-def test_what_is_known_of_the_weight_is_differentiated(settings):
+def test_what_is_known_of_the_weight_is_differentiated(settings, area_m2):
     model, theta = made_model(**settings)
+    model = replace(model, body=replace(model.body, piston_area_m2=area_m2))
     if model.repeatability:
         theta[model.n_shared :] = 1e-3 * np.random.default_rng(1).standard_normal(theta.size - model.n_shared)
     exact = model.evaluate(theta)
@@ -153,7 +158,7 @@ def test_a_strut_of_gas_oil_and_a_seal_is_found_without_being_named(struts):
     assert laws["orifice_damping"]["rebound_ratio"].holds(strut.rebound / strut.compression)
     # what carries is the gas
     tangent = found.interfaces[0].at_rest[0].stiffness
-    stiffness = strut.exponent * strut.weight_n / strut.length_m
+    stiffness = strut.exponent * strut.push_n / strut.length_m
     assert abs(tangent.value - stiffness) < 3.5 * tangent.std
     assert abs(found.parameters.suspension_stiffness_n_per_m.value) < 0.02 * stiffness
 
@@ -194,3 +199,80 @@ def test_a_spring_that_carries_much_beside_the_gas_leaves_the_mass_right():
     stiffness, force = found.parameters.suspension_stiffness_n_per_m, found.law_estimates["gas_column"]
     assert stiffness.value > 0.5e5
     assert force["static_force_n"].value < 0.8 * WEIGHT_N
+
+
+# ---- as it is serviced -----------------------------------------------------------------------------
+
+
+def on_air(area_m2, length_m=0.08):
+    """A gear on gas, with air outside."""
+    push_n = WEIGHT_N + ATMOSPHERE_PA * area_m2
+    gas = law("gas_column", static_force_n=push_n, gas_length_m=length_m, exponent=1.27)
+    return LandingGear(suspension_stiffness_n_per_m=0.0, suspension_damping_n_s_per_m=4e3, law=gas)
+
+
+def test_gas_is_told_in_pressure_and_volume_where_the_area_of_the_piston_is_stated():
+    area_m2 = 0.004
+    study = strut_study(on_air(area_m2), piston_area_m2=area_m2)
+    found = identify(study, law="gas_column")
+    gas = found.interfaces[0].gas
+    push_n = WEIGHT_N + ATMOSPHERE_PA * area_m2
+    for estimate, truth in (
+        (gas.content_n_m, push_n * 0.08),
+        (gas.pressure_pa, WEIGHT_N / area_m2),
+        (gas.volume_m3, area_m2 * 0.08),
+    ):
+        assert abs(estimate.value - truth) < 3 * estimate.std
+        assert estimate.std < 0.05 * truth
+    text = result_text(found)
+    assert "gas: gauge pressure" in text
+    assert "gas: volume" in text
+    unstated = identify(strut_study(on_air(area_m2)), law="gas_column").interfaces[0].gas
+    assert unstated.pressure_pa.value is None
+    assert abs(unstated.content_n_m.value - push_n * 0.08) < 3 * unstated.content_n_m.std
+    assert unstated.content_n_m.std > gas.content_n_m.std
+
+
+@pytest.mark.parametrize("area_m2", [0.0, -0.004, np.nan, 40.0])
+def test_a_piston_of_no_size_is_refused(area_m2):
+    with pytest.raises(InputError, match=r"the piston_area_m2 of 'gear' is .*, give the area that the gas pushes on"):
+        strut_study(on_air(0.004), piston_area_m2=area_m2)
+
+
+@pytest.mark.parametrize("area_m2", [4e-4, 0.3])
+def test_a_piston_area_that_contradicts_the_static_pressure_is_doubted(area_m2):
+    found = identify(strut_study(on_air(0.004), piston_area_m2=area_m2), law="gas_column")
+    assert any("contradicts the static pressure" in warning for warning in found.warnings)
+
+
+def test_a_study_file_says_the_area_of_the_piston(tmp_path):
+    from opid.suspensions.study_file import write_study
+
+    study = strut_study(on_air(0.004), piston_area_m2=0.004)
+    write_study(study, tmp_path / "study.toml")
+    assert read_study(tmp_path / "study.toml").interfaces[0].piston_area_m2 == 0.004
+
+
+@pytest.mark.parametrize(("changed", "words"), [(-0.08, "a gas leak"), (0.08, "an oil leak")])
+def test_flights_tell_a_gas_leak_from_an_oil_leak(tmp_path, changed, words):
+    import json
+
+    from made_flights import gear_result
+
+    rng = np.random.default_rng(6)
+    for i in range(6):
+        result = gear_result(rng, std=0.004, kind="gas_column", day=str(date(2026, 3, i + 1)))
+        truth = 1450.0 * (1 + (changed if i > 3 else 0.0))
+        value, std = truth * (1 + 0.004 * rng.standard_normal()), 0.004 * truth
+        told = {"value": value, "std": std, "interval95": [value - 1.96 * std, value + 1.96 * std]}
+        amplitude = result["law"]["parameters"]["gas_column"]["amplitude_n"]
+        result["law"]["parameters"]["gas_column"] = {"static_force_n": amplitude}
+        result["interfaces"] = [{"name": "gear", "gas": {"content_n_m": told}}]
+        (tmp_path / f"flight{i}").mkdir()
+        (tmp_path / f"flight{i}" / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    found = compare(read_flights([tmp_path]))
+    (change,) = found.changes
+    assert change.quantity.name == "gas"
+    assert words in change.statement
+    names = {series.quantity.name for series in found.series}
+    assert names == {"gas", "damping", "mass"}

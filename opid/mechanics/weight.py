@@ -24,6 +24,9 @@ from opid.signals.recording import FloatArray
 GRAVITY_M_PER_S2 = 9.80665
 """Standard gravity, ISO 80000-3."""
 
+ATMOSPHERE_PA = 101325.0
+"""Standard atmosphere, ISO 2533."""
+
 
 # no suspension gives way so far
 FARTHEST_M = 10.0

@@ -53,7 +53,8 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         residual_over_noise, noise_m_per_s2, places {interface: {x_m, y_m, sensor_x_m, sensor_y_m}},
         place_corrections}, `interfaces` [{name, shared_with, x_m, y_m, stiffness, damping and ground_stiffness {value,
         std, interval95, unit}, law {kind: {parameter: {value, std, interval95}}}, law_name, latex, per_mass,
-        residual_over_noise, rest_m {value, std, interval95}, at_rest [{run, travel_m, stiffness, damping}]}],
+        residual_over_noise, rest_m {value, std, interval95}, at_rest [{run, travel_m, stiffness, damping}],
+        gas {content_n_m, pressure_pa, volume_m3}}],
         `candidates` [the fields of `Candidate`], `runs` [{name, mass_change_kg, loading, unexplained,
         unexplained_left_out, inside_left_out}] and `equivalents` [{run, stiffness_per_mass, damping_per_mass,
         natural_frequency_hz, damping_ratio}].
@@ -233,6 +234,7 @@ def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
         "residual_over_noise": interface.residual_over_noise,
         "rest_m": asdict(interface.rest_m),
         "at_rest": [asdict(each) for each in interface.at_rest],
+        "gas": None if interface.gas is None else asdict(interface.gas),
     }
 
 

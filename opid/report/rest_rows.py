@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from opid.mechanics.weight import depends_on_travel
 from opid.report.as_text import Row, estimate_row
-from opid.suspensions.result import InterfaceEstimate
+from opid.suspensions.result import GasColumn, InterfaceEstimate
 
 
 def rest_rows(interface: InterfaceEstimate, units: tuple[str, str], *, told: bool) -> Iterator[Row]:
@@ -27,3 +27,13 @@ def rest_rows(interface: InterfaceEstimate, units: tuple[str, str], *, told: boo
             yield estimate_row(f"{each.run}: travel", "m", each.travel_m, None, told)
         yield estimate_row(f"{each.run}: stiffness", units[0], each.stiffness, None, told)
         yield estimate_row(f"{each.run}: damping", units[1], each.damping, None, told)
+    if interface.gas is not None:
+        yield from _gas_rows(interface.gas, told=told)
+
+
+def _gas_rows(gas: GasColumn, *, told: bool) -> Iterator[Row]:
+    yield Row("Gas at rest in the reference run; pressure times volume falls where gas leaks")
+    yield estimate_row("gas: pressure times volume", "N m", gas.content_n_m, None, told)
+    if gas.pressure_pa.value is not None:
+        yield estimate_row("gas: gauge pressure", "Pa", gas.pressure_pa, None, told)
+        yield estimate_row("gas: volume", "m^3", gas.volume_m3, None, told)

@@ -9,6 +9,7 @@ import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.suspensions.candidates import Choice, Fitted
+from opid.suspensions.gas import gas_of
 from opid.suspensions.residual import sensor_ratio, thinned
 from opid.suspensions.result import (
     AtRest,
@@ -144,6 +145,9 @@ def _interfaces(
                         AtRest(run.name, *part.known.at_rest(slot, place, per_mass=per_mass))
                         for place, run in enumerate(choice.study.runs)
                     ),
+                    gas=None
+                    if per_mass
+                    else gas_of(part.known, number, choice.study.interfaces[member].piston_area_m2),
                 )
     return tuple(found[k] for k in sorted(found))
 

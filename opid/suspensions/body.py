@@ -79,6 +79,7 @@ class Body:
         absolute: whether `unit` is in kg already, so that mu is 1.
         product: (n_dof, n_dof) what the product of the first two factors multiplies; None for nothing.
         fall: (n_dof,) what a body in free fall accelerates by, m/s^2; None for motion that no weight acts on.
+        piston_area_m2: of the strut of a gear alone; 0 where it is not stated.
     """
 
     dof: tuple[str, ...]
@@ -93,6 +94,7 @@ class Body:
     absolute: bool = False
     product: FloatArray | None = None
     fall: FloatArray | None = None
+    piston_area_m2: float = 0.0
 
     @property
     def n_slots(self) -> int:

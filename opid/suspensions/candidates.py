@@ -268,7 +268,8 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
             )
         )
     name = "" if study.is_one_gear else ", ".join(study.names[k] for k in picked)
-    body = gear_body(study.interfaces[picked[0]].axis)
+    areas = [study.interfaces[k].piston_area_m2 or 0.0 for k in picked]
+    body = replace(gear_body(study.interfaces[picked[0]].axis), piston_area_m2=min(areas) and float(np.mean(areas)))
     return fitted(task, kind, interfaces, runs, body, (Group(name, (0,)),), sensors, noise)  # type: ignore[arg-type]
 
 

@@ -221,13 +221,17 @@ def fit_model(
 
 
 def _shared_out(model: Model, theta: FloatArray) -> FloatArray:
-    """The vector with a spring beside gas whose exponent is none of gas, of the same first three derivatives at rest."""
+    """The vector with a spring beside gas whose exponent is none of gas, the first three derivatives at rest kept."""
     theta = theta.copy()
     for number, place in model.carriers:
-        first, parameter = model.first_of_group[number], LAWS[model.carrier(number).name].parameters[2]
-        assert parameter.known is not None  # that of a column of gas is
-        mean, std = parameter.known
-        carried, length, exponent = float(theta[place]), *np.exp(theta[place + 1 : place + 3]).tolist()
+        first, known = model.first_of_group[number], model.carrier(number).kind.parameters[2].known
+        assert known is not None  # that of a column of gas is
+        mean, std = known
+        carried, length, exponent = (
+            float(theta[place]),
+            float(np.exp(theta[place + 1])),
+            float(np.exp(theta[place + 2])),
+        )
         if abs(exponent - mean) <= 2 * std:
             continue
         now = length * (mean + 2) / (exponent + 2)

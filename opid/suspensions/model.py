@@ -21,7 +21,7 @@ from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
 from opid.mechanics.memory import force_along
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.mechanics.repeatability import PARTS, Departure, part_rows
-from opid.mechanics.weight import Rest, by_parameters, depends_on_travel, rest_under, resting
+from opid.mechanics.weight import ATMOSPHERE_PA, Rest, by_parameters, depends_on_travel, rest_under, resting
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.body import Body, Mobility, mobility
@@ -268,6 +268,15 @@ class Model:
             place += len(term.values)
         return tuple(found)
 
+    def carried(self, theta: FloatArray) -> tuple[float, float]:
+        """Return what gas that carries all of the weight pushes with, and the derivative by one over the mass.
+
+        The air outside pushes back on the piston: per unit of the reference mass, m/s^2 and N.
+        """
+        air_n = ATMOSPHERE_PA * self.body.piston_area_m2
+        mu = self.inverse_mass(theta)
+        return self.weight + air_n * mu, air_n
+
     def carrier(self, number: int) -> Term:
         """Return the term of a group that carries the weight."""
         return next(term for term in self.groups[number].law.terms if term.kind.quasi_static)
@@ -292,13 +301,21 @@ class Model:
                     mean, std = parameter.known
                     add(float(theta[place]) - float(np.log(mean)), {place: 1.0}, std / mean)
         for number, place in self.carriers:
-            weight, first, known, is_loose = self.weight, self.first_of_group[number], self.settings, not self.is_held
-            std = known.gas.carried * (known.fit.held_fraction if self.is_held else 1.0)
+            first, is_loose, gas = self.first_of_group[number], not self.is_held, self.settings.gas
+            std = gas.carried if self.body.piston_area_m2 else gas.carried_unstated
+            std *= self.settings.fit.held_fraction if self.is_held else 1.0
+            weight, by_mass = self.carried(theta)
             length, exponent = np.exp(theta[place + 1 : place + 3]).tolist()
-            add(float(theta[place]) / weight - 1.0, {place: 1.0 / weight}, std, is_loose=is_loose)
+            slopes = {place: 1.0 / weight}
+            if self.mass_free:
+                slopes[self._first_fault - 1] = -float(theta[place]) * by_mass / weight**2
+            add(float(theta[place]) / weight - 1.0, slopes, std, is_loose=is_loose)
             of_gas = length / (exponent * weight)
             beside = float(theta[first]) * of_gas
-            add(beside, {first: of_gas, place + 1: beside, place + 2: -beside}, std, is_loose=is_loose)
+            slopes = {first: of_gas, place + 1: beside, place + 2: -beside}
+            if self.mass_free:
+                slopes[self._first_fault - 1] = -beside * by_mass / weight
+            add(beside, slopes, std, is_loose=is_loose)
         return np.array(left), np.array(rows).reshape(-1, theta.size)
 
     @property
@@ -906,8 +923,9 @@ def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
 def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
     """Stiffness and damping that come nearest to what the terms with memory do along a motion."""
     remembering = Law(tuple(term for term in law.terms if term.kind.memory is not None))
-    columns = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1)
-    found = np.linalg.lstsq(columns, force_along(remembering, z, v, fs), rcond=None)[0]
+    columns, force = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1), force_along(remembering, z, v, fs)
+    # a memory that turns over too fast to be followed is none that holds
+    found = np.linalg.lstsq(columns, np.where(np.isfinite(force), force, 0.0), rcond=None)[0]
     return float(found[0]), float(found[1])
 
 

@@ -146,6 +146,22 @@ class AtRest(Estimates):
     damping: Estimate
 
 
+@dataclass(frozen=True)
+class GasColumn(Estimates):
+    """The gas that carries a suspension, in the reference run.
+
+    Args:
+        content_n_m: absolute pressure times volume, which no loading changes: it falls where gas leaks, and rises where
+            gas takes the place of oil.
+        pressure_pa: as a gauge reads it at rest; nothing where the area of the piston is not stated.
+        volume_m3: at rest, likewise.
+    """
+
+    content_n_m: Estimate = _NOTHING
+    pressure_pa: Estimate = _NOTHING
+    volume_m3: Estimate = _NOTHING
+
+
 @dataclass(frozen=True, eq=False)
 class InterfaceEstimate(SpringEstimate):
     """One suspension of a body.
@@ -157,6 +173,7 @@ class InterfaceEstimate(SpringEstimate):
         residual_over_noise: of its sensor on the body: rms of the prediction errors over the noise known beforehand.
         rest_m: where it rests on its law in the reference run, from the origin of the law; 0 where it rests there.
         at_rest: in each run.
+        gas: that carries it; None where no gas is found, or the mass is not determined.
     """
 
     shared_with: tuple[str, ...]
@@ -164,6 +181,7 @@ class InterfaceEstimate(SpringEstimate):
     residual_over_noise: float
     rest_m: Estimate
     at_rest: tuple[AtRest, ...]
+    gas: GasColumn | None = None
 
 
 @dataclass(frozen=True)

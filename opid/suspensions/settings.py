@@ -259,12 +259,20 @@ class GasSettings:
     """What is known of a column of gas that carries a gear.
 
     Args:
-        carried: by how much its static force may differ from the weight, relative, and a spring beside it from none,
-            over the stiffness of the gas: lift and seals carry about so much of a gear that taxies. Where the runs
-            speak against it by much, they are believed.
+        carried: by how much its static force may differ from the weight and the push of the air on the piston,
+            relative, and a spring beside it from none, over the stiffness of the gas: lift and seals carry about so
+            much of a gear that taxies. Where the runs speak against it by much, they are believed.
+        carried_unstated: the same where the area of the piston is not stated: the air pushes with 1 to 5 % of the
+            weight, the more the lower the pressure of the gas.
+        pressures_pa: gauge pressures with which struts are serviced, from light aircraft to large ones; others make the
+            stated area of the piston doubtful.
+        far_std: an exponent that lies this many standard deviations from what is known of it is no gas alone.
     """
 
     carried: float = 0.005
+    carried_unstated: float = 0.02
+    pressures_pa: tuple[float, float] = (3e5, 4e7)
+    far_std: float = 2.0
 
 
 @dataclass(frozen=True)

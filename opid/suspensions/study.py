@@ -33,6 +33,9 @@ LARGEST_CHANGE_KG = 1e5
 SAME_RATE = 1e-5
 """Relative difference up to which two rates are one: clocks of crystals agree to some parts in a million."""
 
+LARGEST_PISTON_M2 = 1.0
+"""No strut has a larger piston."""
+
 FARTHEST_M = 200.0
 """No vehicle is larger."""
 
@@ -63,6 +66,7 @@ class MeasuredInterface:
         sensor_y_m: likewise.
         facts: what is known of its two sensors.
         axis: where its channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
+        piston_area_m2: what the gas of its strut pushes on; None where it is not known, or no gas carries it.
     """
 
     name: str
@@ -74,6 +78,7 @@ class MeasuredInterface:
     sensor_y_m: float | None = None
     facts: SensorPair = IDEAL_PAIR
     axis: Axis = "up"
+    piston_area_m2: float | None = None
 
     @property
     def place(self) -> tuple[float, float]:
@@ -284,6 +289,7 @@ def study_of_gear(
     runs: Sequence[Run],
     sensors: SensorPair = IDEAL_PAIR,
     axis: Axis = "up",
+    piston_area_m2: float | None = None,
     repeatability: float | None = None,
     date: date | None = None,
     source: Path | None = None,
@@ -297,6 +303,7 @@ def study_of_gear(
         runs: one or more.
         sensors: what is known of the two sensors.
         axis: where the channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
+        piston_area_m2: what the gas of the strut pushes on; None where it is not known, or no gas carries the gear.
         repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
             where they are known to be the same, None for what is usual.
         date: of the runs; None if it is not known.
@@ -312,7 +319,7 @@ def study_of_gear(
     >>> study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs).fs
     512.0
     """
-    gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors, axis=axis)
+    gear = MeasuredInterface("gear", sprung, unsprung, facts=sensors, axis=axis, piston_area_m2=piston_area_m2)
     return Study(title, (gear,), tuple(runs), repeatability=repeatability, date=date, source=source)
 
 
@@ -360,6 +367,13 @@ def _interface_faults(study: Study) -> Iterator[str]:
     wrong = [each for each in study.interfaces if each.axis not in allowed]
     for each in wrong:
         yield f"the axis of {each.name!r} is {each.axis!r}, give one of {', '.join(map(repr, allowed))}"
+    for each in study.interfaces:
+        area = each.piston_area_m2
+        if area is not None and not 0.0 < area <= LARGEST_PISTON_M2:
+            yield (
+                f"the piston_area_m2 of {each.name!r} is {area:g}, give the area that the gas pushes on, more than 0 "
+                f"and at most {LARGEST_PISTON_M2:g} m^2 (a bore of 100 mm has 0.00785 m^2)"
+            )
     axes = [axis for axis in allowed if any(each.axis == axis for each in study.interfaces)]
     if len(axes) > 1 and not wrong:
         yield f"the interfaces of one body have the axes {' and '.join(map(repr, axes))}, give all of them the same"

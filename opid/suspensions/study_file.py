@@ -56,7 +56,8 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
             for what differs in this run. How logs are to be read goes into `[log]` (the fields of `LogSettings`; `log`
             in a channel's table for its own file). `{run}` in a channel's `file` stands for the run's name. `fs_hz` is
             the rate to identify at. `axis`, of one gear in the file itself and of several in `[[interfaces]]`, says
-            where the channels count positive: "up", "down", or "horizontal" where no weight acts on the motion.
+            where the channels count positive: "up", "down", or "horizontal" where no weight acts on the motion;
+            `piston_area_m2`, likewise, what the gas of a strut pushes on.
 
             Of one gear: a table `[channels]` (`sprung`, `unsprung`, and further ones by any name: each the name of a
             channel in the logs, or a table with the fields of `ChannelSettings` and `SensorFacts`), and
@@ -121,6 +122,7 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         runs=at_rate,
         sensors=pair,
         axis=document.get("axis", "up"),
+        piston_area_m2=document.get("piston_area_m2"),
         repeatability=document.get("repeatability"),
         date=day,
         source=source,
@@ -215,7 +217,14 @@ def write_study(study: Study, path: str | os.PathLike[str]) -> None:
 def _is_told_by_channels(study: Study) -> bool:
     """Whether a study file with [channels] says all that is known."""
     first = study.interfaces[0]
-    plain = MeasuredInterface("gear", first.sprung, first.unsprung, facts=first.facts, axis=first.axis)
+    plain = MeasuredInterface(
+        "gear",
+        first.sprung,
+        first.unsprung,
+        facts=first.facts,
+        axis=first.axis,
+        piston_area_m2=first.piston_area_m2,
+    )
     return study.is_one_gear and first == plain and study.structure == StructureSettings()
 
 
@@ -229,7 +238,7 @@ def _gear_text(study: Study) -> str:
     sensors = _sensor_tables(study.interfaces[0].facts)
     known = {"sensors": sensors} if sensors else {}
     day = {} if study.date is None else {"date": study.date}
-    head = _axis_of(study.interfaces[0]) | _repeatability_of(study)
+    head = _strut_of(study.interfaces[0]) | _repeatability_of(study)
     text = tomli_w.dumps({"title": study.title, **day, **head, "channels": channels, **known})
     for run in study.runs:
         entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
@@ -243,8 +252,10 @@ def _repeatability_of(study: Study) -> dict[str, float]:
     return {} if study.repeatability is None else {"repeatability": study.repeatability}
 
 
-def _axis_of(interface: MeasuredInterface) -> dict[str, str]:
-    return {} if interface.axis == "up" else {"axis": interface.axis}
+def _strut_of(interface: MeasuredInterface) -> dict[str, str | float]:
+    """What is said of an interface beside its channels and its place, where it is not as usual."""
+    axis: dict[str, str | float] = {} if interface.axis == "up" else {"axis": interface.axis}
+    return axis if interface.piston_area_m2 is None else axis | {"piston_area_m2": interface.piston_area_m2}
 
 
 def _body_text(study: Study) -> str:
@@ -271,7 +282,7 @@ def _body_text(study: Study) -> str:
     for interface in study.interfaces:
         told = {name: value for name, value in asdict(interface).items() if value is not None and name != "facts"}
         del told["axis"]
-        told |= _axis_of(interface)
+        told |= _strut_of(interface)
         text += "\n[[interfaces]]\n" + tomli_w.dumps(told)
     for sensor in study.sensors:
         text += "\n[[body_sensors]]\n" + tomli_w.dumps(

@@ -30,6 +30,7 @@ _GEAR_STUDY = {
     "fs_hz": maybe((int, float), "a number"),
     "repeatability": maybe((int, float), "a number"),
     "axis": _AXIS,
+    "piston_area_m2": maybe((int, float), "a number"),
     "log": maybe(dict, "a table [log]"),
     "channels": Key(dict, "a table [channels]"),
     "runs": Key(list, "one table [[runs]] for each log"),
@@ -82,7 +83,9 @@ _INTERFACE = {
     "sensor_x_m": _NUMBER,
     "sensor_y_m": _NUMBER,
     "axis": _AXIS,
+    "piston_area_m2": _NUMBER,
 }
+_OF_ONE_GEAR = ("axis", "piston_area_m2")
 _BODY_SENSOR = {"channel": TEXT, "x_m": NUMBER, "y_m": NUMBER}
 _STRUCTURE = {
     "kind": maybe(str, "one of " + ", ".join(map(repr, KINDS))),
@@ -131,9 +134,10 @@ def document_faults(document: Document) -> Iterator[str]:
 
 def _body_faults(document: Document) -> Iterator[str]:
     """Of a study with [[interfaces]]."""
-    yield from table_faults("the study", _without(document, ("sensors", "axis")), _STUDY)
-    if "axis" in document:
-        yield "the study has 'axis', which belongs to one gear: give it in each table [[interfaces]]"
+    yield from table_faults("the study", _without(document, ("sensors", *_OF_ONE_GEAR)), _STUDY)
+    for key in _OF_ONE_GEAR:
+        if key in document:
+            yield f"the study has {key!r}, which belongs to one gear: give it in each table [[interfaces]]"
     yield from _general_faults(document)
     if isinstance(document.get("sensors"), list):
         yield "[[sensors]] is no table of the study of a body, call further sensors on the body [[body_sensors]]"

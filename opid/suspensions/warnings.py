@@ -13,6 +13,7 @@ from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, fits_of_each_run, runs_contradict_each_other
+from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.limits import repeatability_rules
 from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
@@ -329,6 +330,8 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from run_differences(choice.study, part)
     if told:
         yield from _of_the_ground(answer)
+        area = choice.study.interfaces[0].piston_area_m2
+        yield from doubts_of_gas(answer.first, area, choice.parts[0].settings.gas)
     rules = any(repeatability_rules(each.repeatability, each.fit) for each in answer.evidence)
     yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:

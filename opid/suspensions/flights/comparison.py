@@ -190,7 +190,7 @@ def _quantities(flights: Flights) -> list[Quantity]:
     of_each = [[quantity for quantity, e in flight.values.items() if e.value is not None] for flight in flights.flights]
     counts = Counter(quantity for several in of_each for quantity in several)
     names = list(dict.fromkeys(quantity.name for quantity in counts))
-    order = ("stiffness", "damping", "friction")
+    order = ("gas", "stiffness", "damping", "friction")
     names.sort(key=lambda name: order.index(name) if name in order else len(order) + (name == "mass"))
     return [quantity for name in names for quantity, n in counts.items() if quantity.name == name and n > 1]
 
@@ -248,7 +248,14 @@ def _statement(
         if first.confirmed is False
         else "flagged; the next flight will confirm it or not"
     )
-    return f"{what}: {by} in {since}{until}, {abs(departure):.1f} standard deviations: {how}"
+    meaning = ""
+    if quantity.name == "gas":
+        meaning = (
+            "a gas leak, less pressure on the same volume: "
+            if change < 0
+            else "an oil leak, more volume at the same pressure, unless gas was filled in: "
+        )
+    return f"{what}: {meaning}{by} in {since}{until}, {abs(departure):.1f} standard deviations: {how}"
 
 
 def when(flight: Flight) -> str:

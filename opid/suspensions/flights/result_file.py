@@ -27,6 +27,9 @@ MOST_FAULTS = 6
 """Faults of a file that are told: a file that is something else has hundreds."""
 
 
+_NOTHING = Estimate()
+
+
 @dataclass(frozen=True)
 class GearRecord:
     """One suspension, or several that share one estimate.
@@ -38,6 +41,7 @@ class GearRecord:
         kinds: of the terms of its law, sorted.
         amplitudes: {kind: Estimate}, without those of a law of which no values are told.
         per_mass: whether all of them are per unit of mass.
+        gas: pressure times volume of the gas that carries it, N m; nothing where none does.
     """
 
     name: str
@@ -46,6 +50,7 @@ class GearRecord:
     kinds: tuple[str, ...]
     amplitudes: Mapping[str, Estimate]
     per_mass: bool
+    gas: Estimate = _NOTHING
 
 
 @dataclass(frozen=True)
@@ -234,7 +239,13 @@ def _one_gear(document: _Table) -> GearRecord:
         stiffness = parameters.estimate("suspension_stiffness_n_per_m")
         damping = parameters.estimate("suspension_damping_n_s_per_m")
     kinds = {part for part in law.text("name").split("+") if part and part != "linear"}
-    return GearRecord(ONE_GEAR, stiffness, damping, tuple(sorted(kinds)), law.amplitudes("parameters"), per_mass)
+    gas = next((_gas(each) for each in document.tables("interfaces", is_needed=False)), Estimate())
+    return GearRecord(ONE_GEAR, stiffness, damping, tuple(sorted(kinds)), law.amplitudes("parameters"), per_mass, gas)
+
+
+def _gas(interface: _Table) -> Estimate:
+    has_gas = interface.content.get("gas") is not None
+    return interface.table("gas").estimate("content_n_m") if has_gas else Estimate()
 
 
 def _gears(document: _Table) -> tuple[GearRecord, ...]:
@@ -250,7 +261,8 @@ def _gears(document: _Table) -> tuple[GearRecord, ...]:
         per_mass = interface.table("stiffness").text("unit") != "N/m"
         stiffness, damping = interface.estimate("stiffness"), interface.estimate("damping")
         amplitudes = interface.amplitudes("law")
-        gears.append(GearRecord(", ".join(alike), stiffness, damping, tuple(sorted(amplitudes)), amplitudes, per_mass))
+        own = (stiffness, damping, tuple(sorted(amplitudes)), amplitudes, per_mass, _gas(interface))
+        gears.append(GearRecord(", ".join(alike), *own))
     return tuple(gears)
 
 

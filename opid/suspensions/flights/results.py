@@ -30,7 +30,7 @@ class Quantity:
 
     Args:
         gear: the suspension that it belongs to; empty for the body.
-        name: "stiffness", "damping", "friction", "mass", or the kind of a term of the law.
+        name: "stiffness", "damping", "friction", "gas", "mass", or the kind of a term of the law.
         unit: of its values.
         kind: of the law's term whose amplitude it is; empty for the others.
     """
@@ -43,7 +43,12 @@ class Quantity:
     @property
     def label(self) -> str:
         """The quantity in words, without the gear."""
-        return {"friction": f"friction force ({self.kind})", "mass": "total mass"}.get(self.name, self.name)
+        words = {
+            "friction": f"friction force ({self.kind})",
+            "gas": "gas, pressure times volume",
+            "mass": "total mass",
+        }
+        return words.get(self.name, self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +234,11 @@ def _flight(record: ResultRecord, name: str) -> Flight:
     values = {Quantity("", "mass", "kg"): record.mass}
     for gear in record.gears:
         stiffness, damping = ("1/s^2", "1/s") if gear.per_mass else ("N/m", "N s/m")
-        values[Quantity(gear.name, "stiffness", stiffness)] = gear.stiffness
+        if gear.gas.value is None:
+            values[Quantity(gear.name, "stiffness", stiffness)] = gear.stiffness
+        else:
+            # as stiff as it is under the weight of the flight: what belongs to the strut is how much gas there is
+            values[Quantity(gear.name, "gas", "N m")] = gear.gas
         values[Quantity(gear.name, "damping", damping)] = gear.damping
         values |= dict(_amplitudes(gear))
     return Flight(
@@ -248,6 +257,8 @@ def _flight(record: ResultRecord, name: str) -> Flight:
 
 def _amplitudes(gear: GearRecord) -> Iterator[tuple[Quantity, Estimate]]:
     for kind, amplitude in gear.amplitudes.items():
+        if gear.gas.value is not None and kind in LAWS and LAWS[kind].quasi_static:
+            continue  # the weight, which is told as the mass
         unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
         what = "friction" if kind in FRICTION else kind
         yield Quantity(gear.name, what, f"{unit}/kg" if gear.per_mass else unit, kind), amplitude

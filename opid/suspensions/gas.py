@@ -1,0 +1,72 @@
+"""The gas of a strut as it is serviced: pressure and volume, and what both together say of leaks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from opid.mechanics.laws import LAWS
+from opid.mechanics.weight import ATMOSPHERE_PA
+from opid.signals.recording import FloatArray
+from opid.suspensions.intervals import Parameters
+from opid.suspensions.result import GasColumn, InterfaceEstimate
+from opid.suspensions.settings import GasSettings
+
+
+def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasColumn | None:
+    """Return the gas that carries a group of interfaces in the reference run; None where none is found.
+
+    Its force at rest is (p - p0) A with the pressure p, that of the air p0 and the area A of the piston; the amplitude
+    of the law is p A, and the length of the column V/A.
+
+    Args:
+        known: parameters of a fit whose mass is determined.
+        number: of the group.
+        piston_area_m2: what the gas pushes on; None where it is not stated.
+    """
+    model, theta = known.fit.model, known.fit.theta
+    terms = model.laws(theta)[number].terms
+    place = next((k for k, term in enumerate(terms) if term.kind.quasi_static), None)
+    if place is None or model.inverse_mass(theta) <= 0.0:
+        return None
+    area = piston_area_m2 or 1.0
+
+    def read(vector: FloatArray) -> FloatArray:
+        term = model.laws(vector)[number].terms[place]
+        force = term.amplitude / model.inverse_mass(vector)
+        return np.array([force * term.inner[0], force / area - ATMOSPHERE_PA, area * term.inner[0]])
+
+    content, pressure, volume = known.of_function(read)
+    return GasColumn(content) if piston_area_m2 is None else GasColumn(content, pressure, volume)
+
+
+def doubts_of_gas(interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:
+    """Yield what to doubt of the gas that carries a suspension, one sentence each.
+
+    Args:
+        interface: as it is told.
+        piston_area_m2: that was stated; None where none was.
+        settings: what gas in a strut is like.
+    """
+    pressure, (low, high) = None if interface.gas is None else interface.gas.pressure_pa.value, settings.pressures_pa
+    if pressure is not None and not low <= pressure <= high:
+        yield (
+            f"the stated piston_area_m2 of {piston_area_m2:g} contradicts the static pressure: the weight would make "
+            f"it {1e-6 * pressure:.2g} MPa, and struts are serviced with {1e-6 * low:g} to {1e-6 * high:g} MPa; check "
+            "the area and the unit of the mass changes"
+        )
+    for kind, estimates in interface.law_estimates.items():
+        if not LAWS[kind].quasi_static:
+            continue
+        for parameter in LAWS[kind].parameters:
+            value = estimates[parameter.name].value
+            if parameter.known is None or value is None:
+                continue
+            mean, reach = parameter.known[0], settings.far_std * parameter.known[1]
+            if abs(value - mean) > reach:
+                yield (
+                    f"the exponent {value:.3g} of {kind} is none of gas in a strut ({mean - reach:.2g} to "
+                    f"{mean + reach:.2g}): another spring may carry a part of the weight, and static force and length "
+                    "of the gas are then doubtful; the mass does not rest on them"
+                )
