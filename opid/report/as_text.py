@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from opid.estimate import Estimate
+from opid.mechanics.kinds import Parameter
 
 WIDTH = 80
 # what stands in the LaTeX of `opid.mechanics.laws`, in plain text
@@ -125,6 +126,23 @@ def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None =
     error = f"{round(100 * (estimate.value / true - 1), 2) + 0.0:+.2f}%" if true else "-"
     held = "-" if interval is None else "yes" if estimate.holds(true) else "no"
     return Row(label, (value, between, unit, f"{true:.6g}", error, held))
+
+
+def parameter_label(parameter: Parameter) -> str:
+    """Return the name of a parameter of a law in words, without its unit.
+
+    Args:
+        parameter: of a kind of law.
+
+    >>> from opid.mechanics.laws import LAWS
+    >>> [parameter_label(each) for each in LAWS["gas_column"].parameters]
+    ['static force', 'gas length', 'exponent']
+    """
+    name = parameter.name
+    if parameter.role == "amplitude":
+        # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
+        name = name.split("_n")[0]
+    return name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
 
 
 def formula(latex: str) -> str:

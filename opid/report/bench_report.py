@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from opid.report.as_json import json_text, plain
-from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
+from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
 from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
 from opid.suspensions.bench.law import SCHEMA, BenchLaw
@@ -268,12 +268,8 @@ def _law_rows(result: BenchLaw) -> Iterator[Row]:
         head = "Law" if len(result.law.terms) == 1 else "Term"
         yield Row(f"{head}: {term.name}, {formula(term.kind.latex)}")
         for parameter in term.kind.parameters:
-            # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
-            label = parameter.name.split("_n")[0] if parameter.role == "amplitude" else parameter.role
-            if term.kind.memory is not None and parameter.role != "amplitude":
-                # it may have two of a role
-                label = parameter.name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
-            yield estimate_row(label, parameter.unit, result.law_estimates[term.name][parameter.name])
+            found = result.law_estimates[term.name][parameter.name]
+            yield estimate_row(parameter_label(parameter), parameter.unit, found)
         if term.kind.memory is not None and result.loop is not None:
             yield estimate_row("loop area", "J", result.loop.area_j)
 

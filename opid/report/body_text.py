@@ -7,7 +7,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.report.as_text import WIDTH, Row, aligned, columns, estimate_row, formula, rounded, table_lines, wrapped
+from opid.report.as_text import (
+    WIDTH,
+    Row,
+    aligned,
+    columns,
+    estimate_row,
+    formula,
+    parameter_label,
+    rounded,
+    table_lines,
+    wrapped,
+)
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.limits import how_alike, repeatability_rules
@@ -316,9 +327,8 @@ def _suspension(result: Identification, interface: InterfaceEstimate, truth: Tru
         for parameter in term.kind.parameters if term.name in interface.law_estimates else ():
             amplitude = parameter.role == "amplitude"
             value = true["law"]["parameters"].get(term.name, {}).get(parameter.name) if true else None
-            # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
             yield estimate_row(
-                parameter.name.split("_n")[0] if amplitude else parameter.role,
+                parameter_label(parameter),
                 f"{parameter.unit}/kg" if amplitude and result.per_mass else parameter.unit,
                 interface.law_estimates[term.name][parameter.name],
                 value * share if amplitude and value is not None else value,

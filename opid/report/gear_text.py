@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from opid.report.as_text import Row, columns, estimate_row, formula, table_lines, wrapped
+from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import Evidence, Identification
@@ -194,8 +194,7 @@ def _law_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
             if truth and true is not None and amplitude and per_mass:
                 true /= truth["parameters"]["sprung_mass_kg"]
             yield estimate_row(
-                # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
-                parameter.name.split("_n")[0] if amplitude else parameter.role,
+                parameter_label(parameter),
                 f"{parameter.unit}/kg" if amplitude and per_mass else parameter.unit,
                 result.law_estimates[term.name][parameter.name],
                 true,
