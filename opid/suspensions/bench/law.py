@@ -213,9 +213,7 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
     """Return the result with what may be told of the parameters, and what is to be doubted."""
     settings, n_straight = result.settings, fit.weights.size
     if refined is None:
-        spread = _spread(
-            _slopes_of_force(bench, fit), fit.residual, bench.fs, settings, _known_before(fit)
-        )
+        spread = _spread(_slopes_of_force(bench, fit), fit.residual, bench.fs, settings, _known_before(fit))
     else:
         spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
     is_biased = bench.acceleration is not None and refined is None and _may_be_biased(bench, fit, spread)
