@@ -76,8 +76,8 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
 
 
 def _equivalent_rows(result: AnyIdentification, told: bool) -> Iterator[Row]:
-    """What a linear analysis would find in each run, where the law is not straight."""
-    if not isinstance(result, Identification) or not result.law.terms:
+    """What a linear analysis would find in each run, where no number of the law is believed."""
+    if not isinstance(result, Identification) or result.limited_by != "model":
         return
     for each in result.equivalents:
         yield Row(f"Straight suspension that comes nearest to it over the motion of run {each.run!r}")
