@@ -28,6 +28,7 @@ def test_any_rate_is_recovered_from_full_digits(fs):
 
 
 @example(fs=9196.0, start=0.0, decimals=5, n_samples=5)
+@example(fs=53334.0, start=0.3359375, decimals=5, n_samples=3)
 @given(
     fs=st.floats(1, 1e5),
     start=st.floats(-1e4, 1e4),

@@ -83,7 +83,9 @@ def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
     elapsed = time_s - time_s[0]
     period = float(count @ elapsed / (count @ count))
     worst_step = float(np.abs(steps - period).max())
-    rounding = resolution_s if resolution_s < COARSE_STAMPS * period else 0.0
+    # of few stamps the rounding of the first and the last one tells the period but roughly
+    longest_s = period + resolution_s / (time_s.size - 1)
+    rounding = resolution_s if resolution_s < COARSE_STAMPS * longest_s else 0.0
     if worst_step > max(rounding * (1 + 1e-6), JITTER_LIMIT * period) + float_noise:
         raise _irregular(time_s, steps, resolution_s)
     stray = elapsed - elapsed.mean() - period * count
