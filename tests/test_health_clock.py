@@ -37,7 +37,8 @@ def test_sound_stamps_give_the_rate_that_reading_gives(fs, digits, n, start_s):
     health = health_of(stamps)
     (clock,) = health.clocks
     assert messages(health) == []
-    assert clock.fs == pytest.approx(uniform_clock(stamps).fs, rel=2e-10 + 2 * 10.0**-digits * fs / n)
+    # either is off by the rounding of the stamps, and goes as far again to a plain number
+    assert clock.fs == pytest.approx(uniform_clock(stamps).fs, rel=2e-10 + 4 * 10.0**-digits * fs / n)
     assert (clock.n_samples, clock.repeated, clock.backward, clock.n_gaps) == (n, 0, 0, 0)
     assert clock.duration_s == pytest.approx(n / fs, abs=2 * 10.0**-digits)
     assert clock.start_s == stamps[0]
