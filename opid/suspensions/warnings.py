@@ -415,7 +415,8 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
 def _limited_by(part: Fitted) -> str:
     """What limits an answer that leaves more than noise, in words."""
     assert part.error is not None  # more than noise is left
-    left = " and ".join(f"{100 * each:.2g}" for each in part.unexplained)
+    least, most = (f"{100 * end(part.unexplained):.2g}" for end in (min, max))
+    left = least if least == most else f"{least} to {most}"
     if part.error.limit == "model":
         return (
             f"the answer is limited by the model, which leaves {left} % of the body's acceleration: how the errors are "
