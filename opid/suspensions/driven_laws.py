@@ -15,6 +15,7 @@ from opid.suspensions.fit import Fit, carrying, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_parameters import faint_terms, has_slope
 from opid.suspensions.model import Group
+from opid.suspensions.residual import measure_whiteness
 from opid.suspensions.settings import SearchSettings
 
 
@@ -97,6 +98,9 @@ def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator
     """Laws with a column of gas that carries the weight in place of all springs, as stiff as they are."""
     model = fit.model
     if not model.is_carried or any(term.kind.quasi_static for term in law.terms):
+        return
+    if fit.ratio <= model.settings.verdicts.explained and measure_whiteness(fit).white:
+        # a fit of a column of gas is long, and there is nothing left to explain
         return
     springs = tuple(term for term in law.terms if part_of(term.kind) == "spring")
     travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, model.groups[number].slots), strict=True))
