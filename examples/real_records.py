@@ -149,13 +149,16 @@ SETS = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("set", choices=SETS, help="which set")
-    parser.add_argument("--data", type=Path, required=True, help="folder that holds the sets")
+    parser.add_argument("set", choices=SETS, nargs="?", default="shake_table_frame", help="which set")
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder that holds the sets")
     parser.add_argument("--records", help="names joined by commas; the first of the set where left out")
     parser.add_argument("--law", help="to fit; searched where left out")
     parser.add_argument("--out", type=Path, help="folder of the study and the report; none where left out")
     options = parser.parse_args()
     chosen = SETS[options.set]
+    if not (options.data / options.set).is_dir():
+        print(f"The records of {options.set} are not in {options.data}: give their folder with --data.")
+        return
     records = tuple(options.records.split(",")) if options.records else chosen.records
     study = chosen.study(options.data / options.set, records)
     found = opid.identify(study, law=options.law, band_hz=chosen.band_hz, progress=lambda step: print("...", step))
