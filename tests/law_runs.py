@@ -9,11 +9,12 @@ from opid.mechanics.laws import LINEAR
 from opid.suspensions.candidates import gear_body
 from opid.suspensions.fit import fit_model
 from opid.suspensions.law_parameters import to_free
-from opid.suspensions.model import Group, Model
+from opid.suspensions.model import Model
 from opid.suspensions.run import driven_run
 from opid.suspensions.sensor_facts import SensorPair, Sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, study_of_gear
+from opid.suspensions.unknowns import Group
 
 MASS_KG, STIFFNESS, DAMPING, NOISE = 1850.0, 3.9e5, 6e3, 5e-3
 

@@ -13,10 +13,10 @@ from opid.signals.recording import Recording
 from opid.suspensions.candidates import gear_body
 from opid.suspensions.faults import GROUND, let_in
 from opid.suspensions.identification import identify
-from opid.suspensions.model import Group
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import FaultSettings
 from opid.suspensions.start import start_values
+from opid.suspensions.unknowns import Group
 
 FS, LAW = 256.0, "arctan_velocity"
 

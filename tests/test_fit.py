@@ -288,7 +288,7 @@ def test_a_vector_holds_what_the_start_says(started):
     runs, body, _, start = started
     levels = (np.full(3, NOISE), np.full(3, NOISE))
     sensors = ideal_sensors(3, 3)
-    model = Model(tuple(runs), body, start.groups, sensors, True, levels, start.motion_rms, Settings())
+    model = Model(tuple(runs), body, start.groups, sensors, True, start.motion_rms, Settings(), noise=levels)
     theta = first_vector(model, start)
     assert theta.size == model.n_shared + 12
     assert theta[model.names.index("inverse_mass")] == start.inverse_mass

@@ -13,10 +13,11 @@ from opid.mechanics.structure import Joint, Structure
 from opid.suspensions.body import ImpossibleBodyError, own_body, rigid_body, vertical
 from opid.suspensions.candidates import gear_body
 from opid.suspensions.law_parameters import to_free
-from opid.suspensions.model import Group, Model
+from opid.suspensions.model import Model
 from opid.suspensions.run import driven_run
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
 from opid.suspensions.settings import FaultSettings, FitSettings, Settings
+from opid.suspensions.unknowns import Group
 
 FS, SECONDS, FINER = 512.0, 3.0, 8
 PLACES = [(5.0, 0.0), (0.0, 1.6), (0.0, -1.5)]
@@ -55,7 +56,7 @@ def made(runs, body, groups, *, sensors=None, mass_free=True, noise=5e-3, **sett
     sensors = sensors or ideal_sensors(n, n_sensors)
     rms = np.tile([0.01, 0.1], (n, 1))
     levels = (np.full(n, noise), np.full(n_sensors, noise))
-    return Model(tuple(runs), body, tuple(groups), sensors, mass_free, levels, rms, Settings(), **settings)
+    return Model(tuple(runs), body, tuple(groups), sensors, mass_free, rms, Settings(), noise=levels, **settings)
 
 
 def vector(model, values, starts=()):

@@ -20,11 +20,12 @@ from opid.suspensions.fit import carrying
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.law_parameters import to_free
-from opid.suspensions.model import Group, Model
+from opid.suspensions.model import Model
 from opid.suspensions.run import driven_run
 from opid.suspensions.sensor_facts import ideal_sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, study_of_gear
+from opid.suspensions.unknowns import Group
 
 MASS_KG = 1850.0
 WEIGHT_N = MASS_KG * GRAVITY_M_PER_S2
@@ -104,7 +105,8 @@ def made_model(**settings):
         runs.append(driven_run(below, 0.5 * above, fs=256.0, loading=loading))
     levels = (np.array([5e-3]), np.array([5e-3]))
     group, rms = Group("", (0,), LAW.scaled(1 / MASS_KG)), np.array([[0.01, 0.1]])
-    model = Model(tuple(runs), gear_body(), (group,), ideal_sensors(1, 1), True, levels, rms, Settings(), **settings)
+    shared = (tuple(runs), gear_body(), (group,), ideal_sensors(1, 1), True, rms, Settings())
+    model = Model(*shared, noise=levels, **settings)
     theta = np.zeros(model.n_shared + model.n_own * 2)
     theta[:2] = 6.0, 3.0
     theta[model.law_places(0)] = to_free(group.law)

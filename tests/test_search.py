@@ -16,11 +16,11 @@ from opid.signals.recording import Recording
 from opid.suspensions import search
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
 from opid.suspensions.identification import identify
-from opid.suspensions.model import Group
 from opid.suspensions.run import driven_run
 from opid.suspensions.search import Question, find_model, folded_power, is_hopeless, judged
 from opid.suspensions.start import start_values
 from opid.suspensions.study import PointMass, Run
+from opid.suspensions.unknowns import Group
 
 FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 

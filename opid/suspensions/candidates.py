@@ -21,7 +21,7 @@ from opid.suspensions.faults import Demand
 from opid.suspensions.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
 from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
-from opid.suspensions.model import Group, Model, noise_level
+from opid.suspensions.model import Model, noise_level
 from opid.suspensions.model_error import ModelError, measure_model_error, unexplained
 from opid.suspensions.noise import with_own_noise
 from opid.suspensions.repeatability import mends_much, with_departures, with_own_repeatability
@@ -32,6 +32,7 @@ from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start, start_values
 from opid.suspensions.study import Axis, PointMass, Study
+from opid.suspensions.unknowns import Group
 
 Noise = tuple[FloatArray, FloatArray]
 Arrays = Sequence[tuple[FloatArray, FloatArray, FloatArray]]
@@ -422,9 +423,9 @@ def _begun(
         start.groups,
         sensors,
         mass_free,
-        noise,
         start.motion_rms,
         task.settings,
+        noise=noise,
         repeatability=repeatability,
     )
     return model, start

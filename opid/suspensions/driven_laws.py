@@ -14,9 +14,9 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fit import Fit, carrying, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_parameters import faint_terms, has_slope
-from opid.suspensions.model import Group
 from opid.suspensions.residual import measure_whiteness
 from opid.suspensions.settings import SearchSettings
+from opid.suspensions.unknowns import Group
 
 
 @dataclass(frozen=True)

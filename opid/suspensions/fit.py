@@ -15,8 +15,9 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.body import ImpossibleBodyError
 from opid.suspensions.law_parameters import to_free
 from opid.suspensions.levenberg_marquardt import least_squares
-from opid.suspensions.model import Errors, Group, Model
+from opid.suspensions.model import Errors, Model
 from opid.suspensions.start import Start
+from opid.suspensions.unknowns import Group
 
 NO_FIT = (UnboundedResponseError, ImpossibleBodyError)
 """What a fit raises where its start values are no body that the runs can drive."""

@@ -22,7 +22,8 @@ from opid.suspensions.band_lines import band_places
 from opid.suspensions.equivalents import straight_equivalent
 from opid.suspensions.fit import NO_FIT, Fit, fit_model, predicted_left_out
 from opid.suspensions.intervals import std_over_white
-from opid.suspensions.model import Model, ProcessNoise
+from opid.suspensions.model import Model
+from opid.suspensions.process_noise import ProcessNoise
 
 Limit = Literal["noise", "unmeasured forces", "model"]
 

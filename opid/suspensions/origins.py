@@ -17,8 +17,8 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fit import NO_FIT, Fit, refit
 from opid.suspensions.law_parameters import offered_terms
 from opid.suspensions.law_search import LawStep
-from opid.suspensions.model import Group
 from opid.suspensions.settings import OriginSettings
+from opid.suspensions.unknowns import Group
 
 
 def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | None = None) -> list[LawStep[Fit]]:

@@ -15,12 +15,13 @@ from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.body import Body
 from opid.suspensions.candidates import Arrays, mass_is_told
 from opid.suspensions.fit import first_vector
-from opid.suspensions.model import Group, Model
+from opid.suspensions.model import Model
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import ideal_sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.start import Start
 from opid.suspensions.study import SAME_RATE
+from opid.suspensions.unknowns import Group
 
 
 def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]) -> Arrays:
@@ -138,7 +139,7 @@ def stated_start(
     # how far the suspensions move, from a first prediction
     sensors = ideal_sensors(body.n_interfaces, len(body.readings))
     noise = np.ones(body.n_interfaces), np.ones(len(body.readings))
-    model = Model(tuple(runs), body, begun.groups, sensors, mass_free, noise, rms, settings)
+    model = Model(tuple(runs), body, begun.groups, sensors, mass_free, rms, settings, noise=noise)
     predictions = model.evaluate(first_vector(model, begun), sensitivity=False).predictions
     moved = [[[p.travel[:, k].std(), p.velocity[:, k].std()] for k in range(len(groups))] for p in predictions]
     return replace(begun, motion_rms=np.mean(moved, axis=0))

@@ -20,7 +20,6 @@ from opid.suspensions.candidates import Fitted, Task, fitted
 from opid.suspensions.fit import Fit, fastest_rate
 from opid.suspensions.intervals import Parameters
 from opid.suspensions.law_search import library
-from opid.suspensions.model import Group
 from opid.suspensions.noise import known_noise
 from opid.suspensions.own_inputs import channel_arrays, loading_matrices, stated_start
 from opid.suspensions.residual import measure_whiteness, sensor_ratio, thinned
@@ -29,6 +28,7 @@ from opid.suspensions.run import driven_run
 from opid.suspensions.search import Question
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors
 from opid.suspensions.settings import Settings, Verdicts
+from opid.suspensions.unknowns import Group
 from opid.suspensions.warnings import WITHOUT_INTERVALS
 
 NEGATIVE = (

@@ -16,6 +16,7 @@ from opid.mechanics.laws import LINEAR
 from opid.signals.recording import FloatArray
 from opid.suspensions.driven_laws import DrivenLaws, feeds_energy
 from opid.suspensions.faults import Demand, let_in
+from opid.suspensions.first_seconds import look_for_start
 from opid.suspensions.fit import (
     NO_FIT,
     Fit,
@@ -476,7 +477,7 @@ def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatAr
     if model.body.n_slots > 1:
         return theta
     factor = noisier[0] if noisier else 1.0
-    return replace(model, louder=factor).looked_for_start(theta)
+    return look_for_start(replace(model, louder=factor), theta)
 
 
 def _without_laws(model: Model, theta: FloatArray) -> FloatArray:

@@ -1,0 +1,374 @@
+"""One vector of unknowns of all runs: what stands where in it, and what the suspensions and sensors are at its values.
+
+A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from opid.mechanics.driven import Interface
+from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
+from opid.mechanics.repeatability import PARTS, Departure
+from opid.mechanics.weight import Rest, depends_on_travel, rest_under, resting
+from opid.signals.recording import FloatArray
+from opid.suspensions.body import Body, Mobility, mobility
+from opid.suspensions.law_parameters import free_bounds, from_free, positive
+from opid.suspensions.run import Corrected, DrivenRun
+from opid.suspensions.sensor_facts import Fault, Sensors
+from opid.suspensions.settings import Settings
+
+
+@dataclass(frozen=True)
+class Group:
+    """Interfaces that share stiffness, damping, ground spring and law.
+
+    Args:
+        name: "left", or "left, right"; "" for one gear.
+        slots: of its interfaces.
+        law: says which terms, per unit of the reference mass.
+        ground: whether springs act between the body and the ground at these interfaces.
+        origin_m: about how far the origin of the law lies from where the interfaces rest in the reference run, m; the
+            vector then says where they rest on it. None where it lies there.
+    """
+
+    name: str
+    slots: tuple[int, ...]
+    law: Law = LINEAR
+    ground: bool = False
+    origin_m: float | None = None
+
+    @property
+    def has_origin(self) -> bool:
+        """Whether the law has an origin of its own."""
+        return self.origin_m is not None
+
+    @property
+    def head(self) -> tuple[str, ...]:
+        """Names of the entries of the vector before those of the law."""
+        further = (("ground_stiffness_per_mass", self.ground), ("rest_m", self.has_origin))
+        return ("stiffness_per_mass", "damping_per_mass", *(name for name, has_it in further if has_it))
+
+    @property
+    def n_head(self) -> int:
+        """Entries of the vector before those of the law."""
+        return len(self.head)
+
+    def called(self, what: str) -> str:
+        """Return the name of one of its parameters."""
+        return f"{what}[{self.name}]" if self.name else what
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What all runs have in common, what each has for itself, and where it stands in one vector.
+
+    Of each group stiffness, damping, [ground stiffness], [rest on its law] and law (positive entries as logarithms);
+    stiffness and damping of each spring inside that is to be found; free factors of the mass; [1 / reference mass];
+    faults of sensors; coordinates; then of each run travel and velocity of each interface at its start, and by how much
+    springs, damping and friction of each group depart from those of all runs.
+
+    Args:
+        runs: the runs.
+        body: the body.
+        groups: which interfaces share what.
+        sensors: what is known of the sensors, and which of their faults are free.
+        mass_free: whether one over the reference mass is fitted.
+        motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s), roughly.
+        settings: of the estimator.
+        repeatability: relative standard deviation of springs, damping and friction from run to run; 0 where they are
+            the same in all.
+        held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
+    """
+
+    runs: tuple[DrivenRun, ...]
+    body: Body
+    groups: tuple[Group, ...]
+    sensors: Sensors
+    mass_free: bool
+    motion_rms: FloatArray
+    settings: Settings
+    repeatability: float = 0.0
+    held_inverse_mass: float = 0.0
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the shared parameters."""
+        names: list[str] = []
+        for group in self.groups:
+            names += [group.called(head) for head in group.head]
+            names += [f"{group.called('law')}[{i}]" for i in range(group.law.vector.size)]
+        for _, spring in self.searched:
+            names += [f"stiffness_per_mass[{spring}]", f"damping_per_mass[{spring}]"]
+        names += [*self.body.names, *(["inverse_mass"] if self.mass_free else [])]
+        names += [fault.name for fault in self.faults]
+        return (*names, *(coordinate.name for coordinate in self.body.coordinates))
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The faults of sensors that are fitted."""
+        return self.sensors.faults
+
+    @cached_property
+    def searched(self) -> tuple[tuple[int, str], ...]:
+        """Slots and names of the springs inside whose stiffness is to be found."""
+        inside = enumerate(self.body.inside, start=self.body.n_interfaces)
+        return tuple((slot, spring.name) for slot, spring in inside if spring.stiffness_n_per_m is None)
+
+    @cached_property
+    def first_of_group(self) -> tuple[int, ...]:
+        """Place of the stiffness of each group in the vector."""
+        sizes = [group.n_head + group.law.vector.size for group in self.groups]
+        return tuple(int(place) for place in np.cumsum([0, *sizes])[:-1])
+
+    @property
+    def n_shared(self) -> int:
+        """Number of shared parameters."""
+        return len(self.names)
+
+    @property
+    def ground(self) -> bool:
+        """Whether any spring acts between body and ground."""
+        return any(group.ground for group in self.groups)
+
+    @property
+    def n_own(self) -> int:
+        """Entries of the vector that each run has for itself."""
+        return 2 * self.body.n_interfaces + self.n_departures
+
+    @property
+    def n_departures(self) -> int:
+        """Entries of the vector that say by how much the groups depart in one run."""
+        return len(PARTS) * len(self.groups) * (self.repeatability > 0.0)
+
+    def places_of_run(self, place: int) -> tuple[slice, slice]:
+        """Return where the start of a run and its departures stand in the vector."""
+        first = self.n_shared + self.n_own * place
+        middle = first + 2 * self.body.n_interfaces
+        return slice(first, middle), slice(middle, first + self.n_own)
+
+    def departures(self, theta: FloatArray, place: int) -> tuple[Departure, ...]:
+        """Return by how much each group departs in a run from what it is in all."""
+        if not self.n_departures:
+            return (Departure(),) * len(self.groups)
+        values = theta[self.places_of_run(place)[1]].reshape(-1, len(PARTS))
+        return tuple(Departure(*row) for row in values.tolist())
+
+    @property
+    def weight(self) -> float:
+        """What the suspension of one gear carries at rest in the reference run, per unit of the reference mass, m/s^2.
+
+        It is 0 where no weight acts, and for bodies, of which gears carry shares not known.
+        """
+        return abs(float(self.body.fall[0])) if self.body.fall is not None and self.body.n_slots == 1 else 0.0
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether it is known what a column of gas would carry: it pushes outwards, so the axis must count so."""
+        return self.weight > 0.0 and self.body.fall is not None and float(self.body.fall[0]) < 0.0
+
+    @cached_property
+    def carriers(self) -> tuple[tuple[int, int], ...]:
+        """Groups whose law has a term that carries the weight, and where the term stands in the vector."""
+        if not self.is_carried:
+            return ()
+        found, place = [], self.law_places(0).start
+        for term in self.groups[0].law.terms:
+            if term.kind.quasi_static:
+                found.append((0, place))
+            place += len(term.values)
+        return tuple(found)
+
+    def carrier(self, number: int) -> Term:
+        """Return the term of a group that carries the weight."""
+        return next(term for term in self.groups[number].law.terms if term.kind.quasi_static)
+
+    @property
+    def first_coordinate(self) -> int:
+        """Where the coordinates stand in the vector."""
+        return self.n_shared - len(self.body.coordinates)
+
+    @property
+    def first_fault(self) -> int:
+        """Where the faults of sensors stand in the vector."""
+        return self.first_coordinate - len(self.faults)
+
+    @property
+    def first_factor(self) -> int:
+        """Where the free factors of the mass stand in the vector."""
+        return self.first_fault - self.mass_free - len(self.body.names)
+
+    @property
+    def first_inside(self) -> int:
+        """Place of the first spring inside that is to be found."""
+        return self.first_factor - 2 * len(self.searched)
+
+    def law_places(self, number: int) -> slice:
+        """Return where the law of a group stands in the vector."""
+        first = self.first_of_group[number] + self.groups[number].n_head
+        return slice(first, first + self.groups[number].law.vector.size)
+
+    def inverse_mass(self, theta: FloatArray) -> float:
+        """Return one over the reference mass at a vector, 1/kg; 1 where the body is given in kg."""
+        if self.mass_free:
+            return float(theta[self.first_fault - 1])
+        return 1.0 if self.body.absolute else self.held_inverse_mass
+
+    def mobility(self, theta: FloatArray, place: int) -> Mobility:
+        """Return what forces do to the body in one run."""
+        first = self.first_factor
+        factors, shifts = theta[first : first + len(self.body.names)], theta[self.first_coordinate : self.n_shared]
+        return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[place].loading)
+
+    def fault_values(self, theta: FloatArray) -> dict[str, float]:
+        """Return the faults of the sensors at a vector by name."""
+        first = self.first_fault
+        return {fault.name: float(theta[first + k]) for k, fault in enumerate(self.faults)}
+
+    def gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gain of every sensor below the suspensions and on the body."""
+        gains = np.ones(len(self.sensors.unsprung)), np.ones(len(self.sensors.sprung))
+        for k, fault in enumerate(self.faults, start=self.first_fault):
+            if fault.kind == "gain":
+                gains[fault.side == "sprung"][fault.channel] = theta[k]
+        return gains
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return lower and upper bounds of the vector, infinite but for scales, damping, faults and coordinates."""
+        lower = np.full(self.n_shared + self.n_own * len(self.runs), -np.inf)
+        upper = -lower
+        for number, group in enumerate(self.groups):
+            travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
+            travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
+            places = self.law_places(number)
+            lower[places], upper[places] = free_bounds(group.law, travel_rms=travel_rms, velocity_rms=velocity_rms)
+        farthest = self.settings.fit.farthest_std
+        for k, fault in enumerate(self.faults, start=self.first_fault):
+            lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
+            if fault.kind == "gain":
+                lower[k] = max(lower[k], self.settings.faults.least_gain)
+            elif fault.kind == "corner":
+                # however sharply a corner is stated: the sensor may have none
+                lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
+        for place in range(len(self.runs)):
+            own = self.places_of_run(place)[1]
+            upper[own] = self.settings.repeatability.farthest_std * self.repeatability
+            lower[own] = -upper[own]
+        for k, coordinate in enumerate(self.body.coordinates, start=self.first_coordinate):
+            lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
+        return lower, upper
+
+    def largest_steps(self) -> FloatArray:
+        """Return how far each entry may move in a step."""
+        caps = np.full(self.n_shared + self.n_own * len(self.runs), np.inf)
+        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
+            caps[self.law_places(number)][positive(group.law)] = self.settings.fit.largest_log_step
+            if group.origin_m is not None:
+                caps[first + group.n_head - 1] = self.settings.fit.largest_log_step * group.origin_m
+        return caps
+
+    def laws(self, theta: FloatArray) -> tuple[Law, ...]:
+        """Return the law of each group at a vector, per unit of the reference mass."""
+        return tuple(law for law, _ in self._laws(theta))
+
+    def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
+        """The law of each group, and what its entries move by (see `from_free`)."""
+        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
+            rest_m = float(theta[first + group.n_head - 1]) if group.has_origin else 0.0
+            if group.law.terms:
+                law, slope = from_free(group.law, theta[self.law_places(number)])
+            else:
+                law, slope = LINEAR, np.empty(0)
+            yield law.resting_at(rest_m), slope
+
+    def interfaces(
+        self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
+    ) -> tuple[list[Interface], list[FloatArray]]:
+        """Return the suspensions of all slots at a vector, and what their laws' entries move by (see `from_free`)."""
+        slots: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_slots
+        slopes: list[FloatArray] = []
+        for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
+            group, force = self.groups[number], law
+            slopes.append(slope)
+            if candidates and number in candidates:
+                further = tuple(candidates[number])
+                force = WithCandidates((*law.terms, *further), law.rest_m, len(further))  # type: ignore[assignment]
+            ground = float(theta[first + 2]) if group.ground else 0.0
+            for slot in group.slots:
+                slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)
+        mu = self.inverse_mass(theta)
+        for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
+            if spring.stiffness_n_per_m is not None and spring.damping_n_s_per_m is not None:
+                slots[slot] = Interface(mu * spring.stiffness_n_per_m, mu * spring.damping_n_s_per_m)
+        for k, (slot, _) in enumerate(self.searched):
+            place = self.first_inside + 2 * k
+            slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
+        return slots, slopes
+
+    def rest(self, theta: FloatArray, place: int, *, straight: bool = False) -> Rest | None:
+        """Return where the suspensions of a run rest; None where that is without consequence for the motion.
+
+        Args:
+            theta: the vector.
+            place: of the run.
+            straight: also tell it where no law depends on the travel.
+
+        Raises:
+            UnboundedResponseError: springs that cannot carry what the run's loading weighs.
+        """
+        return self._rest(theta, place, self.interfaces(theta)[0], straight=straight)
+
+    def _rest(
+        self, theta: FloatArray, place: int, slots: Sequence[Interface], *, straight: bool = False
+    ) -> Rest | None:
+        fall, loading = self.body.fall, self.runs[place].loading
+        stiffer = self.stiffer(theta, place)
+        if fall is None or not (loading.any() or stiffer):
+            return None
+        if not straight and not any(depends_on_travel(slot.law) for slot in slots):
+            return None
+        load = self.inverse_mass(theta) * (loading @ fall)
+        if not stiffer:
+            return rest_under(slots, self.body.rows, load)
+        return rest_under(self.departed(list(slots), theta, place), self.body.rows, load, -stiffer * fall)
+
+    def stiffer(self, theta: FloatArray, place: int) -> float:
+        """Return by how much the springs of one gear depart in a run.
+
+        It is 0 for bodies, of which gears carry shares not known.
+        """
+        if not self.n_departures or self.body.n_slots > 1:
+            return 0.0
+        return self.departures(theta, place)[0].spring
+
+    def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
+        """Return the suspensions of all slots as they are in a run, where they rest in it."""
+        slots, _ = self.interfaces(theta)
+        return self.departed(put_at_rest(slots, self._rest(theta, place, slots)), theta, place)
+
+    def departed(self, slots: list[Interface], theta: FloatArray, place: int) -> list[Interface]:
+        """Return suspensions as they are in a run."""
+        if not self.n_departures:
+            return slots
+        changed = list(slots)
+        for group, departure in zip(self.groups, self.departures(theta, place), strict=True):
+            for slot in group.slots:
+                changed[slot] = departure.of(slots[slot])
+        return changed
+
+    def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
+        """Return the drive and the readings of a run with the faults of the sensors taken out."""
+        values = self.fault_values(theta)
+        run = self.runs[place]
+        return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
+
+
+def put_at_rest(slots: list[Interface], rest: Rest | None) -> list[Interface]:
+    """Return suspensions where they rest in a run."""
+    if rest is None:
+        return slots
+    return [resting(slot, float(travel)) for slot, travel in zip(slots, rest.travel, strict=True)]
