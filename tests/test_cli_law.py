@@ -110,6 +110,36 @@ def test_moving_parts_have_their_mass(tmp_path):
     assert "--moving-mass" in page
 
 
+def carried(unit="g"):
+    """The damper holds a body of 250 kg, whose acceleration is recorded in place of the force."""
+    columns = damper()
+    force = 1e3 * columns.pop("load [kN]")
+    return columns | {f"body [{unit}]": -force / 250 / 9.80665 + 1.0}
+
+
+def test_a_body_that_nothing_else_holds_tells_the_force(tmp_path):
+    path = written(tmp_path / "carried.csv", carried())
+    done = opid("law", path, "--force", "body", "--travel", "stroke", "--mass", 250, "--out", tmp_path / "result")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "The force is that of 250 kg with the acceleration 'body'" in " ".join(done.stdout.split())
+    result = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    assert result["settings"]["mass_kg"] == 250
+    assert result["parameters"]["stiffness_n_per_m"]["value"] == pytest.approx(1e5, rel=0.01)
+    # gravity is no spring
+    assert result["parameters"]["offset_n"]["value"] == pytest.approx(-250 * 9.80665, rel=0.01)
+    assert "--force body --travel stroke --mass 250" in (tmp_path / "result" / "report.html").read_text("utf-8")
+
+
+def test_a_mass_belongs_to_an_acceleration(bench, tmp_path):
+    path = written(tmp_path / "carried.csv", carried())
+    body = ("--force", "body", "--travel", "stroke")
+    refused(opid("law", path, *body), "in m/s^2", "--mass")
+    refused(opid("law", bench, *COLUMNS, "--mass", 250), "a force already", "leave the mass out")
+    for wrong in (0, -3, "nan", "inf"):
+        refused(opid("law", path, *body, "--mass", wrong), "more than 0 kg")
+    refused(opid("law", path, *body, "--mass", 250, "--moving-mass"), "leave one of them out")
+
+
 @pytest.fixture
 def slow_test(tmp_path, monkeypatch):
     """A spring and a friction that yields, in cycles of growing size, without time."""
@@ -139,7 +169,10 @@ def test_a_slow_test_needs_no_time(slow_test, tmp_path):
 
 def test_a_test_without_time_is_told_how_to_do_without(slow_test):
     refused(opid("law", slow_test, *COLUMNS), "there is no time column", "--quasi-static")
-    refused(opid("law", slow_test, *COLUMNS, "--quasi-static", "--moving-mass"), "no --velocity and no --moving-mass")
+    refused(
+        opid("law", slow_test, *COLUMNS, "--quasi-static", "--moving-mass"),
+        "no --velocity, no --moving-mass and no --mass",
+    )
 
 
 def test_noise_ends_with_status_1_and_what_there_is(tmp_path):

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 @click.option("--travel", required=True, metavar="COL", help="Column of the travel, in m, mm, in, ...")
 @click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
 @click.option("--moving-mass", is_flag=True, help="Parts of unknown mass move between force cell and specimen.")
+@click.option(
+    "--mass", type=float, metavar="KG", help="Of a body that the specimen alone holds: --force is its acceleration."
+)
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figures.")
 def law(
@@ -27,6 +30,7 @@ def law(
     travel: str,
     velocity: str | None,
     moving_mass: bool,
+    mass: float | None,
     quasi_static: bool,
     out: Path | None,
 ) -> None:
@@ -34,7 +38,8 @@ def law(
 
     F = F0 + K z + C z' + f(z, z'), f a sum of laws of the library, with intervals, friction and rubber that remember
     among them; and what of the force no law explains (backlash, moving parts). With --moving-mass the force is m z''
-    more, and the law is refined until the motion simulated from the force alone is the recorded one.
+    more, and the law is refined until the motion simulated from the force alone is the recorded one. With --mass no
+    force need be measured: --force is the acceleration of a body that the specimen alone holds, and F = -m a.
     """
     from opid.report import bench_text, write_bench_report
     from opid.report.directory import require_directory
@@ -46,13 +51,15 @@ def law(
         say("the record")
         wanted = [name for name in dict.fromkeys((force, travel, velocity)) if name is not None]
         if quasi_static:
-            if velocity is not None or moving_mass:
-                raise click.UsageError("--quasi-static: a test without time has no --velocity and no --moving-mass")
+            if velocity is not None or moving_mass or mass is not None:
+                raise click.UsageError(
+                    "--quasi-static: a test without time has no --velocity, no --moving-mass and no --mass"
+                )
             record = quasi_static_bench(_without_time(bench, wanted), force=force, travel=travel)
         else:
             recording = _with_time(bench, wanted)
             record = bench_from_recording(
-                recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass
+                recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass, mass_kg=mass
             )
         result = law_of_bench(record, title=bench.name, progress=say)
         page = None if target is None else write_bench_report(result, target, progress=say)

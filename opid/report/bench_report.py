@@ -126,6 +126,7 @@ def _settings(result: BenchLaw) -> dict[str, Any]:
         "velocity_from": bench.velocity_from,
         "quasi_static": bench.is_quasi_static,
         "moving_mass": bench.acceleration is not None,
+        "mass_kg": bench.mass_kg,
         "velocity_band_hz": bench.velocity_band_hz,
         "travel_zero_m": bench.travel_zero_m,
         "candidates": result.candidates,
@@ -236,8 +237,13 @@ def quality(result: BenchLaw) -> str:
         f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
         f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
         f"samples{rate} ({result.n_independent:.0f} independent ones in the residual); velocity: "
-        f"{bench.velocity_from}.{_loop_words(result)}{_simulation_words(result)}"
+        f"{bench.velocity_from}.{_mass_words(result)}{_loop_words(result)}{_simulation_words(result)}"
     )
+
+
+def _mass_words(result: BenchLaw) -> str:
+    mass_kg, name = result.bench.mass_kg, result.bench.channels["force"]
+    return "" if mass_kg is None else f" The force is that of {mass_kg:.6g} kg with the acceleration {name!r}."
 
 
 def _loop_words(result: BenchLaw) -> str:
@@ -289,5 +295,6 @@ def _command(result: BenchLaw) -> str:
     names = {role: name for role, name in result.bench.channels.items() if name is not None}
     options = " ".join(f"--{role} {shlex.quote(name)}" for role, name in names.items())
     flags = " --moving-mass" if result.bench.acceleration is not None else ""
+    flags += "" if result.bench.mass_kg is None else f" --mass {result.bench.mass_kg:.12g}"
     flags += " --quasi-static" if result.bench.is_quasi_static else ""
     return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}{flags}"

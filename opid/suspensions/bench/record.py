@@ -12,6 +12,7 @@ from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
 
 _NEEDED = {"force": ("N", "N, kN or lbf"), "travel": ("m", "m, mm or in"), "velocity": ("m/s", "m/s, mm/s or in/s")}
+_ACCELERATION = ("m/s^2", "m/s^2 or g")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,8 @@ class Bench:
             the motion is only followed.
         is_quasi_static: whether time means nothing: `fs` counts samples a metre of the path, and `velocity` is the
             direction, 1 or -1.
+        mass_kg: of the body whose acceleration the channel of the force is, see `bench_from_recording`; None where a
+            force was measured.
     """
 
     travel: FloatArray
@@ -47,6 +50,7 @@ class Bench:
     acceleration: FloatArray | None = None
     counted: NDArray[np.bool_] | None = None
     is_quasi_static: bool = False
+    mass_kg: float | None = None
 
     @property
     def samples(self) -> NDArray[np.int64]:
@@ -61,28 +65,35 @@ def bench_from_recording(
     travel: str,
     velocity: str | None = None,
     moving_mass: bool = False,
+    mass_kg: float | None = None,
     counted: ArrayLike | None = None,
     settings: RecordSettings = DEFAULTS.record,
 ) -> Bench:
     """Take force and motion from a recording.
+
+    Where no force was measured, a body that nothing but the specimen holds tells it: F = -m a (d'Alembert), a the
+    acceleration of the body, positive where the travel grows as the body moves. Gravity and an accelerometer's offset
+    are constant and belong to the offset of the law; with a mass of 1 kg all forces are those for each kilogram.
 
     Where no velocity was recorded it is `rate_of` the travel. Travel is counted as recorded, or, where the record
     never comes near its zero, from its mean: a law of the travel needs a zero that the motion passes.
 
     Args:
         recording: of the bench, in SI units.
-        force: name of the channel of the force.
+        force: name of the channel of the force, or with `mass_kg` of the acceleration.
         travel: name of the channel of the travel (extension).
         velocity: name of the channel of its rate, or None.
         moving_mass: whether parts of unknown mass move between the force and the specimen. Their acceleration is the
             rate of the velocity.
+        mass_kg: of a body that the specimen alone holds; None where a force was measured.
         counted: (n,) whether the law holds for a sample; None for all. What is remembered is followed through the
             others, too.
         settings: when a record is doubted.
 
     Raises:
-        InputError: an unknown channel, one in the wrong unit or named twice, too few samples, or samples that do not
-            count beside a moving mass, whose motion is simulated without a gap.
+        InputError: an unknown channel, one in the wrong unit or named twice, too few samples, a mass that is no
+            positive number or stands beside a moving mass, or samples that do not count beside a moving mass, whose
+            motion is simulated without a gap.
         NotDeterminedError: a travel or a force that never changes.
 
     >>> from opid.signals.recording import Channel
@@ -93,7 +104,14 @@ def bench_from_recording(
     >>> bool(np.abs(bench.velocity - 0.09 * np.cos(9 * t))[200:-200].max() < 1e-4)
     True
     """
-    y, raw, zero, doubts = _force_and_travel(recording, force, travel, velocity, settings)
+    if mass_kg is not None and not (np.isfinite(mass_kg) and mass_kg > 0):
+        raise InputError(f"mass_kg is {mass_kg}: give the mass of the body, more than 0 kg")
+    if mass_kg is not None and moving_mass:
+        raise InputError(
+            "mass_kg beside moving_mass: the force of a known mass is that of its acceleration, and no part of unknown "
+            "mass can be told beside it; leave one of them out"
+        )
+    y, raw, zero, doubts = _force_and_travel(recording, force, travel, velocity, settings, mass_kg)
     rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
     if velocity is None:
         v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
@@ -110,7 +128,20 @@ def bench_from_recording(
     band = band_hz if velocity is None else None
     acceleration = rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None
     which = None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings)
-    return Bench(raw - zero, v, y, recording.fs, zero, origin, band, channels, tuple(doubts), acceleration, which)
+    return Bench(
+        raw - zero,
+        v,
+        y,
+        recording.fs,
+        zero,
+        origin,
+        band,
+        channels,
+        tuple(doubts),
+        acceleration=acceleration,
+        counted=which,
+        mass_kg=mass_kg,
+    )
 
 
 def quasi_static_bench(
@@ -158,15 +189,22 @@ def quasi_static_bench(
 
 
 def _force_and_travel(
-    recording: Recording, force: str, travel: str, velocity: str | None, settings: RecordSettings
+    recording: Recording,
+    force: str,
+    travel: str,
+    velocity: str | None,
+    settings: RecordSettings,
+    mass_kg: float | None = None,
 ) -> tuple[FloatArray, FloatArray, float, list[str]]:
     """Return force and travel as recorded, the travel's value that is counted as zero, and what to doubt of it."""
     names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
     for role, name in names.items():
-        _check_channel(recording, role, name, names)
+        _check_channel(recording, role, name, names, is_acceleration=role == "force" and mass_kg is not None)
     if recording.n_samples < settings.least_samples:
         raise InputError(f"the record has {recording.n_samples} samples: at least {settings.least_samples} are needed")
     y, raw = recording.channel(force), recording.channel(travel)
+    if mass_kg is not None:
+        y = -mass_kg * y
     for role, values in (("travel", raw), ("force", y)):
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
@@ -270,25 +308,32 @@ def _motion_ends(frequency: FloatArray, power: FloatArray, settings: RecordSetti
     return float(frequency[end])
 
 
-def _check_channel(recording: Recording, role: str, name: str, names: dict[str, str]) -> None:
+def _check_channel(
+    recording: Recording, role: str, name: str, names: dict[str, str], *, is_acceleration: bool = False
+) -> None:
     if name not in recording.names:
         raise InputError(f"there is no column {name!r} for the {role}: {nearest(name, recording.names)}")
     others = [other for other in names if other != role and names[other] == name]
     if others:
         raise InputError(f"the column {name!r} is given for both {role} and {others[0]}: each needs its own")
-    unit, usual = _NEEDED[role]
+    unit, usual = _ACCELERATION if is_acceleration else _NEEDED[role]
     found = recording.unit(name)
     if found == unit:
         return
     hint = next((other for other in names if other != role and recording.unit(names[other]) == unit), None)
     if hint is not None:
         remedy = f"{names[hint]!r} is in {unit}: are {role} and {hint} swapped?"
+    elif is_acceleration and found == "N":
+        remedy = "it is a force already: leave the mass out"
+    elif role == "force" and found == _ACCELERATION[0]:
+        remedy = "give the mass of the body that it accelerates (--mass), if the specimen alone holds it"
     elif role == "force" and found == "kg":
         remedy = f"give {usual} in the header (lb is a mass, lbf a force)"
     else:
         fitting = [channel.name for channel in recording.channels if channel.unit == unit]
         remedy = f"in {unit} there is {', '.join(map(repr, fitting))}" if fitting else f"give {usual} in the header"
-    raise InputError(f"the column {name!r} is in {found}, a {role} is in {unit}: {remedy}")
+    what = "an acceleration" if is_acceleration else f"a {role}"
+    raise InputError(f"the column {name!r} is in {found}, {what} is in {unit}: {remedy}")
 
 
 def _rate_doubts(v: FloatArray, rate: FloatArray, travel: str, velocity: str, settings: RecordSettings) -> list[str]:
