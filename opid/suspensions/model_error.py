@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.band_lines import band_places
@@ -24,6 +25,7 @@ from opid.suspensions.fit import NO_FIT, Fit, fit_model, predicted_left_out
 from opid.suspensions.intervals import std_over_white
 from opid.suspensions.model import Model
 from opid.suspensions.process_noise import ProcessNoise
+from opid.suspensions.run import DrivenRun
 
 Limit = Literal["noise", "unmeasured forces", "model"]
 
@@ -163,7 +165,8 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     """Mean square of what a fit to each piece of the runs alone moves the shared entries by; and the equivalents.
 
     Under a model that is wrong a parameter depends on the motion. What it does from piece to piece of these runs it may
-    do in the next one.
+    do in the next one. A single run has two pieces at least. Where no piece can be fitted, nothing is known of what the
+    entries do: they may move by all of their value, and the equivalents by anything.
     """
     model, known = fit.model.coarse, fit.model.settings.process
     found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.zeros(4)
@@ -172,8 +175,8 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     for place, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
         whole = straight_equivalent(fit.model, fit.theta, place, motion)
         run = run.coarse
-        pieces = run.split(max(1, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s))))
-        for piece in pieces if len(pieces) + len(model.runs) > 2 else ():
+        least = 2 if len(model.runs) == 1 else 1
+        for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
             alone = replace(
                 model,
                 runs=(piece,),
@@ -194,7 +197,17 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
             equivalent = straight_equivalent(alone, now.theta, 0, now.errors.predictions[0])
             of_equivalents += (equivalent / whole - 1) ** 2
             count += 1
-    return found / max(count, 1), np.sqrt(of_equivalents / max(count, 1))
+    if count == 0:
+        return np.diag(fit.theta**2), np.full(4, np.inf)
+    return found / count, np.sqrt(of_equivalents / count)
+
+
+def _pieces(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
+    """Pieces of a run; none where they would be too short for the band."""
+    try:
+        return run.split(count)
+    except InputError:
+        return ()
 
 
 def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:

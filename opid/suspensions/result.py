@@ -365,11 +365,16 @@ class Identification:
 
     @property
     def limited_by(self) -> Limit:
-        """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself."""
-        if self.residual_over_noise <= self.settings.verdicts.explained:
-            return "noise"
+        """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself.
+
+        What is left of one gear is looked into where it is worth a warning; of a body on several suspensions it counts
+        as the model's wherever it is more than the noise.
+        """
         errors = [each.error for each in self.evidence if each.error is not None]
-        return errors[0].limit if errors else "model"
+        if errors:
+            return errors[0].limit
+        is_noise = self.study.is_one_gear or self.residual_over_noise <= self.settings.verdicts.explained
+        return "noise" if is_noise else "model"
 
     @property
     def method(self) -> str:

@@ -16,8 +16,8 @@ class Verdicts:
         explained: up to here the model explains the runs; estimated noise floors scatter by a tenth.
         noted: above this a single gear's residual is worth a warning.
         doubtful: above this what the model lacks rules the answer.
-        refused: above this laws and faults are searched only where they promise much, and of a user's own structure no
-            number is told.
+        refused: above this laws and faults are searched only where they promise much, and no number is told of a body
+            on several suspensions, of a user's own structure, or by the classical chain.
         refused_fraction: a doubtful model is refused where its free motion leaves more than this fraction of the
             body's rms acceleration: less than a third of the power is then explained.
         loosely_known: a value whose standard deviation is a larger fraction of it is not determined.
