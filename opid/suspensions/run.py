@@ -17,7 +17,7 @@ from scipy import fft, integrate, interpolate, ndimage, signal
 from opid.errors import InputError
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
-from opid.signals.spectra import ComplexArray
+from opid.signals.spectra import ComplexArray, cross_spectra
 from opid.suspensions.band_lines import at_lines, band_lines, lowest_rate_hz, places_of, sampled_finer
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
@@ -82,6 +82,24 @@ class DrivenRun:
     def fs(self) -> float:
         """Steps of the model in a second, Hz."""
         return self.recorded_fs / self.stride
+
+    @cached_property
+    def shared_fraction(self) -> float:
+        """Fraction of the power of the body's first sensor, in the band, that goes along with the first one below.
+
+        It is the squared coherence, weighed by the power, less what chance makes of it: about 0 where neither knows of
+        the other (Bendat & Piersol 2010, Random data, sec. 9.2).
+        """
+        low_hz, high_hz = (float(self.omega[k]) / (2 * np.pi) for k in (0, -1))
+        fs = self.recorded_fs
+        block = int(min(2 * fs / low_hz, len(self.sprung) / 4))
+        both = np.stack([self.unsprung[:, 0], self.sprung[:, 0]], axis=1)
+        spectra = cross_spectra(both, fs=fs, nperseg=block)
+        inside = (spectra.frequency_hz >= low_hz) & (spectra.frequency_hz <= high_hz)
+        below, above, cross = (spectra.density[inside, j, k] for j, k in ((0, 0), (1, 1), (0, 1)))
+        alike = np.abs(cross) ** 2 / np.maximum(below.real, 1e-300)
+        by_chance = 1.0 / spectra.n_averages
+        return float((alike.sum() / above.real.sum() - by_chance) / (1.0 - by_chance))
 
     @cached_property
     def n_samples(self) -> int:

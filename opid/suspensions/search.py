@@ -171,6 +171,12 @@ def is_hopeless(fit: Fit) -> bool:
     return fit.ratio > fit.model.settings.verdicts.refused
 
 
+def _shares_nothing(fit: Fit) -> bool:
+    """Whether the body moves as if it knew nothing of what is below it: no law and no fault of a sensor mends that."""
+    runs, known = fit.model.runs, fit.model.settings.search
+    return fit.model.body.n_interfaces == 1 and max(run.shared_fraction for run in runs) < known.least_shared
+
+
 class _Search:
     def __init__(self, start: Start, question: Question, say: Say) -> None:
         self.start, self.question, self.say = start, question, say
@@ -194,7 +200,7 @@ class _Search:
         for way in ways:
             if best is not None and (_explains(best.fit) or (n_starts >= n_sure and is_hopeless(best.fit))):
                 break
-            if best is not None and runs_contradict_each_other(best.fit):
+            if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
                 break
             if n_starts == 1 and best is not None and self._are_unlike(best.fit):
                 # other ways would make up for what is not the same in all runs
@@ -239,7 +245,7 @@ class _Search:
             begun = _begun(model, fit.theta, noisier)
             again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
             fit = min(fit, again, key=lambda each: each.bic)
-        if runs_contradict_each_other(fit):
+        if runs_contradict_each_other(fit) or _shares_nothing(fit):
             # a law of many terms would hide it
             return Found(fit, (LawStep(fit, True, "given" if self.question.law_is_given else "equation"),))
         demands: tuple[Demand, ...] = ()
@@ -317,7 +323,7 @@ class _Search:
 
     def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
         """The fit with what the runs demand, and without what they demanded before and no longer do."""
-        if not self.question.faults or runs_contradict_each_other(fit):
+        if not self.question.faults or runs_contradict_each_other(fit) or _shares_nothing(fit):
             return fit, ()
         for earlier, answer in self.asked:
             if not before and _is_same(fit, earlier):
@@ -333,7 +339,7 @@ class _Search:
         fit, ladder, demands = found.fit, found.ladder, found.demands
         whole, known = replace(fit.model, runs=runs), fit.model.settings.fit
         is_coarse = fit.model.runs is not runs
-        if is_hopeless(fit) or runs_contradict_each_other(fit):
+        if is_hopeless(fit) or runs_contradict_each_other(fit) or _shares_nothing(fit):
             most, promise = known.most_hopeless_evaluations, known.promise_from_afar
             near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
             return replace(found, fit=near)
@@ -368,7 +374,7 @@ def judged(found: Found, question: Question) -> Found:
         question: what was tried.
     """
     fit = found.fit
-    if is_hopeless(fit):
+    if is_hopeless(fit) or _shares_nothing(fit):
         return found if question.law_is_given else _with_fewer_terms(found)
     settings = fit.model.settings
     problem = DrivenLaws(settings.search, settings.fit.promise_in_search)

@@ -196,11 +196,14 @@ def _why_gear_refused(study: Study, part: Fitted) -> str | None:
     left = unexplained_fraction(part)
     if left <= verdicts.refused_fraction:
         return None
-    unexplained = (
-        f"leaves {100 * left:.0f} % of the body's rms acceleration unexplained ({ratio:.0f} times the sensor noise)"
-        if np.isfinite(left)
-        else "moves without bound where the readings do not hold it"
-    )
+    if not np.isfinite(left):
+        unexplained = "moves without bound where the readings do not hold it"
+    elif left < 1.0:
+        unexplained = (
+            f"leaves {100 * left:.0f} % of the body's rms acceleration unexplained ({ratio:.0f} times the sensor noise)"
+        )
+    else:
+        unexplained = "explains nothing of the body's acceleration"
     return (
         f"the fitted model {unexplained}, so every number of it would be a guess: check the channels (swapped, upside "
         "down, in another unit) and the mass changes, let the law be searched, or take another band; or this gear is "
