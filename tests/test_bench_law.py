@@ -1,10 +1,10 @@
 """A law from measured force against motion: known laws come back, memory is told, and intervals hold the truth."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import measured
 from scipy import signal
 
 from opid.errors import InputError, NotDeterminedError
@@ -35,7 +35,6 @@ TRUTHS = [
     law("cubic_stiffness", stiffness_n_per_m3=2e8),
     law("coulomb_friction", amplitude_n=400.0, scale_m_per_s=0.03) + law("cubic_stiffness", stiffness_n_per_m3=2e8),
 ]
-SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
 def random_motion(rng, n=3000, rms_m=0.01, band_hz=4.0):
@@ -425,16 +424,10 @@ def test_an_unknown_candidate_is_named():
 # ---- real dampers ----------------------------------------------------------------------------------
 
 
-def real(name):
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"the measured data {path} are not there")
-    return np.load(path)
-
-
 def test_a_magnetorheological_damper_follows_a_law_that_saturates():
     data = {
-        name: values.astype(float).ravel()[:18000] for name, values in real("mr_damper/random_first_half.npz").items()
+        name: values.astype(float).ravel()[:18000]
+        for name, values in np.load(measured("mr_damper/random_first_half.npz")).items()
     }
     bench = Bench(data["D"] / 100, data["V"] / 100, data["F"], 3004.8, 0.0, "recorded", None, {}, ())
     found = law_of_bench(bench, candidates=("arctan_velocity", "quadratic_damping", "cubic_stiffness"))
@@ -445,7 +438,7 @@ def test_a_magnetorheological_damper_follows_a_law_that_saturates():
 
 
 def test_a_friction_damper_with_backlash_remembers_the_past():
-    records = real("friction_damper_brfd/brfd.npz")
+    records = np.load(measured("friction_damper_brfd/brfd.npz"))
     table = next(records[name] for name in records if "0.5Hz30lbtension1amplitude" in name).astype(float)
     bench = Bench(
         table[:, 1] * 0.0254, table[:, 3] * 0.0254, table[:, 2] * 4448.2, 1024.0, 0.0, "recorded", None, {}, ()

@@ -1,9 +1,8 @@
 """Laws that remember on a test bench: found from forces of solve_ivp, told in words, and static laws still static."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured_data import measured
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -16,7 +15,6 @@ from opid.suspensions.separable import separable_fit, start_laws
 
 FS, N = 500.0, 4000
 STIFFNESS, DAMPING = 2e4, 500.0
-SHARED = Path(__file__).parents[2] / "shared" / "data"
 TRUTHS = {
     "dahl_friction": law("dahl_friction", amplitude_n=400.0, scale_m=0.002),
     "bouc_wen": law("bouc_wen", amplitude_n=400.0, scale_m=0.003, exponent=2.0, shape=0.5),
@@ -238,10 +236,7 @@ def test_points_without_a_record_have_the_force_of_a_slow_motion():
 
 
 def test_a_friction_damper_is_a_joint_that_yields():
-    path = SHARED / "friction_damper_brfd/brfd.npz"
-    if not path.exists():
-        pytest.skip(f"the measured data {path} are not there")
-    records = np.load(path)
+    records = np.load(measured("friction_damper_brfd/brfd.npz"))
     table = next(records[name] for name in records if "0.5Hz30lbtension1amplitude" in name).astype(float)
     travel, velocity, force = table[:, 1] * 0.0254, table[:, 3] * 0.0254, table[:, 2] * 4448.2
     bench = Bench(travel, velocity, force, 1024.0, 0.0, "recorded", None, {}, ())

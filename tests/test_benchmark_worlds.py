@@ -1,35 +1,22 @@
 """What the benchmarks simulate by themselves: gears whose struts remember, and laws of every kind."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from scripts import script
 
 from opid.mechanics.kinds import LAWS
 from opid.mechanics.landing_gear import LandingGear, gear_structure
 from opid.mechanics.response import time_response
 
-BENCHMARKS = str(Path(__file__).parent.parent / "benchmarks")
-
-
-def of_the_benchmarks(name):
-    sys.path.insert(0, BENCHMARKS)
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(BENCHMARKS)
-
 
 @pytest.fixture(scope="module")
 def worlds():
-    return of_the_benchmarks("worlds")
+    return script("benchmarks/worlds.py")
 
 
 @pytest.fixture(scope="module")
 def drawn_laws():
-    return of_the_benchmarks("drawn_laws")
+    return script("benchmarks/drawn_laws.py")
 
 
 def force_along(memory, parameters, rate, *, step_s=1e-5):

@@ -1,28 +1,23 @@
 """The Bouc-Wen benchmark (benchmarks/bouc_wen.py): a law from the training record predicts both official tests."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured_data import DATA, needs_data
+from scripts import script
 
-ROOT = Path(__file__).parent.parent
-DATA = ROOT.parent / "shared" / "data" / "bouc_wen_benchmark" / "bouc_wen.npz"
+RECORDS = "bouc_wen_benchmark/bouc_wen.npz"
 
-pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the Bouc-Wen benchmark is not beside the project")
+pytestmark = needs_data(RECORDS)
 
 
 @pytest.fixture(scope="module")
 def bouc_wen():
-    spec = importlib.util.spec_from_file_location("bouc_wen", ROOT / "benchmarks" / "bouc_wen.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("benchmarks/bouc_wen.py")
 
 
 @pytest.fixture(scope="module")
 def records():
-    with np.load(DATA) as file:
+    with np.load(DATA / RECORDS) as file:
         return {name: file[name] for name in file}
 
 

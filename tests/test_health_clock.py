@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_logs import log_of, messages, noise
+from measured_data import DATA, needs_data
 
 from opid.signals.clock import reconstructed_clock, uniform_clock
 from opid.signals.health import inspect
 from opid.signals.log import Log, LoggedChannel, Track, in_blocks
 from opid.signals.log_settings import ChannelSettings, LogSettings
 
-SHARED = Path(__file__).parents[2] / "shared" / "data" / "wobble_landcruiser"
 FS, N = 500.0, 20_000
 TRUE = 3.0 + np.arange(N) / FS
 
@@ -158,10 +158,10 @@ def test_a_stated_rate_goes_before_the_stamps():
     assert late.clocks[0].start_s == late.levels[0].start_s[0] == 7.0
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the measured logs lie beside the project, not in it")
+@needs_data("wobble_landcruiser")
 @pytest.mark.parametrize(("name", "fs"), [("20211027T145614", 116.73), ("20211029T125712", 117.35)])
 def test_a_measured_log_with_crowding_stamps_and_a_false_offset(name, fs):
-    table = np.loadtxt(SHARED / f"{name}_sensors.csv", delimiter=",")
+    table = np.loadtxt(DATA / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",")
     names = [f"{sensor}_{axis}" for sensor in "abcd" for axis in ("ax", "ay", "az", "rx", "ry", "rz")]
     track = Track(tuple(map(LoggedChannel, names)), in_blocks(table[:, 1:], table[:, 0]), n_samples=len(table))
     log = Log(Path(f"{name}.csv"), "CSV", (track,))

@@ -1,10 +1,10 @@
 """enDAQ recorders: recordings encoded with the maker's schema, and real ones against the maker's own reading."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import SAMPLES, needs_samples
 from scipy import signal
 from small_logs import ide_blocks, ide_file
 
@@ -13,10 +13,8 @@ from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, read_log
 
 idelib = pytest.importorskip("idelib", reason="idelib is not installed")
-SAMPLES = Path(__file__).parents[2] / "shared" / "data" / "reader_samples"
 DAQ = SAMPLES / "DAQ12006_000005.IDE"
 NAMES = ("ActTest_009", "Cloud_Test_000000", "DAQ12006_000005", "SSX66115", "SSX70065", "test3")
-needs_samples = pytest.mark.skipif(not DAQ.exists(), reason="the real recordings are not here")
 
 TICK_S = 1 / 32768
 

@@ -2,17 +2,17 @@
 
 import gzip
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import measured
 
 from opid.errors import InputError
 from opid.signals import text_lines
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import open_log, read_log
 
-SAMPLE = Path(__file__).parents[2] / "shared" / "data" / "reader_samples" / "raw_ambient_testVI.lvm"
+SAMPLE = "reader_samples/raw_ambient_testVI.lvm"
 SEPARATORS = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}
 
 
@@ -256,13 +256,11 @@ def test_the_usual_library_reads_the_same(lvm):
 
 
 def test_a_footbridge_measured_by_others():
-    if not SAMPLE.exists():
-        pytest.skip("the measured samples are not beside the project")
-    run = read_log(SAMPLE)
+    run = read_log(measured(SAMPLE))
     # 102.4 kHz / 62; the header rounds the period to 0.000605 s, which would be 1652.9 Hz
     assert run.fs == pytest.approx(102400 / 62, rel=1e-7)
     assert [(each.name, each.unit) for each in run.channels] == [("Acceleration", "m/s^2")]
-    table = np.loadtxt(SAMPLE, delimiter=",", skiprows=23)
+    table = np.loadtxt(measured(SAMPLE), delimiter=",", skiprows=23)
     np.testing.assert_array_equal(run.samples[:, 0], table[:, 1] * 9.80665)
 
 
@@ -305,6 +303,5 @@ def test_channels_that_began_at_different_times_are_on_one_axis(lvm, fs_hz):
     assert first == {"A": 1.5, "B": 0.0}
 
 
-@pytest.mark.skipif(not SAMPLE.exists(), reason="the real log is not here")
 def test_the_real_log_began_when_its_header_says():
-    assert open_log(SAMPLE).zero == datetime(2022, 2, 10, 9, 59, 53, 189_069)
+    assert open_log(measured(SAMPLE)).zero == datetime(2022, 2, 10, 9, 59, 53, 189_069)

@@ -3,17 +3,17 @@
 import os
 import tempfile
 from datetime import UTC, datetime, timedelta, timezone
-from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import measured
 
 from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings
 from opid.signals.logs import open_log, read_log
 
 asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
-SAMPLE = Path(__file__).parents[2] / "shared" / "data" / "reader_samples" / "ASAP2_Demo_V171.mf4"
+SAMPLE = "reader_samples/ASAP2_Demo_V171.mf4"
 
 RNG = np.random.default_rng(0)
 
@@ -141,9 +141,8 @@ def test_no_temporary_file_stays(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.skipif(not SAMPLE.exists(), reason="the real sample is not here")
 def test_the_demo_of_the_standard():
-    tracks = {track.name: track for track in open_log(SAMPLE).tracks}
+    tracks = {track.name: track for track in open_log(measured(SAMPLE)).tracks}
     assert {name: track.n_samples for name, track in tracks.items() if "_" in name} == {
         "100ms_sync": 124,
         "10ms_sync": 1240,
@@ -186,6 +185,5 @@ def test_the_start_of_the_measurement_is_the_zero(tmp_path, version):
     assert began(path, version, date=b"00:00:0000", time=b"00:00:00", abs_time=0) is None
 
 
-@pytest.mark.skipif(not SAMPLE.exists(), reason="the real sample is not here")
 def test_the_real_measurement_began_when_its_header_says():
-    assert open_log(SAMPLE).zero == datetime(2018, 11, 22, 14, 26, 35, 439_737, tzinfo=UTC)
+    assert open_log(measured(SAMPLE)).zero == datetime(2018, 11, 22, 14, 26, 35, 439_737, tzinfo=UTC)

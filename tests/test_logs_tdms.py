@@ -1,10 +1,10 @@
 """LabVIEW TDMS: what the library's writer wrote comes back, on the clock that its properties state."""
 
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
 from opid.signals.log import LoggedChannel
@@ -12,8 +12,6 @@ from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, read_log
 
 nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")
-SAMPLES = Path(__file__).parents[2] / "shared" / "data" / "reader_samples"
-needs_samples = pytest.mark.skipif(not SAMPLES.is_dir(), reason="the real samples are not here")
 
 START = np.datetime64("2024-05-01T10:00:00.000000", "us")
 RNG = np.random.default_rng(0)

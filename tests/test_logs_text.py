@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from measured_data import measured
 
 from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings, LogSettings
@@ -19,8 +20,6 @@ from opid.signals.text_header import name_and_unit
 from opid.signals.text_lines import lines_of
 from opid.signals.text_stamps import nanoseconds
 from opid.signals.text_table import TextTable, numbers_of
-
-SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 LOWER = [0.5, -1.25, 3.0, 2.0, 1e-3]
 UPPER = [1.0, 2.0, -3.5, 0.0, 4.0]
@@ -385,13 +384,6 @@ def test_packed_texts_that_are_damaged(wrote, tmp_path):
 # ---- measured by others --------------------------------------------------------------------------
 
 
-def sample(name):
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"the measured data ({name}) are not beside the project")
-    return path
-
-
 AXES = ("ax", "ay", "az", "rx", "ry", "rz")
 PLACES = ("passenger_knuckle", "driver_knuckle", "passenger_axle", "driver_axle")
 NAMES = ("time", *(f"{place}_{axis}" for place in PLACES for axis in AXES))
@@ -399,7 +391,7 @@ NAMES = ("time", *(f"{place}_{axis}" for place in PLACES for axis in AXES))
 
 @pytest.mark.parametrize("record", ["20211027T145614", "20211029T125712"])
 def test_raw_counts_of_a_shimmying_axle_become_a_sound_recording(record):
-    path = sample(f"wobble_landcruiser/{record}_sensors.csv")
+    path = measured(f"wobble_landcruiser/{record}_sensors.csv")
     settings = LogSettings(names=NAMES, time="time", time_unit="s", clock="reconstructed")
     offset = {"ax": 0.01, "ay": 0.0, "az": -0.02}
     channels = {
@@ -424,14 +416,14 @@ def test_raw_counts_of_a_shimmying_axle_become_a_sound_recording(record):
 
 
 def test_a_ground_vibration_test_without_header_or_time():
-    path = sample("f16_gvt_sysidentpy/f-16.txt")
+    path = measured("f16_gvt_sysidentpy/f-16.txt")
     run = read_log(path, LogSettings(names=("voltage [V]", "force [N]", "acceleration [m/s^2]"), fs_hz=400))
     assert (run.fs, run.n_samples) == (400.0, 32768)
     np.testing.assert_array_equal(run.samples, np.loadtxt(path, delimiter=","))
 
 
 def test_a_table_whose_lines_end_with_a_comma():
-    path = sample("silverbox/SNLS80mV.csv")
+    path = measured("silverbox/SNLS80mV.csv")
     run = read_log(path, LogSettings(fs_hz=610.35, unit="V"))
     assert (run.names, run.n_samples) == (("V1", "V2"), 131072)
     assert run.samples[0].tolist() == [0.0057756, 0.0093978]

@@ -1,18 +1,15 @@
 """Universal files: written by pyuff, by hand and by others, and what is said of one that is at fault."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import pyuff
+from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording
 
-SAMPLES = Path(__file__).parents[2] / "shared" / "data" / "reader_samples"
-real = pytest.mark.skipif(not SAMPLES.is_dir(), reason="the measured samples are not here")
 N, FS = 600, 512.0
 RNG = np.random.default_rng(5)
 DATA = RNG.standard_normal((N, 3))
@@ -230,7 +227,7 @@ def test_another_file_under_the_name_is_refused(tmp_path):
         open_log(path)
 
 
-@real
+@needs_samples
 def test_a_real_file_of_four_accelerometers():
     run = read_log(SAMPLES / "MPSTD.uff")
     assert (run.fs, run.n_samples, run.duration_s) == (3200.0, 222400, 69.5)
@@ -240,7 +237,7 @@ def test_a_real_file_of_four_accelerometers():
     np.testing.assert_array_equal(run.samples[:1000, 0], raw)
 
 
-@real
+@needs_samples
 def test_the_same_record_in_ascii_and_in_binary():
     text, binary = (read_log(SAMPLES / f"Sample_UFF58{kind}.uff") for kind in ("_ascii", "b_bin"))
     assert (text.fs, text.channels, text.n_samples) == (binary.fs, binary.channels, binary.n_samples)
@@ -248,7 +245,7 @@ def test_the_same_record_in_ascii_and_in_binary():
     np.testing.assert_allclose(text.samples, binary.samples, rtol=6e-6, atol=1e-12)
 
 
-@real
+@needs_samples
 def test_a_real_spectrum_is_refused():
     with pytest.raises(InputError, match="no time histories, but 1 x power spectral density"):
         open_log(SAMPLES / "sample_dataset58_psd.uff")

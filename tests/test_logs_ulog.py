@@ -2,18 +2,16 @@
 
 import struct
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings
 from opid.signals.logs import open_log, read_log
 
 pytest.importorskip("pyulog", reason="pyulog is not installed")
-SAMPLES = Path(__file__).parents[2] / "shared" / "data" / "reader_samples"
-needs_samples = pytest.mark.skipif(not SAMPLES.is_dir(), reason="no real flights are here")
 
 START_US = 5_000_000
 

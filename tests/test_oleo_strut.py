@@ -1,13 +1,12 @@
 """Struts of oil and gas: what carries the weight, from which starts it is found, and what is told of the gas."""
 
 import importlib
-import sys
 from dataclasses import replace
 from datetime import date
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts import script
 
 from opid import identify, read_study, result_text
 from opid.errors import InputError
@@ -40,12 +39,7 @@ LAW = law_from_parameters("+".join(VALUES), VALUES)
 @pytest.fixture(scope="module")
 def struts():
     """The benchmark, with an integrator of its own."""
-    folder = str(Path(__file__).parent.parent / "benchmarks")
-    sys.path.insert(0, folder)
-    try:
-        return importlib.import_module("oleo_struts")
-    finally:
-        sys.path.remove(folder)
+    return script("benchmarks/oleo_struts.py")
 
 
 def strut_study(gear, *, seed=3, removed_kg=222.0, **known):

@@ -1,29 +1,19 @@
 """Measured dampers and structures on the bench (benchmarks/real_bench.py): what holds over all records of a set."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured_data import DATA, needs_data
+from scripts import script
 
 from opid.suspensions.bench.law import law_of_bench
 
-ROOT = Path(__file__).parent.parent
-DATA = ROOT.parent / "shared" / "data"
 # of all kinds it takes five times as long
 REMEMBERING = ("dahl_friction", "bouc_wen", "iwan_friction", "arctan_velocity")
 
 
-def there(folder):
-    return pytest.mark.skipif(not (DATA / folder).exists(), reason=f"the records {folder} are not beside the project")
-
-
 @pytest.fixture(scope="module")
 def real_bench():
-    spec = importlib.util.spec_from_file_location("real_bench", ROOT / "benchmarks" / "real_bench.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("benchmarks/real_bench.py")
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +24,7 @@ def dampers(real_bench):
     return {test: law_of_bench(bench, candidates=REMEMBERING) for test, bench in named.items() if test is not None}
 
 
-@there("friction_damper_brfd")
+@needs_data("friction_damper_brfd")
 def test_a_friction_damper_remembers_at_every_tension(dampers):
     for (_, tension, _), found in dampers.items():
         assert found.not_determined is None
@@ -46,7 +36,7 @@ def test_a_friction_damper_remembers_at_every_tension(dampers):
         assert found.memory.moving_mass_kg is None or found.memory.moving_mass_kg < 1000
 
 
-@there("friction_damper_brfd")
+@needs_data("friction_damper_brfd")
 def test_its_friction_grows_with_the_tension(dampers):
     tensions = sorted({tension for _, tension, _ in dampers})
     assert len(tensions) >= 2
@@ -57,7 +47,7 @@ def test_its_friction_grows_with_the_tension(dampers):
             assert looser.cycle.friction_n.interval95[1] < tight.cycle.friction_n.interval95[0]
 
 
-@there("friction_damper_brfd")
+@needs_data("friction_damper_brfd")
 def test_its_friction_hardly_depends_on_the_frequency(dampers):
     """A viscous damper would take eight times the force at eight times the frequency."""
     for tension, amplitude in {(tension, amplitude) for _, tension, amplitude in dampers if tension >= 30}:
@@ -65,7 +55,7 @@ def test_its_friction_hardly_depends_on_the_frequency(dampers):
         assert max(forces) < 1.4 * min(forces)
 
 
-@there("friction_damper_brfd")
+@needs_data("friction_damper_brfd")
 def test_its_friction_grows_little_with_the_amplitude(dampers):
     """Backlash is a part of the way, and a smaller one of a longer way; a spring would take three times the force."""
     for frequency, tension in {(frequency, tension) for frequency, tension, _ in dampers if tension >= 30}:
@@ -73,7 +63,7 @@ def test_its_friction_grows_little_with_the_amplitude(dampers):
         assert max(forces) < 1.8 * min(forces)
 
 
-@there("mr_damper")
+@needs_data("mr_damper")
 def test_a_magnetorheological_damper_has_a_law_for_each_voltage(real_bench):
     """Friction grows with the voltage; held, a law explains what it cannot where the voltage is not told."""
     records = real_bench.mr_records(DATA)
@@ -91,7 +81,7 @@ def test_a_magnetorheological_damper_has_a_law_for_each_voltage(real_bench):
     assert low.value < mixed.cycle.friction_n.value < high.value
 
 
-@there("cyclic_tests")
+@needs_data("cyclic_tests")
 def test_cyclic_tests_need_no_time_and_remember(real_bench):
     for found in map(law_of_bench_of_travel, real_bench.cyclic_records(DATA).values()):
         assert found.law.has_memory
@@ -105,7 +95,7 @@ def law_of_bench_of_travel(bench):
     return law_of_bench(bench, candidates=("dahl_friction", "arctan_displacement", "cubic_stiffness"))
 
 
-@there("cyclic_tests")
+@needs_data("cyclic_tests")
 def test_the_pace_of_a_quasi_static_test_means_nothing(real_bench):
     bench = real_bench.cyclic_records(DATA)["gill"]
     force, travel = bench.force[bench.counted], bench.travel[bench.counted]
@@ -124,7 +114,7 @@ def test_the_pace_of_a_quasi_static_test_means_nothing(real_bench):
     assert found[1].cycle.friction_n.value == pytest.approx(found[0].cycle.friction_n.value, rel=0.1)
 
 
-@there("rack_and_pinion")
+@needs_data("rack_and_pinion")
 def test_one_stroke_tells_neither_friction_nor_memory(real_bench):
     (bench,) = real_bench.rack_records(DATA).values()
     found = law_of_bench(bench, candidates=REMEMBERING)

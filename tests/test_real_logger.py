@@ -5,23 +5,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_data import DATA, measured
 
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import read_log
 from opid.suspensions.study_file import read_study
 
 ROOT = Path(__file__).parents[1]
-LOGS = ROOT.parent / "shared" / "data" / "wobble_landcruiser"
+LOGS = DATA / "wobble_landcruiser"
 G = 9.80665
 
 
 @pytest.fixture(scope="module")
 def axle(tmp_path_factory):
-    if not LOGS.is_dir():
-        pytest.skip("the measured logs are not here")
     directory = tmp_path_factory.mktemp("axle")
     (text,) = re.findall(r"```toml\n(title = \"Solid front axle.*?)```", (ROOT / "docs" / "logs.md").read_text(), re.S)
-    for log in LOGS.glob("*_sensors.csv"):
+    for log in measured(LOGS.name).glob("*_sensors.csv"):
         (directory / log.name).symlink_to(log)
     (directory / "study.toml").write_text(text)
     return read_study(directory / "study.toml")

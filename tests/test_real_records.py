@@ -3,33 +3,24 @@
 What is asked holds of every record of a set; other records of the same sets are kept elsewhere.
 """
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured_data import measured
+from scripts import script
 
 from opid.signals.health import check_pair
 from opid.suspensions.identification import identify
 
-ROOT = Path(__file__).parents[1]
-DATA = ROOT.parent / "shared" / "data"
-
 
 @pytest.fixture(scope="module")
 def records():
-    specification = importlib.util.spec_from_file_location("real_records", ROOT / "examples" / "real_records.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("examples/real_records.py")
 
 
 def found(records, name, chosen=None, **options):
     """The identification of some records of a set."""
     each = records.SETS[name]
-    if not (DATA / name).is_dir():
-        pytest.skip(f"the records of {name} are not here")
-    study = each.study(DATA / name, chosen or each.records)
+    study = each.study(measured(name), chosen or each.records)
     return identify(study, band_hz=each.band_hz, **options)
 
 

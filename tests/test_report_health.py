@@ -2,19 +2,17 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from made_health import channel_of, faulty_health, sound_health
+from measured_data import SAMPLES, needs_samples
 
 from opid.report import health_json, health_text
 from opid.report.as_json import json_text
 from opid.signals.health import inspect
 from opid.signals.health_result import ClockHealth, Finding, Health, PairHealth, SpectralLine
 from opid.signals.logs import open_log
-
-SHARED = Path(__file__).parents[2] / "shared" / "data" / "reader_samples"
 
 
 @pytest.fixture(scope="module")
@@ -239,12 +237,12 @@ def test_the_json_has_every_figure_and_no_arrays(faulty):
     assert faulty.channels[0].overview is not None
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the samples of loggers lie beside the project, not in it")
+@needs_samples
 @pytest.mark.parametrize("name", ["sample.ulg", "sample_log_small.ulg", "ActTest_009.IDE", "SSX66115.IDE", "MPSTD.uff"])
 def test_a_real_file_of_any_logger_is_told_on_a_page(name):
     for needed in ("pyulog", "idelib", "pyuff"):
         pytest.importorskip(needed)
-    health = inspect(open_log(SHARED / name))
+    health = inspect(open_log(SAMPLES / name))
     said = health_text(name, health)
     assert len(said.splitlines()) < 250
     assert json.loads(json_text(health_json({name: health})))["logs"][0]["log"] == name

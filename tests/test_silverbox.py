@@ -1,33 +1,28 @@
 """The measured Duffing circuit: a law from its first part predicts the rest (benchmarks/silverbox.py)."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
+from measured_data import DATA, needs_data
+from scripts import script
 
-ROOT = Path(__file__).parent.parent
-DATA = ROOT.parent / "shared" / "data" / "silverbox" / "SNLS80mV.csv"
+RECORD = DATA / "silverbox" / "SNLS80mV.csv"
 
-pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the measured Silverbox is not beside the project")
+pytestmark = needs_data("silverbox")
 
 
 @pytest.fixture(scope="module")
 def silverbox():
-    spec = importlib.util.spec_from_file_location("silverbox", ROOT / "benchmarks" / "silverbox.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("benchmarks/silverbox.py")
 
 
 def test_the_cubic_law_of_the_first_part_predicts_the_rest(silverbox):
-    nonlinear, linear, rms = silverbox.errors_mv(DATA, 3, 1)
+    nonlinear, linear, rms = silverbox.errors_mv(RECORD, 3, 1)
     assert nonlinear < 0.8
     assert linear > 10
     assert rms == pytest.approx(54.4, abs=0.1)
 
 
 def test_the_spring_hardens(silverbox):
-    force, output = silverbox.read(DATA)
+    force, output = silverbox.read(RECORD)
     modes = silverbox.linear_mode(force, output)
     assert modes.frequency_hz[0] == pytest.approx(68.4, abs=0.2)
     test = silverbox.first_part(force, output, modes)

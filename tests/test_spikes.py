@@ -1,9 +1,8 @@
 """A jump of dry friction is no spike, a lone sample is one, in a whole run and in a log that is read once."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured_data import DATA, needs_data
 from scipy import signal
 
 from opid.mechanics.landing_gear import LandingGear, taxi_run
@@ -12,9 +11,6 @@ from opid.mechanics.sensors import Sensor
 from opid.signals.health import inspect
 from opid.signals.recording import recording_from_arrays
 from opid.signals.spikes import SPIKES, without_spikes
-
-SHARED = Path(__file__).parents[2] / "shared" / "data"
-MEASURED = pytest.mark.skipif(not SHARED.is_dir(), reason="the measured logs lie beside the project, not in it")
 
 
 def stick_slip(seed, duration_s=8.0):
@@ -110,7 +106,7 @@ def test_spikes_beside_the_border_of_chunks_are_counted_once(seed):
     assert channel.spikes == planted.size
 
 
-@MEASURED
+@needs_data("wobble_landcruiser")
 @pytest.mark.parametrize(
     ("name", "column", "row"),
     [
@@ -126,7 +122,7 @@ def test_spikes_beside_the_border_of_chunks_are_counted_once(seed):
 )
 def test_values_that_a_bus_lost_on_a_real_axle_are_found(name, column, row):
     # single readings of 0 or -1028 (two equal bytes) amid others
-    samples = np.loadtxt(SHARED / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",", usecols=column)
+    samples = np.loadtxt(DATA / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",", usecols=column)
     assert samples[row] in (0.0, -1028.0)
     indices = without_spikes(samples, fs=117.0)[1]
     assert row in indices
