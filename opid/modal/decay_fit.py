@@ -16,7 +16,7 @@ from opid.estimate import Estimate
 from opid.mechanics.laws import Law
 from opid.modal.decay_flow import Flow, predicted_decay, slow_flow
 from opid.modal.decay_track import Track
-from opid.modal.power_law import HIGHEST_ORDER, harmonic_share, power_law
+from opid.modal.power_law import HIGHEST_ORDER, fitted_power_law, harmonic_share
 from opid.signals.recording import FloatArray
 
 DRIFT_ERROR = 0.1
@@ -60,10 +60,7 @@ class DecayLaw:
     @property
     def law(self) -> Law:
         """The nonlinear restoring force, powers 2 and up, per unit mass."""
-        return power_law(
-            {n: float(k.value or 0.0) for n, k in self.stiffness.items() if n > 1},
-            {n: float(c.value or 0.0) for n, c in self.damping.items() if n > 1},
-        )
+        return fitted_power_law(self.stiffness, self.damping)
 
 
 def backbone(track: Track, derivative: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.mechanics.laws import Law, Term
 
 STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
@@ -38,6 +39,19 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
                 raise InputError(f"{letter}{power} is no term of a nonlinear mode: give powers 2 to {HIGHEST_ORDER}")
             terms.append(Term(kinds[power], (value,)))
     return Law(tuple(terms))
+
+
+def fitted_power_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate]) -> Law:
+    """Return the law of the powers 2 and up among fitted coefficients.
+
+    Args:
+        stiffness: k_n by n; 1 is linear.
+        damping: c_n by n; 1 is linear.
+    """
+    of_stiffness, of_damping = (
+        {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)
+    )
+    return power_law(of_stiffness, of_damping)
 
 
 def harmonic_share(power: float) -> float:

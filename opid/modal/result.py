@@ -110,12 +110,9 @@ class ModeFit:
     @property
     def law(self) -> Law:
         """The nonlinear restoring force, powers 2 and up."""
-        from opid.modal.power_law import power_law
+        from opid.modal.power_law import fitted_power_law
 
-        return power_law(
-            {n: float(k.value or 0.0) for n, k in self.stiffness.items() if n > 1},
-            {n: float(c.value or 0.0) for n, c in self.damping.items() if n > 1},
-        )
+        return fitted_power_law(self.stiffness, self.damping)
 
 
 @dataclass(frozen=True)
