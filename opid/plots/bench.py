@@ -10,19 +10,17 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from opid.mechanics.laws import Law
 from opid.mechanics.memory import force_along
+from opid.plots.laws import color_of_step, name_steps, shown_steps
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
-from opid.suspensions.bench.law import BenchLaw, Ladder
+from opid.suspensions.bench.law import BenchLaw
 from opid.suspensions.bench.loop import sine_of
-from opid.suspensions.bench.problem import BenchFit
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.law_search import LawStep, chosen
+from opid.suspensions.law_search import chosen
 
 __all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
 
 _TRAVEL, _VELOCITY = "travel z [mm]", "velocity z′ [m/s]"
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.2, "markeredgewidth": 0}
-# laws shown that the search did not go on from
-N_OTHERS = 8
 
 
 def force_against_motion(result: BenchLaw, axes: Any = None) -> np.ndarray:
@@ -111,12 +109,12 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         result: the law of a bench.
         ax: one Axes, or None for a new figure.
     """
-    steps, answer = _shown(result.ladder), chosen(result.ladder)
-    colors = [RUN_COLORS[1] if step is answer else INK if step.kept else GREY for step in steps]
+    steps, answer = shown_steps(result.ladder), chosen(result.ladder)
     least = 1e-12
     with house_style():
         ax = panels(ax, 1, height_in=1.5 + 0.26 * len(steps))[0, 0]
-        for row, (step, color) in enumerate(zip(steps, colors, strict=True)):
+        for row, step in enumerate(steps):
+            color = color_of_step(step, answer)
             left_out = step.fit.error_rms if step.left_out is None else step.left_out
             inside, outside = (max(1 - fraction, least) for fraction in (step.fit.r2, step.fit.r2_of(left_out)))
             ax.plot([inside, outside], [row, row], color=color, linewidth=1)
@@ -141,11 +139,7 @@ def bench_ladder(result: BenchLaw, ax: Any = None) -> Axes:
         ax.xaxis.set_major_formatter(FuncFormatter(_percent))
         ax.xaxis.set_minor_formatter(NullFormatter() if high / low > 5 else FuncFormatter(_percent))
         ax.tick_params(axis="x", which="minor", labelsize=7.5)
-        ax.set_yticks(range(len(steps)), [step.law_name.replace("_", " ").replace("+", " + ") for step in steps])
-        for label, step, color in zip(ax.get_yticklabels(), steps, colors, strict=True):
-            label.set_color(color)
-            label.set_fontweight("bold" if step is answer else "normal")
-        ax.set_ylim(len(steps) - 0.5, -0.5)
+        name_steps(ax, steps, answer)
         ax.grid(True, axis="x", which="both")
         ax.grid(False, axis="y")
         ax.set_xlabel("unexplained share of the force: fitted ○, left out ●")
@@ -207,12 +201,6 @@ def _cycle(memory: Law, bench: Bench) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def _force_unit(force: np.ndarray) -> tuple[float, str]:
     return (1e-3, "kN") if np.abs(force).max() >= 5e3 else (1.0, "N")
-
-
-def _shown(ladder: Ladder) -> list[LawStep[BenchFit]]:
-    """Return the steps that were kept and the most likely ones of the others."""
-    others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
-    return [step for step in ladder if step.kept or step in others]
 
 
 def _percent(share: float, place: int | None = None) -> str:

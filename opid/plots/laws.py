@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, SURFACE_MAP, house_style, panels, plain_numbers
 from opid.suspensions.force_surface import ForceSurface
-from opid.suspensions.law_search import LawStep, chosen
+from opid.suspensions.law_search import F, LawStep, chosen
 
-__all__ = ["force_departures", "force_sections", "model_ladder"]
+__all__ = ["color_of_step", "force_departures", "force_sections", "model_ladder", "name_steps", "shown_steps"]
 
 Ladder = Sequence[LawStep[Any]]
 
@@ -28,12 +28,11 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
         ax: one Axes, or None for a new figure.
         noise_floor_m_per_s2: of the sensors.
     """
-    best = chosen(ladder)
-    steps = _shown(ladder)
+    steps, best = shown_steps(ladder), chosen(ladder)
     with house_style():
         ax = panels(ax, 1, height_in=1.3 + 0.32 * len(steps))[0, 0]
         for row, step in enumerate(steps):
-            color = RUN_COLORS[1] if step is best else INK if step.kept else GREY
+            color = color_of_step(step, best)
             fitted = 1e3 * step.fit.noise_m_per_s2
             ax.plot([fitted], [row], marker="o", markersize=7, color=color, linestyle="none")
             if step.left_out is not None:
@@ -57,11 +56,7 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
             plain_numbers(ax.xaxis)
         else:
             ax.set_xlim(low, high + 0.35 * (high - low))
-        ax.set_yticks(range(len(steps)), [_label(step) for step in steps])
-        for label, step in zip(ax.get_yticklabels(), steps, strict=True):
-            label.set_color(RUN_COLORS[1] if step is best else INK if step.kept else GREY)
-            label.set_fontweight("bold" if step is best else "normal")
-        ax.set_ylim(len(steps) - 0.5, -0.5)
+        name_steps(ax, steps, best)
         ax.grid(True, axis="x", which="major")
         ax.grid(False, axis="y")
         ax.set_xlabel("unexplained [mm/s² rms], ◇ left out")
@@ -136,9 +131,39 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
     return grid
 
 
-def _shown(ladder: Ladder) -> list[LawStep[Any]]:
+def shown_steps(ladder: Sequence[LawStep[F]]) -> list[LawStep[F]]:
+    """Return the steps that were kept and the most likely ones of the others.
+
+    Args:
+        ladder: of a search for laws.
+    """
     others = sorted((step for step in ladder if not step.kept), key=lambda step: step.fit.bic)[:N_OTHERS]
     return [step for step in ladder if step.kept or step in others]
+
+
+def color_of_step(step: LawStep[Any], best: LawStep[Any]) -> str:
+    """Return the colour of a step of a ladder.
+
+    Args:
+        step: the step.
+        best: the one that was chosen.
+    """
+    return RUN_COLORS[1] if step is best else INK if step.kept else GREY
+
+
+def name_steps(ax: Axes, steps: Sequence[LawStep[Any]], best: LawStep[Any]) -> None:
+    """Write the laws of the steps beside the rows of an Axes, from the top.
+
+    Args:
+        ax: one row a step.
+        steps: that are shown.
+        best: the one that was chosen.
+    """
+    ax.set_yticks(range(len(steps)), [_label(step) for step in steps])
+    for label, step in zip(ax.get_yticklabels(), steps, strict=True):
+        label.set_color(color_of_step(step, best))
+        label.set_fontweight("bold" if step is best else "normal")
+    ax.set_ylim(len(steps) - 0.5, -0.5)
 
 
 def _label(step: LawStep[Any]) -> str:
