@@ -197,20 +197,20 @@ def _structures(result: Identification) -> Json:
         },
         "interfaces": [_interface(result, interface) for interface in result.interfaces],
         "candidates": [asdict(candidate) for candidate in result.candidates],
-        "runs": [
-            {"name": run.name, "mass_change_kg": run.mass_change_kg, "loading": run.loading} | _left(result, place)
-            for place, run in enumerate(result.runs)
-        ],
+        "runs": [_run_of_body(result, place) for place in range(len(result.runs))],
         "equivalents": [asdict(each) for each in result.equivalents],
     }
 
 
-def _left(result: Identification, place: int) -> Json:
-    """What the free motion leaves of a run, in a fit of all runs and, where that is more than noise, of the others."""
-    errors = [each.error for each in result.evidence if each.error is not None]
+def _run_of_body(result: Identification, place: int) -> Json:
+    """A run, and what its free motion leaves in a fit of all and, where that is more than noise, of the others."""
+    run, errors = result.runs[place], [each.error for each in result.evidence if each.error is not None]
     left_out = {each.run: each for error in errors for each in error.left_out}.get(place)
     return {
-        "unexplained": result.runs[place].unexplained,
+        "name": run.name,
+        "mass_change_kg": run.mass_change_kg,
+        "loading": run.loading,
+        "unexplained": run.unexplained,
         "unexplained_left_out": None if left_out is None else left_out.unexplained,
         "inside_left_out": None if left_out is None else left_out.inside,
     }
