@@ -3,25 +3,13 @@
 import json
 
 import pytest
-from click.testing import CliRunner
+from cli_runs import opid, refused
 from made_body import small_body
 
-from opid import cli
 from opid.suspensions import identification
 from opid.suspensions.study_file import read_study
 
 SMALL = ("--duration", 6, "--fs", 128)
-
-
-def opid(*arguments):
-    """Run the command in this process; an exception that would be a traceback is raised here."""
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(done, *words, status=2):
-    assert done.exit_code == status, done.output
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.fixture(scope="module")

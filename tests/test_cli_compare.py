@@ -5,24 +5,10 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from cli_runs import opid, refused
 from made_flights import body_result, day, gear_result, write_result
 
-from opid import cli
 from opid.suspensions.flights.settings import FlightSettings
-
-
-def opid(*arguments):
-    """Run the command in this process; an exception that would be a traceback is raised here."""
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(done, *words, status=2):
-    assert done.exit_code == status, done.output
-    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
-    assert len(lines) == 1
-    for word in words:
-        assert word in lines[0]
 
 
 @pytest.fixture

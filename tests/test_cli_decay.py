@@ -4,29 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from cli_runs import opid, refused
 from scipy.integrate import solve_ivp
 
-from opid import cli
 from opid.signals.units import STANDARD_GRAVITY
 
 FS, FREQUENCY, ZETA = 2048.0, 60.0, 0.004
 OMEGA = 2 * np.pi * FREQUENCY
 K0, C0, K3, C2 = OMEGA**2, 2 * ZETA * OMEGA, -5e10, 8.0
 ORDERS = ("--stiffness-order", 3, "--damping-order", 2)
-
-
-def opid(*arguments):
-    """Run the command in this process; an exception that would be a traceback is raised here."""
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(done, *words, status=2):
-    assert done.exit_code == status, done.output
-    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
-    assert len(lines) == 1
-    for word in words:
-        assert word in lines[0]
 
 
 def rate(_, state):

@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from cli_runs import opid, refused
 
-from opid import cli
 from opid.mechanics.laws import LAWS, default_law
 from opid.mechanics.memory import recorded_motion
 from opid.suspensions.bench import law as bench_law
@@ -19,19 +18,6 @@ def short_library(monkeypatch):
     """Search few kinds: which law is found is tested elsewhere."""
     few = {name: bench_law.LAWS[name] for name in ("arctan_velocity", "cubic_stiffness")}
     monkeypatch.setattr(bench_law, "LAWS", few)
-
-
-def opid(*arguments):
-    """Run the command in this process; an exception that would be a traceback is raised here."""
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(done, *words, status=2):
-    assert done.exit_code == status, done.output
-    lines = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
-    assert len(lines) == 1
-    for word in words:
-        assert word in lines[0]
 
 
 def damper():

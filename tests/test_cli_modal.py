@@ -6,27 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from cli_runs import opid, refused
 from made_modal import SOFT, small_result, small_study
 
-from opid import cli
 from opid.modal import identification
 from opid.modal.study_file import read_modal_study, write_modal_study
 from opid.signals.units import STANDARD_GRAVITY
 
 PAGE = Path(__file__).parents[1] / "docs" / "nonlinear_modal_models.md"
 LBF = 4.4482216152605
-
-
-def opid(*arguments):
-    """Run the command in this process; an exception that would be a traceback is raised here."""
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(done, *words, status=2):
-    assert done.exit_code == status, done.output
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.fixture(scope="module")

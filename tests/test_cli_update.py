@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from cli_runs import opid, refused
 from made_updating import small_truth, small_updating
 from test_updating_study_file import STUDY, curve_of, small_chain
 
@@ -17,17 +17,6 @@ from opid.updating.backbone_file import write_backbone
 from opid.updating.matrices_file import write_structure
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.study_file import read_updating_study
-
-
-def opid(*arguments):
-    """Run the command in this process; an exception that would be a traceback is raised here."""
-    return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(done, *words, status=2):
-    assert done.exit_code == status, done.output
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.fixture(scope="module")
