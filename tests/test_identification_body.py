@@ -19,6 +19,7 @@ from opid.suspensions import driven_laws, identification
 from opid.suspensions import warnings as doubts
 from opid.suspensions.candidates import Fitted, groups_of
 from opid.suspensions.identification import identify
+from opid.suspensions.refusals import why_no_mass
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import (
@@ -134,7 +135,7 @@ def test_one_loading_gives_ratios_and_a_sentence(compared):
 def test_runs_of_one_loading_are_told_from_a_single_run():
     part = SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(mass_free=False)))
     twice = study(runs=tuple(replace(run, loading=()) for run in short_runs()))
-    assert doubts.why_no_mass(SimpleNamespace(study=twice, parts=[part])).startswith(
+    assert why_no_mass(SimpleNamespace(study=twice, parts=[part])).startswith(
         "all runs have the same loading: only ratios to the mass"
     )
 

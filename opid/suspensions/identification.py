@@ -22,20 +22,15 @@ from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.limits import ground_imitations, limits
 from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise
+from opid.suspensions.refusals import loose_motions, why_no_mass, why_refused
 from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import measure_whiteness, over_noise
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
+from opid.suspensions.straight_terms import find_straight_terms
 from opid.suspensions.study import Run, Study, rigid_faults, symmetric_pairs
-from opid.suspensions.warnings import (
-    Answer,
-    collect_warnings,
-    loose_motions,
-    straight_terms,
-    why_no_mass,
-    why_refused,
-)
+from opid.suspensions.warnings import Answer, collect_warnings
 
 if TYPE_CHECKING:
     from opid.suspensions.paper.result import PaperIdentification
@@ -269,7 +264,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
     numbers = found_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
-    straight = [straight_terms(part) for part in parts]
+    straight = [find_straight_terms(part) for part in parts]
     told = numbers.without_motions(loose)
     if choice.lack > choice.verdicts.explained and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from opid.estimate import Estimate
+from opid.mechanics.laws import LAWS
+from opid.suspensions.candidates import Fitted
 
 
 @dataclass(frozen=True)
@@ -74,3 +78,40 @@ class StraightTerm:
             f"motion {self.motion_rms:.3g} {self.unit} rms) and cannot be told from {partner}: only amplitude over "
             "scale is determined, and the intervals of both are withheld"
         )
+
+
+def find_straight_terms(part: Fitted) -> list[StraightTerm]:
+    """Return the terms that are stiffness or damping by another name.
+
+    Their scale lies far beyond the rms motion, or they turn over between two samples.
+    """
+    fit, loosely_known, settings = part.fit, part.settings.verdicts.loosely_known, part.settings.warnings
+    found, run, accelerance = [], fit.model.runs[0], fit.model.mobility(fit.theta, 0).accelerance
+    for number, (group, law) in enumerate(zip(fit.groups, fit.laws.values(), strict=True)):
+        place = fit.model.law_places(number).start
+        travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
+        for term in law.terms:
+            std = part.known.std(place)
+            place += len(term.values)
+            if term.kind.memory is not None and part.residual_over_noise > settings.memory_left:
+                first, rms = term.kind.parameters[1], float(travel.std())
+                left = part.residual_over_noise
+                found.append(StraightTerm(group.name, term.name, first.unit, term.values[1], rms, left=left))
+                continue
+            for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
+                # a kind whose scale may be long by nature bends within it all the same
+                if parameter.role != "scale" or parameter.over_rms[1] > settings.usual_reach_rms:
+                    continue
+                rms = float((velocity if parameter.unit == "m/s" else travel).std())
+                if value > settings.straight_rms * rms and std > loosely_known * abs(term.amplitude):
+                    found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms))
+                if term.kind.memory is not None:
+                    # friction that has turned over within the travel from one sample to the next
+                    turns = float(velocity.std()) / value if parameter.unit == "m" else 0.0
+                else:
+                    steepest = abs(term.amplitude * float(term.evaluate(np.array(0.0), np.array(0.0))[2]))
+                    turns = steepest * max(accelerance[k, k] for k in group.slots) * (parameter.unit == "m/s")
+                sharpness = turns * run.finer / run.recorded_fs
+                if sharpness > settings.turnover_between_samples:
+                    found.append(StraightTerm(group.name, term.name, parameter.unit, value, rms, sharpness))
+    return found
