@@ -1,29 +1,11 @@
 """Bodies that tell the force by their acceleration (benchmarks/real_bodies.py): what holds over all records."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from measured_data import DATA, needs_data
+from scripts import script
 
-ROOT = Path(__file__).parent.parent
-DATA = ROOT.parent / "shared" / "data"
-
-
-def there(folder):
-    return pytest.mark.skipif(not (DATA / folder).exists(), reason=f"the records {folder} are not beside the project")
-
-
-def loaded():
-    spec = importlib.util.spec_from_file_location("real_bodies", ROOT / "benchmarks" / "real_bodies.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-real_bodies = loaded()
+real_bodies = script("benchmarks/real_bodies.py")
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +18,7 @@ def frame():
     return records, fractions, laws
 
 
-@there("sliding_isolators")
+@needs_data("sliding_isolators")
 def test_only_the_isolated_frame_slides(frame):
     records, _, laws = frame
     assert {name[:2] for name in laws} == {"fp"}
@@ -45,7 +27,7 @@ def test_only_the_isolated_frame_slides(frame):
             assert not records[name].slides.any()
 
 
-@there("sliding_isolators")
+@needs_data("sliding_isolators")
 def test_the_isolators_rub_alike_in_every_record(frame):
     _, fractions, laws = frame
     assert np.all(fractions > 0.1)
@@ -58,7 +40,7 @@ def test_the_isolators_rub_alike_in_every_record(frame):
         assert found.r2_left_out > 0.95
 
 
-@there("sliding_isolators")
+@needs_data("sliding_isolators")
 def test_the_pendulum_has_one_period(frame):
     """Records that slide far agree within 3 %; the intervals of all of them meet."""
     records, _, laws = frame
@@ -78,14 +60,14 @@ def falls():
     return {name: (each, real_bodies.law_of_impact(each)) for name, each in impacts.items() if each.is_long_enough}
 
 
-@there("water_impact")
+@needs_data("water_impact")
 def test_free_fall_says_that_the_sensors_fit_the_masses(falls):
     for impact, _ in falls.values():
         assert impact.scale == pytest.approx(1, abs=0.02)
         assert impact.late_s == pytest.approx(0.27e-3, abs=0.1e-3)
 
 
-@there("water_impact")
+@needs_data("water_impact")
 def test_a_programmed_spring_is_found(falls):
     """Undamped springs: the soft one within 4 % of the slow test; the stiff one repeats but lies 2 to 6 % above it."""
     tests = real_bodies.static_tests(DATA)
@@ -108,7 +90,7 @@ def test_a_programmed_spring_is_found(falls):
     assert np.ptp(repeated) < 0.03 * np.mean(repeated)
 
 
-@there("water_impact")
+@needs_data("water_impact")
 def test_a_spring_saturates_where_it_was_programmed_to(falls):
     reached = 0
     for name, (_, found) in falls.items():
@@ -123,7 +105,7 @@ def test_a_spring_saturates_where_it_was_programmed_to(falls):
     assert reached >= 3
 
 
-@there("water_impact")
+@needs_data("water_impact")
 def test_a_programmed_damper_is_told_from_none(falls):
     for name, (_, found) in falls.items():
         damping = found.parameters.damping_n_s_per_m.value
