@@ -272,6 +272,16 @@ def test_a_law_that_is_not_known_limits_the_answer_to_equivalents(seed):
     assert low < result.equivalents[0].natural_frequency_hz.value < high
 
 
+@pytest.mark.parametrize("travel_m", [0.5e-3, 8e-3])
+def test_the_damping_of_friction_that_remembers_is_what_it_dissipates_over_the_motion(travel_m):
+    """Friction that bends much before it slides takes far less than its full force over all of the way."""
+    result = identify(hysteretic(0, amplitude_n=1000.0, travel_m=travel_m), law="dahl_friction")
+    damping = result.interfaces[0].at_rest[0].damping.value
+    per_mass = damping if result.per_mass else damping / result.parameters.sprung_mass_kg.value
+    # statistical linearisation is another way to the same number
+    assert abs(per_mass / result.equivalents[0].damping_per_mass.value - 1) < 0.05
+
+
 def one_run(study):
     """The study with its first run alone."""
     return study_of_gear("one", sprung=study.sprung, unsprung=study.unsprung, runs=study.runs[:1])

@@ -32,7 +32,7 @@ def rest_rows(interface: InterfaceEstimate, units: tuple[str, str], *, told: boo
 
 
 def _gas_rows(gas: GasColumn, *, told: bool) -> Iterator[Row]:
-    yield Row("Gas at rest in the reference run; pressure times volume falls where gas leaks")
+    yield Row("Gas at rest in the reference run; pressure times volume falls where gas leaks or cools")
     yield estimate_row("gas: pressure times volume", "N m", gas.content_n_m, None, told)
     if gas.pressure_pa.value is not None:
         yield estimate_row("gas: gauge pressure", "Pa", gas.pressure_pa, None, told)

@@ -66,7 +66,7 @@ def doubts_of_gas(interface: InterfaceEstimate, piston_area_m2: float | None, se
             mean, reach = parameter.known[0], settings.far_std * parameter.known[1]
             if abs(value - mean) > reach:
                 yield (
-                    f"the exponent {value:.3g} of {kind} is none of gas in a strut ({mean - reach:.2g} to "
-                    f"{mean + reach:.2g}): another spring may carry a part of the weight, and static force and length "
-                    "of the gas are then doubtful; the mass does not rest on them"
+                    f"the exponent {value:.3g} of {kind} is unusual for gas in a strut ({mean - reach:.3g} to "
+                    f"{mean + reach:.3g}): another spring probably carries a part of the weight, so do not trust "
+                    "static force, length, pressure and volume of the gas; the mass does not depend on them"
                 )

@@ -11,6 +11,7 @@ from scipy import fft
 from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS
+from opid.mechanics.memory import force_along
 from opid.signals.recording import FloatArray
 from opid.suspensions.covariance import score_products
 from opid.suspensions.equivalents import straight_equivalent
@@ -223,16 +224,18 @@ class Parameters:
         """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.
 
         The damping dissipates what damper and law do over the motion of the run, sum((f(z, z') - f(z, 0)) z') over
-        sum(z'^2).
+        sum(z'^2), with what the law remembers on the way.
         """
         model, prediction = self.fit.model, self.fit.errors.predictions[run]
-        every = max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
+        remembers = model.resting_interfaces(self.fit.theta, run)[slot].law.has_memory
+        every = 1 if remembers else max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
         z, v = prediction.travel[::every, slot], prediction.velocity[::every, slot]
         has_mass = model.mass_free and not per_mass
 
         def read(theta: FloatArray) -> FloatArray:
             here, moved = model.resting_interfaces(theta, run)[slot], model.rest(theta, run, straight=True)
-            lost = here.law.force(z, v) - here.law.force(z, 0.0)
+            force = force_along(here.law, z, v, model.runs[run].fs) if remembers else here.law.force(z, v)
+            lost = force - here.law.force(z, 0.0)
             damping = here.damping + float(lost @ v) / float(v @ v)
             stiffness = here.stiffness + float(here.law.gradient(0.0, 0.0)[0])
             scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0

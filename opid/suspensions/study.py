@@ -374,6 +374,12 @@ def _interface_faults(study: Study) -> Iterator[str]:
                 f"the piston_area_m2 of {each.name!r} is {area:g}, give the area that the gas pushes on, more than 0 "
                 f"and at most {LARGEST_PISTON_M2:g} m^2 (a bore of 100 mm has 0.00785 m^2)"
             )
+        if area is not None and each.axis in ("down", "horizontal"):
+            yield (
+                f"the piston_area_m2 of {each.name!r} is stated and its axis is {each.axis!r}: gas is told where it "
+                "carries weight and the channels count up; give both channels sign = -1 and the axis 'up', or leave "
+                "the area out"
+            )
     axes = [axis for axis in allowed if any(each.axis == axis for each in study.interfaces)]
     if len(axes) > 1 and not wrong:
         yield f"the interfaces of one body have the axes {' and '.join(map(repr, axes))}, give all of them the same"

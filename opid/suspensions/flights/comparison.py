@@ -251,9 +251,10 @@ def _statement(
     meaning = ""
     if quantity.name == "gas":
         meaning = (
-            "a gas leak, less pressure on the same volume: "
+            "a gas leak, less pressure on the same volume, or colder gas (1 % for each 3 K): "
             if change < 0
-            else "an oil leak, more volume at the same pressure, unless gas was filled in: "
+            else "an oil leak, more volume at the same pressure, unless gas was filled in or is warmer (1 % for each "
+            "3 K): "
         )
     return f"{what}: {meaning}{by} in {since}{until}, {abs(departure):.1f} standard deviations: {how}"
 
