@@ -275,6 +275,18 @@ def nominal(seed: int) -> tuple[AnyStudy, float]:
     return gear_study("nominal", runs), GEAR.sprung_mass_kg
 
 
+def filtered(seed: int, corner_hz: float = 100.0) -> tuple[AnyStudy, float]:
+    """Both logs were low-pass filtered: above, there is no noise to read. The filter ran before the logs began."""
+    study, truth_kg = nominal(seed)
+    low_pass = signal.butter(4, corner_hz, fs=FS, output="sos")
+    runs = []
+    for run in study.runs:
+        begun = round(0.5 * FS)
+        samples = [signal.sosfilt(low_pass, run.recording.channel(name))[begun:] for name in ("lower_z", "upper_z")]
+        runs.append(replace(run, recording=recording_from_arrays(samples, ["lower_z", "upper_z"], fs=FS)))
+    return replace(study, title="filtered", runs=tuple(runs)), truth_kg
+
+
 def stiffer(seed: int) -> tuple[AnyStudy, float]:
     heavy_rng, light_rng = np.random.default_rng(seed).spawn(2)
     light = replace(
@@ -325,6 +337,8 @@ WORLDS = {
     "Dahl": World("friction that springs back", with_memory("Dahl", dahl, DAHL)),
     "Bouc-Wen": World("a bushing with hysteresis", with_memory("Bouc-Wen", bouc_wen, BOUC_WEN)),
     "LuGre": World("friction that sticks, breaks loose and slips", with_memory("LuGre", lugre, LUGRE)),
+    "filtered": World("nothing is wrong, the logs low-pass filtered at 100 Hz", filtered),
+    "filtered 60 Hz": World("the same at 60 Hz, near the band's end at 40 Hz", partial(filtered, corner_hz=60.0)),
     "stiffer": World("the second flight's strut is 2 % stiffer", stiffer),
     "pushed 1 %": World("an unmeasured force on the airframe, 1 % of its motion", partial(pushed, share=0.01)),
     "pushed": World("an unmeasured force on the airframe, 3 % of its motion", pushed),

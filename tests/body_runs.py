@@ -15,6 +15,7 @@ from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
 from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.candidates import Task
+from opid.suspensions.noise import KnownNoise
 from opid.suspensions.search import Question
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
@@ -125,7 +126,7 @@ def arrays_of(given):
 def task_of(given, kind_of_law):
     """Fit a study of three gears without springs to the ground and faults; laws are searched where none is given."""
     question = Question(kind_of_law is not None, ground=False, faults=False)
-    noise = (np.full(3, NOISE), np.full(3, NOISE))
+    noise = KnownNoise((np.full(3, NOISE), np.full(3, NOISE)))
     return Task(
         given, arrays_of(given), given.sensor_facts(), noise, kind_of_law, question, Settings(), lambda step: None
     )

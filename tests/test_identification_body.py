@@ -153,7 +153,7 @@ def test_noise_that_is_not_stated_and_a_low_rate_are_told():
         replace(run, recording=replace(run.recording, samples=run.recording.samples[::4], fs=64.0))
         for run in given.runs
     )
-    part = SimpleNamespace(level=0.0053, settings=Settings())
+    part = SimpleNamespace(level=0.0053, is_noise_of_fit=False, settings=Settings())
     told = list(doubts._of_the_record(SimpleNamespace(study=replace(given, runs=slow), parts=[part])))
     assert told[0].startswith("the noise of the sensors, 5.3 mm/s^2, is taken from their quietest spectra")
     assert told[1].startswith("the runs are sampled at 64 Hz, and compared up to 25.6 Hz")

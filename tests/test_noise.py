@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from law_runs import fitted, runs_of, shared, true_values
+from scipy import signal
 
-from opid.mechanics.landing_gear import DEFAULT_LAW
+import opid
+from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
 from opid.mechanics.sensors import Sensor
 from opid.suspensions.noise import known_noise, with_own_noise
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import RunSettings
+from opid.suspensions.study import Run, study_of_gear
 
 TWO = ideal_sensors(2, 2)
 
@@ -70,11 +73,54 @@ def test_noise_is_as_stated_and_else_that_of_the_quieter_side():
     rng = np.random.default_rng(0)
     quiet, loud = 0.01 * rng.standard_normal((5000, 2)), rng.standard_normal((5000, 2))
     one_stated = replace(TWO, unsprung=(IDEAL, SensorFacts(noise_m_per_s2=0.3)))
-    below, above = known_noise(one_stated, [(loud, quiet)], fs=256.0, settings=RunSettings())
+    below, above = known_noise(one_stated, [(loud, quiet)], fs=256.0, settings=RunSettings()).levels
     assert below[1] == 0.3
     np.testing.assert_allclose([below[0], *above], 0.01, rtol=0.3)
     # no model is better than a fraction of the motion, however quiet the sensor
     slow = np.sin(np.arange(5000) / 50)[:, np.newaxis] * np.ones(2)
     settings = RunSettings(least_noise_fraction=0.02)
-    floor, _ = known_noise(TWO, [(loud, slow)], fs=256.0, settings=settings)
+    known = known_noise(TWO, [(loud, slow)], fs=256.0, settings=settings)
+    floor, _ = known.levels
     np.testing.assert_allclose(floor, 0.02 * slow[:, 0].std(), rtol=1e-3)
+
+
+def test_noise_is_no_larger_in_the_band_than_what_the_two_sides_do_not_share():
+    """A lively structure is nowhere quiet, and yet one side follows the other."""
+    rng = np.random.default_rng(1)
+    loud = rng.standard_normal((20000, 1))
+    with_noise = [side + 0.02 * rng.standard_normal(side.shape) for side in (loud, 0.7 * loud)]
+    known = known_noise(ideal_sensors(1, 1), [tuple(with_noise)], fs=256.0, settings=RunSettings())
+    # that of the other side is in it, too
+    np.testing.assert_allclose(known.levels, np.hypot(0.02, 0.7 * 0.02), rtol=0.1)
+    assert known.most == 1.0
+
+
+@pytest.fixture(scope="module", params=range(2))
+def of_filtered_logs(request):
+    """Two runs whose logs end at 100 Hz, identified with the law searched."""
+    test = taxi_test(LandingGear(), rng=np.random.default_rng(request.param))
+    low_pass = signal.butter(4, 100.0, fs=512.0, output="sos")
+    runs = []
+    for name, run in (("heavy", test.heavy), ("light", test.light)):
+        # the filter was running before the log began
+        samples = [signal.sosfilt(low_pass, run.recording.channel(side))[256:] for side in ("lower_z", "upper_z")]
+        change_kg = run.gear.sprung_mass_kg - test.heavy.gear.sprung_mass_kg
+        runs.append(Run(name, opid.recording_from_arrays(samples, ["lower_z", "upper_z"], fs=512.0), change_kg))
+    return opid.identify(study_of_gear("filtered", sprung="upper_z", unsprung="lower_z", runs=runs))
+
+
+def test_the_noise_of_a_filtered_log_is_what_the_model_leaves_in_the_band(of_filtered_logs):
+    found = of_filtered_logs
+    assert found.noise_m_per_s2 == pytest.approx(0.005, rel=0.1)
+    assert found.residual_over_noise == pytest.approx(1.0, abs=0.05)
+    assert found.limited_by == "noise"
+    assert found.law.name == "arctan_velocity"
+    mass = found.parameters.sprung_mass_kg
+    assert abs(mass.value - 1850.0) < 4 * mass.std < 0.05 * 1850.0
+    assert any("low-pass" in warning for warning in found.warnings)
+
+
+def test_what_a_wrong_law_leaves_of_a_filtered_log_is_no_noise(of_filtered_logs):
+    wrong = opid.identify(of_filtered_logs.study, law="linear")
+    assert wrong.noise_m_per_s2 < 0.005
+    assert wrong.limited_by == "model"

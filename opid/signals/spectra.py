@@ -202,7 +202,51 @@ def noise_floor(samples: ArrayLike, *, fs: float) -> float:
     return white_noise_rms(frequency_hz, density, n_blocks, fs=fs)
 
 
-def white_noise_rms(frequency_hz: FloatArray, density: FloatArray, n_blocks: float, *, fs: float) -> float:
+def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_hz: tuple[float, float]) -> FloatArray:
+    """Bound the noise of channels in a band from above, by what other channels do not explain.
+
+    Whatever a structure does with the motion of the other channels, the noise of a channel is not coherent with them.
+    What a nonlinear structure makes of that motion is not either: the bound may be far above the noise. It is that of
+    the median line, for noise need not be white: that of a path which was differentiated hardly exists at the lower
+    end of a band.
+
+    Args:
+        channels: (n, n_channels) whose noise is asked for.
+        others: (n, n_others) measured at the same time.
+        fs: sampling rate, Hz.
+        band_hz: of the lines that are looked at, Hz.
+
+    Returns:
+        (n_channels,) the standard deviation that white noise of that density would have, in the unit of `channels`;
+        infinite where the run is too short to tell.
+
+    >>> rng = np.random.default_rng(0)
+    >>> x = rng.standard_normal((20000, 1))
+    >>> y = 0.5 * x + 0.01 * rng.standard_normal((20000, 1))
+    >>> bool(abs(incoherent_noise(y, x, fs=500.0, band_hz=(1.0, 40.0))[0] / 0.01 - 1) < 0.1)
+    True
+    """
+    own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
+    n_own, n_other = own.shape[1], other.shape[1]
+    # blocks so long that a lightly damped resonance leaks little
+    nperseg = min(len(own), round(4 * fs))
+    spectra = cross_spectra(np.concatenate([own, other], axis=1), fs=fs, nperseg=nperseg)
+    n_free = spectra.n_averages - n_other
+    inside = (spectra.frequency_hz >= band_hz[0]) & (spectra.frequency_hz <= band_hz[1])
+    if n_free < 2 or not inside.any():
+        return np.full(n_own, np.inf)
+    density = spectra.density[inside]
+    cross = density[:, n_own:, :n_own]
+    explained = np.einsum("koi,koi->ki", cross.conj(), np.linalg.pinv(density[:, n_own:, n_own:]) @ cross).real
+    total = np.einsum("kii->ki", density[:, :n_own, :n_own]).real
+    left = np.maximum(total - explained, 0.0) * spectra.n_averages / n_free
+    lines_hz = spectra.frequency_hz[inside]
+    return np.array([white_noise_rms(lines_hz, each, n_free, fs=fs, quantile=0.5) for each in left.T])
+
+
+def white_noise_rms(
+    frequency_hz: FloatArray, density: FloatArray, n_blocks: float, *, fs: float, quantile: float = 0.1
+) -> float:
     """Return the standard deviation of white noise as quiet as the quietest tenth of a Welch spectrum.
 
     Args:
@@ -210,14 +254,15 @@ def white_noise_rms(frequency_hz: FloatArray, density: FloatArray, n_blocks: flo
         density: (n_lines,) one-sided, unit^2/Hz.
         n_blocks: periodograms averaged.
         fs: sampling rate, Hz.
+        quantile: of the lines, in place of a tenth.
     """
     from scipy import special
 
     # the last tenth below the Nyquist frequency is often the anti-aliasing filter's, and empty
     inside = (frequency_hz > 0) & (frequency_hz < 0.4 * fs)
-    # the lowest decile of n averaged periodograms lies this far below their mean (gamma distribution)
-    decile = special.gammaincinv(n_blocks, 0.1) / n_blocks
-    return float(np.sqrt(np.quantile(density[inside], 0.1) / decile * fs / 2))
+    # a quantile of n averaged periodograms of white noise over their mean (gamma distribution)
+    over_mean = special.gammaincinv(n_blocks, quantile) / n_blocks
+    return float(np.sqrt(np.quantile(density[inside], quantile) / over_mean * fs / 2))
 
 
 def _independent_averages(window: FloatArray, n_blocks: int, step: int) -> float:

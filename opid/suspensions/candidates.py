@@ -23,9 +23,9 @@ from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Model, noise_level
 from opid.suspensions.model_error import ModelError, measure_model_error, unexplained
-from opid.suspensions.noise import with_own_noise
+from opid.suspensions.noise import KnownNoise, with_noise_of_the_band, with_own_noise
 from opid.suspensions.repeatability import mends_much, with_departures, with_own_repeatability
-from opid.suspensions.residual import mean_level
+from opid.suspensions.residual import is_noise, mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import Found, Ladder, Question, find_from_reference, find_model, is_hopeless, judged
 from opid.suspensions.sensor_facts import Sensors
@@ -52,7 +52,7 @@ class Task:
         study: the study; None for a user's own structure.
         arrays: of the runs, single spikes mended.
         sensors: what is known of them.
-        noise: known beforehand of each sensor below and on the body, m/s^2.
+        noise: what is known of it beforehand.
         law: to fit, per unit amplitudes as start; None where laws are searched.
         question: what a search may try.
         settings: of the estimator.
@@ -62,7 +62,7 @@ class Task:
     study: Study | None
     arrays: Arrays
     sensors: Sensors
-    noise: Noise
+    noise: KnownNoise
     law: Law | None
     question: Question
     settings: Settings
@@ -125,6 +125,11 @@ class Fitted:
     def demands(self) -> tuple[Demand, ...]:
         """What was let in beside the suspensions."""
         return () if self.found is None else self.found.demands
+
+    @property
+    def is_noise_of_fit(self) -> bool:
+        """Whether the noise is what the fit leaves, for nothing else tells it."""
+        return self.found is not None and self.task.noise.most > 1.0 and self.fit.model.most_noise == 1.0
 
     @property
     def level(self) -> float:
@@ -248,7 +253,7 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
     study, picked, runs = task.study, list(interfaces), []
     assert study is not None  # a user's own structure has no gears to leave alone
     kind = "single" if len(picked) == 1 else "pair"
-    noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise)
+    noise = tuple(np.atleast_1d(np.sqrt(np.sum(side[picked] ** 2)) / len(picked)) for side in task.noise.levels)
     try:
         sensors = task.sensors.mean_of(picked)
     except NotDeterminedError as error:
@@ -314,7 +319,7 @@ def fit_rigid(task: Task) -> Fitted:
     ]
     body = replace(body, fall=_fall(study.interfaces[0].axis, body))
     every = tuple(range(len(study.interfaces)))
-    return fitted(task, "rigid_body", every, runs, body, groups_of(study), task.sensors, task.noise)
+    return fitted(task, "rigid_body", every, runs, body, groups_of(study), task.sensors, task.noise.levels)
 
 
 def loading_matrix(study: Study, place: int) -> FloatArray:
@@ -354,12 +359,17 @@ def fitted(
     mass_free, settings = mass_is_told(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)
-    begin = partial(_begun, task, body=body, groups=groups, sensors=sensors, noise=noise)
+    begin = partial(_begun, task, body=body, groups=groups, sensors=sensors, noise=noise, most_noise=task.noise.most)
     try:
         model, start = begin(runs, mass_free=mass_free, start=start)
         found = _found(task, model, start, begin)
+        found = replace(found, fit=with_noise_of_the_band(found.fit))
+        noise, most = found.fit.model.noise, found.fit.model.most_noise
+        model, begin = replace(model, noise=noise, most_noise=most), partial(begin, noise=noise, most_noise=most)
         if task.repeatability and len(runs) > 1:
             found = _with_departures(task, found, model, start, begin)
+            found = replace(found, fit=with_noise_of_the_band(found.fit))
+        noise = found.fit.model.noise
         found = judged(found, task.question)
         # the noise of the two sides is told apart only where the model explains the runs
         if found.fit.ratio < settings.faults.nearly_explained:
@@ -401,6 +411,7 @@ def _begun(
     sensors: Sensors,
     noise: Noise,
     mass_free: bool,
+    most_noise: float,
     start: Start | None = None,
     repeatability: float = 0.0,
 ) -> tuple[Model, Start]:
@@ -426,6 +437,7 @@ def _begun(
         start.motion_rms,
         task.settings,
         noise=noise,
+        most_noise=most_noise,
         repeatability=repeatability,
     )
     return model, start
@@ -440,7 +452,7 @@ def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Mo
     except NO_FIT as error:
         failed = error
     reference = [run for run in model.runs if not run.loading.any()]
-    is_unclear = found is None or (found.fit.ratio > model.settings.verdicts.explained and not found.is_unlike)
+    is_unclear = found is None or (not is_noise(found.fit) and not found.is_unlike)
     if is_unclear and reference and model.mass_free and model.body.fall is not None:
         found = _from_reference(task, found, model, lambda: begin(reference, mass_free=False))
     if found is None:

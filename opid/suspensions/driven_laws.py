@@ -14,7 +14,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fit import Fit, carrying, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_parameters import faint_terms, has_slope
-from opid.suspensions.residual import measure_whiteness
+from opid.suspensions.residual import is_noise, measure_whiteness
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.unknowns import Group
 
@@ -99,7 +99,7 @@ def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator
     model = fit.model
     if not model.is_carried or any(term.kind.quasi_static for term in law.terms):
         return
-    if fit.ratio <= model.settings.verdicts.explained and measure_whiteness(fit).white:
+    if is_noise(fit) and measure_whiteness(fit).white:
         # a fit of a column of gas is long, and there is nothing left to explain
         return
     springs = tuple(term for term in law.terms if part_of(term.kind) == "spring")

@@ -298,7 +298,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
         candidates=tuple(_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried),
         why=choice.why,
         runs=_runs(study, parts, task.arrays),
-        noise_m_per_s2=noise_level(task.noise),
+        noise_m_per_s2=parts[0].level if len(parts) == 1 else noise_level(task.noise.levels),
         residual_over_noise=choice.ratio,
         evidence=evidence,
         mended_spikes=mended,

@@ -58,6 +58,7 @@ class Model(Unknowns):
 
     Args:
         noise: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
+        most_noise: the noise in the band may be so many times as large; 1 where it was stated or spectra tell it.
         louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
             the sensors below: it stands for what the model does not know yet.
         process: what moves the body and no sensor measured.
@@ -65,6 +66,7 @@ class Model(Unknowns):
     """
 
     noise: tuple[FloatArray, FloatArray]
+    most_noise: float = 1.0
     louder: float = 1.0
     process: ProcessNoise = NO_PROCESS_NOISE
     is_held: bool = False

@@ -3,41 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.signals.recording import FloatArray
-from opid.signals.spectra import noise_floor
+from opid.signals.spectra import incoherent_noise, noise_floor
 from opid.suspensions.fit import NO_FIT, Fit, fit_model
 from opid.suspensions.model import Model
+from opid.suspensions.residual import is_noise, mean_level
 from opid.suspensions.sensor_facts import SIDES, Sensors
 from opid.suspensions.settings import RunSettings
 
 
+@dataclass(frozen=True, eq=False)
+class KnownNoise:
+    """What is known of the noise of the sensors before a model is fitted.
+
+    Args:
+        levels: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
+        most: the noise in the band may be so many times as large: 1 where it was stated, or where spectra tell it.
+    """
+
+    levels: tuple[FloatArray, FloatArray]
+    most: float = 1.0
+
+
 def known_noise(
     sensors: Sensors, arrays: Sequence[tuple[FloatArray, ...]], *, fs: float, settings: RunSettings
-) -> tuple[FloatArray, FloatArray]:
-    """Return the noise of each sensor below and on the body, m/s^2: as stated, else from the quieter of both sides.
+) -> KnownNoise:
+    """Return the noise of the sensors: as stated, else from the quieter of both sides, for a wheel is never still.
 
-    A wheel is never still: only the quieter side tells of the noise. The arrays are (n, n_interfaces) below and
-    (n, n_sensors) on the body of each run, m/s^2.
+    Spectra tell the noise where they are quietest, and it is no larger than what the two sides do not share in the
+    band. A log that was low-pass filtered is as quiet as no sensor is: then only bounds are known.
+
+    Args:
+        sensors: what was stated of them.
+        arrays: (n, n_interfaces) below and (n, n_sensors) on the body of each run, m/s^2.
+        fs: sampling rate, Hz.
+        settings: the band, and how quiet a sensor may be.
     """
     stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in (sensors.unsprung, sensors.sprung)]
-    if any(np.isnan(side).any() for side in stated):
-        floors = [_floor([run[side] for run in arrays], fs, settings) for side in (0, 1)]
-        stated = [np.where(np.isnan(side), min(floors), side) for side in stated]
-    return stated[0], stated[1]
+    if not any(np.isnan(side).any() for side in stated):
+        return KnownNoise((stated[0], stated[1]))
+    band_hz = (settings.band_hz[0], min(settings.band_hz[1], settings.highest_fraction * fs))
+    sides = []
+    for own, other in ((0, 1), (1, 0)):
+        rows = [
+            (
+                [noise_floor(channel, fs=fs) for channel in run[own].T],
+                incoherent_noise(run[own], run[other], fs=fs, band_hz=band_hz),
+                settings.least_noise_fraction * run[own].std(axis=0),
+            )
+            for run in arrays
+        ]
+        floor, bound, least = np.moveaxis(np.array(rows), 1, 0).reshape(3, -1)
+        told = np.maximum(np.minimum(floor, bound), least)
+        # over runs and channels of a side
+        sides.append(tuple(mean_level(each.tolist()) for each in (told, np.maximum(bound, told), floor, least)))
+    level, most, quietest, believed = min(sides)
+    levels = [np.where(np.isnan(side), level, side) for side in stated]
+    return KnownNoise((levels[0], levels[1]), most / level if quietest < believed else 1.0)
 
 
-def _floor(samples: Sequence[FloatArray], fs: float, settings: RunSettings) -> float:
-    """The rms over runs and channels of one side."""
-    floors = [
-        max(noise_floor(channel, fs=fs), settings.least_noise_fraction * float(channel.std()))
-        for run in samples
-        for channel in run.T
-    ]
-    return float(np.sqrt(np.mean(np.square(floors))))
+def with_noise_of_the_band(fit: Fit) -> Fit:
+    """Return the fit with what it leaves as the noise, where that is white and nothing else tells the noise."""
+    ratio = fit.ratio
+    if fit.model.most_noise == 1.0 or ratio <= fit.model.settings.verdicts.explained or not is_noise(fit):
+        return fit
+    below, above = fit.model.noise
+    return fit_model(replace(fit.model, noise=(ratio * below, ratio * above), most_noise=1.0), fit.theta)
 
 
 def with_own_noise(fit: Fit) -> Fit:

@@ -139,7 +139,7 @@ def identify_structure(
     # what is inside of the structure may rest on the ground: a spring to it is no further unknown
     question = Question(kinds is not None, ground=False, faults=False, kinds=library())
     task = Task(None, arrays, known, noise, kinds, question, settings, progress or (lambda step: None))
-    part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise, start=begun)
+    part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun)
     return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass))
 
 

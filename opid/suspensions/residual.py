@@ -53,6 +53,16 @@ def measure_whiteness(fit: Fit) -> Whiteness:
     return Whiteness(statistic, statistic < known.white_below, band, float(level[worst]))
 
 
+def is_noise(fit: Fit) -> bool:
+    """Return whether what a fit leaves may be the noise of the sensors.
+
+    It is no larger than the noise that is known beforehand; or, where that is only bounded, it is within the bound and
+    stands out nowhere.
+    """
+    explained, most = fit.model.settings.verdicts.explained, fit.model.most_noise
+    return fit.ratio <= explained or (fit.ratio <= explained * most and measure_whiteness(fit).excess <= explained)
+
+
 def residual_lines(fit: Fit) -> Iterator[tuple[FloatArray, ComplexArray]]:
     """Yield frequencies (Hz) and whitened lines of each sensor in each run."""
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):

@@ -42,7 +42,7 @@ from opid.suspensions.law_search import (
 from opid.suspensions.model import Model
 from opid.suspensions.origins import search_origins
 from opid.suspensions.repeatability import mends_much, with_departures
-from opid.suspensions.residual import measure_whiteness
+from opid.suspensions.residual import is_noise, measure_whiteness
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SIDES
 from opid.suspensions.start import Start
@@ -240,7 +240,7 @@ class _Search:
         """One way from start values to a fit, with the laws and faults that were tried on it."""
         promise = model.settings.fit.promise_in_search
         fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
-        if model.body.n_slots == 1 and fit.ratio > model.settings.verdicts.explained:
+        if model.body.n_slots == 1 and not is_noise(fit):
             # with better parameters another start may predict the first seconds better
             begun = _begun(model, fit.theta, noisier)
             again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
@@ -255,7 +255,7 @@ class _Search:
         ladder = self._laws(fit)
         ladder = (*ladder, *self._origins(chosen(ladder).fit))
         fit = chosen(ladder).fit
-        if fit.ratio > model.settings.verdicts.explained:
+        if not is_noise(fit):
             fit, more = self._let_in(fit)
         if more:
             # what was wrong with the sensors may have been taken for a term of the law
@@ -301,7 +301,7 @@ class _Search:
         settings, known = fit.model.settings, fit.model.settings.search
         kinds = self.question.kinds
         # of laws that are searched, only those that nearly fit stand for a force
-        if (fit.ratio <= settings.verdicts.explained) if self.question.law_is_given else is_hopeless(fit):
+        if is_noise(fit) if self.question.law_is_given else is_hopeless(fit):
             return ()
         if self.question.law_is_given:
             kinds = tuple(dict.fromkeys(term.name for law in fit.laws.values() for term in law.terms))
@@ -407,7 +407,7 @@ def judged(found: Found, question: Question) -> Found:
 
 def _explains(fit: Fit) -> bool:
     """Whether what a fit leaves is the noise of the sensors: as large as that, and white where that is a mere bound."""
-    if fit.ratio > fit.model.settings.verdicts.explained:
+    if not is_noise(fit):
         return False
     is_stated = all(facts.noise_m_per_s2 for side in SIDES for facts in fit.model.sensors.facts(side))
     return is_stated or measure_whiteness(fit).white

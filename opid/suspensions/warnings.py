@@ -104,6 +104,13 @@ def _of_the_record(choice: Choice) -> Iterator[str]:
             f"the noise of the sensors, {1e3 * max(part.level for part in choice.parts):.2g} mm/s^2, is taken from "
             "their quietest spectra, a bound from above: state `noise_m_per_s2` if you know it"
         )
+    if any(part.is_noise_of_fit for part in choice.parts):
+        level = 1e3 * max(part.level for part in choice.parts if part.is_noise_of_fit)
+        yield (
+            "the spectra do not tell the noise of the sensors, for where they are quietest they hold less than "
+            f"{settings.least_noise_fraction:.1%} of the motion, as after a low-pass filter: the noise is taken to be "
+            f"what the model leaves in the band, {level:.2g} mm/s^2; state `noise_m_per_s2` to check the model by it"
+        )
     highest = settings.highest_fraction
     if highest * study.fs < settings.band_hz[1]:
         yield (
