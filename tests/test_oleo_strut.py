@@ -6,23 +6,28 @@ from datetime import date
 
 import numpy as np
 import pytest
+from made_body import small_body
 from scripts import script
 
 from opid import identify, read_study, result_text
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.mechanics.landing_gear import LandingGear, gear_structure, taxi_test
-from opid.mechanics.laws import LINEAR, law, law_from_parameters
+from opid.mechanics.laws import LAWS, LINEAR, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
+from opid.suspensions.body import rigid_body
 from opid.suspensions.candidates import gear_body
 from opid.suspensions.fit import carrying
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
+from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.law_parameters import to_free
 from opid.suspensions.model import Model
+from opid.suspensions.priors import known_before
 from opid.suspensions.run import driven_run
 from opid.suspensions.sensor_facts import ideal_sensors
-from opid.suspensions.settings import Settings
+from opid.suspensions.settings import GasSettings, Settings
 from opid.suspensions.study import Run, study_of_gear
 from opid.suspensions.unknowns import Group
 
@@ -135,6 +140,46 @@ def test_without_weight_nothing_is_known_of_the_gas_but_its_exponent():
         other = replace(model, body=gear_body(axis))
         assert other.n_known_of_laws == 1
         assert other.carriers == ()
+
+
+def test_every_strut_of_an_aircraft_has_gas_of_a_usual_exponent_before_any_measurement():
+    """Gears of a body carry shares of the weight that are not known: of the gas of each only its exponent is."""
+    names, column = ("nose", "left", "right"), LAW.scaled(1 / MASS_KG)
+    places = np.array([(5.0, 0.0), (0.0, 1.5), (0.0, -1.5)])
+    rng = np.random.default_rng(0)
+    runs = (driven_run(*rng.standard_normal((2, 1024, 3)), fs=256.0, loading=np.zeros((3, 3))),)
+    groups = tuple(Group(name, (slot,), column) for slot, name in enumerate(names))
+    body = rigid_body(places, places, names=names)
+    rms = np.tile([[0.01, 0.1]], (3, 1))
+    level = np.full(3, 5e-3)
+    shared = (runs, body, groups, ideal_sensors(3, 3), False, rms, Settings())
+    aircraft = Model(*shared, noise=(level, level))
+    assert (aircraft.carriers, aircraft.n_known_of_laws) == ((), 3)
+    theta = np.zeros(aircraft.n_shared + aircraft.n_own)
+    for number in range(3):
+        theta[aircraft.law_places(number)] = to_free(column)
+    at_usual, usual = theta.copy(), LAWS["gas_column"].parameters[2].known
+    behind = [bool(parameter.known) for parameter in column.parameter_list].index(True)
+    exponents = [aircraft.law_places(number).start + behind for number in range(3)]
+    at_usual[exponents] = np.log(usual[0])
+    assert not known_before(aircraft, at_usual, is_held=False)[0][-3:].any()
+    far, by = known_before(aircraft, theta, is_held=False)
+    np.testing.assert_allclose(far[-3:], np.log(1.27 / usual[0]) * usual[0] / usual[1])
+    np.testing.assert_allclose(by[-3:, exponents], np.eye(3) * usual[0] / usual[1])
+
+
+def test_gas_of_any_strut_is_doubted_and_once_where_struts_share_it():
+    body = small_body()
+
+    def on_gas(interface, exponent, shared_with=()):
+        told = {"static_force_n": Estimate(2e4), "gas_length_m": Estimate(0.1), "exponent": Estimate(exponent)}
+        return replace(interface, law_estimates={"gas_column": told}, shared_with=shared_with)
+
+    nose, left, right = body.interfaces
+    struts = (on_gas(nose, 1.2), on_gas(left, 1.6, ("right",)), on_gas(right, 1.6, ("left",)))
+    doubts = list(doubts_of_gas(struts, body.study.interfaces, GasSettings()))
+    assert len(doubts) == 1
+    assert doubts[0].startswith("at 'left, right': the exponent 1.6 of gas_column is unusual")
 
 
 # ---- identification --------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.intervals import Parameters
 from opid.suspensions.result import GasColumn, InterfaceEstimate
 from opid.suspensions.settings import GasSettings
+from opid.suspensions.study import MeasuredInterface
 
 
 def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasColumn | None:
@@ -41,14 +42,27 @@ def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasC
     return GasColumn(content) if piston_area_m2 is None else GasColumn(content, pressure, volume)
 
 
-def doubts_of_gas(interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:
-    """Yield what to doubt of the gas that carries a suspension, one sentence each.
+def doubts_of_gas(
+    interfaces: Sequence[InterfaceEstimate], measured: Sequence[MeasuredInterface], settings: GasSettings
+) -> Iterator[str]:
+    """Yield what to doubt of the gas that carries suspensions, one sentence each, once for those that share a law.
 
     Args:
-        interface: as it is told.
-        piston_area_m2: that was stated; None where none was.
+        interfaces: as they are told.
+        measured: the same as they were stated, with the area of the piston.
         settings: what gas in a strut is like.
     """
+    told = set[str]()
+    for each, stated in zip(interfaces, measured, strict=True):
+        if told.isdisjoint(each.shared_with):
+            names = ", ".join((each.name, *each.shared_with))
+            where = f"at {names!r}: " if len(interfaces) > 1 else ""
+            for doubt in _doubts(each, stated.piston_area_m2, settings):
+                yield where + doubt
+        told.add(each.name)
+
+
+def _doubts(interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:
     pressure, (low, high) = None if interface.gas is None else interface.gas.pressure_pa.value, settings.pressures_pa
     if pressure is not None and not low <= pressure <= high:
         yield (

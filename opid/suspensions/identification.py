@@ -279,7 +279,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
         choice=choice,
         evidence=evidence,
         mass=Estimate() if reason else numbers.parameters.sprung_mass_kg,
-        first=told.interfaces[0],
+        interfaces=told.interfaces,
         loose=loose,
         straight=straight,
         per_mass=per_mass,

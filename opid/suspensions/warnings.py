@@ -36,7 +36,7 @@ class Answer:
         choice: the structure that was chosen.
         evidence: of its parts.
         mass: that was found.
-        first: the first interface, as it is told.
+        interfaces: as they are told.
         loose: motions whose inertia is hardly told.
         straight: terms of each part that the motion did not bend.
         per_mass: whether forces are told per kg of the body.
@@ -47,7 +47,7 @@ class Answer:
     choice: Choice
     evidence: Sequence[Evidence]
     mass: Estimate
-    first: InterfaceEstimate
+    interfaces: Sequence[InterfaceEstimate]
     loose: Sequence[str]
     straight: Sequence[Sequence[StraightTerm]]
     per_mass: bool
@@ -77,8 +77,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from run_differences(choice.study, part)
     if told:
         yield from _of_the_ground(answer)
-        area = choice.study.interfaces[0].piston_area_m2
-        yield from doubts_of_gas(answer.first, area, choice.parts[0].settings.gas)
+        yield from doubts_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
     rules = any(repeatability_rules(each.repeatability, each.fit) for each in answer.evidence)
     yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:
@@ -273,13 +272,14 @@ def _of_stated_facts(part: Fitted) -> Iterator[str]:
 
 
 def _of_the_ground(answer: Answer) -> Iterator[str]:
-    ground, stiffness = answer.first.ground_stiffness.value, answer.first.stiffness.value
+    first = answer.interfaces[0]
+    ground, stiffness = first.ground_stiffness.value, first.stiffness.value
     if (
         not answer.choice.study.is_one_gear
         or ground is None
         or stiffness is None
         or abs(ground) <= answer.choice.parts[0].settings.intervals.negligible_ground * abs(stiffness)
-        or answer.first.ground_stiffness.holds(0.0)
+        or first.ground_stiffness.holds(0.0)
     ):
         return
     sentences = answer.evidence[0].ground.sentences
