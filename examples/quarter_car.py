@@ -83,6 +83,7 @@ def main() -> None:
         sensors={"body": "body"},
         unknown_mass=["body"],
         loadings=loadings,
+        axis="up",
         progress=lambda step: print("...", step),
     )
 

@@ -128,5 +128,14 @@ def task_of(given, kind_of_law):
     question = Question(kind_of_law is not None, ground=False, faults=False)
     noise = KnownNoise((np.full(3, NOISE), np.full(3, NOISE)))
     return Task(
-        given, arrays_of(given), given.sensor_facts(), noise, kind_of_law, question, Settings(), lambda step: None
+        study=given,
+        arrays=arrays_of(given),
+        sensors=given.sensor_facts(),
+        noise=noise,
+        law=kind_of_law,
+        question=question,
+        settings=Settings(),
+        say=lambda step: None,
+        run_names=tuple(run.name for run in given.runs),
+        stated_repeatability=given.repeatability,
     )

@@ -7,10 +7,12 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.mechanics.driven import Interface
 from opid.mechanics.laws import law
 from opid.mechanics.response import time_response
 from opid.mechanics.sensors import decimate
 from opid.mechanics.structure import Joint, Structure
+from opid.mechanics.weight import GRAVITY_M_PER_S2, resting_under
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.suspensions import driven_laws
 from opid.suspensions.own_structure import identify_structure
@@ -29,14 +31,16 @@ def machine(more_high=0.0, *, joints=(INNER,), low_kg=LOW_KG, high_kg=HIGH_KG):
     return Structure(np.diag([low_kg, high_kg + more_high]), none, none, joints, NAMES)
 
 
-def shaken(structure, seed):
+ISOLATOR = Joint("isolator", (1, 0), SPRING, DAMPER, FRICTION)
+
+
+def shaken(structure, seed, isolator=ISOLATOR):
     """What sensors on the floor and on the machine read while the floor shakes it, m/s^2."""
     rng = np.random.default_rng(seed)
     t = np.arange(2 * STEPS * round(FS * SECONDS)) / (2 * STEPS * FS)
     frequency, phase = rng.uniform(0.8, 18.0, 60), rng.uniform(0, 2 * np.pi, 60)
     # acceleration of the floor: the machine is followed as it moves against it
     floor = 0.35 * np.sum(np.sin(2 * np.pi * np.outer(t, frequency) + phase), axis=1)
-    isolator = Joint("isolator", (1, 0), SPRING, DAMPER, FRICTION)
     moving = replace(structure, joints=(isolator, *structure.joints))
     force = -np.outer(floor, np.diag(structure.mass))[:-1]
     motion = time_response(moving, force, fs=STEPS * FS, duration_s=SECONDS)
@@ -121,6 +125,51 @@ def test_loadings_of_the_wrong_sign_give_no_negative_springs(runs):
     check_springs(found, per=HIGH_KG)
     amplitude = found.interfaces["low"].law.parameters["arctan_velocity"]["amplitude_n"]
     assert amplitude == pytest.approx(120.0 / HIGH_KG, rel=0.1)
+
+
+def test_a_loaded_structure_rests_where_its_weight_puts_it():
+    """The isolator is 40 % stiffer under 120 kg; without an axis that is taken for another mass."""
+    hardening = law("cubic_stiffness", stiffness_n_per_m3=2e8)
+    isolator = replace(ISOLATOR, law=hardening)
+    slots = [Interface(SPRING, DAMPER, law=hardening), Interface(INNER.stiffness_n_per_m, INNER.damping_n_s_per_m)]
+    load = np.array([0.0, -120.0 * GRAVITY_M_PER_S2])
+    loaded = replace(isolator, law=resting_under(slots, np.array([[1.0, 0.0], [-1.0, 1.0]]), load)[0])
+    runs = shaken(machine(), 1, isolator), shaken(machine(120.0), 2, loaded)
+    given = WHERE | {"unknown_mass": ["low", "high"], "loadings": [{}, {"high": 120.0}], "law": "cubic_stiffness"}
+    found = identify_structure(machine(), runs, axis="up", **given)
+    assert near(found.masses["low"], LOW_KG)
+    assert near(found.masses["high"], HIGH_KG)
+    assert found.residual_over_noise == pytest.approx(1.0, abs=0.05)
+    assert not any("no `axis` is given" in each for each in found.warnings)
+    first, second = found.interfaces["low"].at_rest
+    assert first.travel_m.value == 0.0
+    assert near(second.travel_m, loaded.law.rest_m)
+    assert near(second.stiffness, SPRING + 6e8 * loaded.law.rest_m**2)
+    assert found.joints["inner"].at_rest == () if found.joints else True
+    named = identify_structure(machine(), runs, axis={"low": "up", "high": "up"}, **given)
+    assert named.masses["high"] == found.masses["high"]
+    flat = identify_structure(machine(), runs, **given)
+    assert flat.residual_over_noise > 1.2 * found.residual_over_noise
+    assert any(each.startswith("no `axis` is given, so no weight acts") for each in flat.warnings)
+    level = identify_structure(machine(), runs, axis="horizontal", **given)
+    assert not any("no `axis` is given" in each for each in level.warnings)
+
+
+def test_an_isolator_that_differs_from_run_to_run_is_in_the_interval_of_the_masses():
+    """Two per cent of stiffness look like another mass where the runs are said to be alike."""
+    stiffer = replace(ISOLATOR, stiffness_n_per_m=1.02 * SPRING)
+    runs = shaken(machine(), 1), shaken(machine(60.0), 2, stiffer)
+    given = WHERE | {"unknown_mass": ["low", "high"], "loadings": [{}, {"high": 60.0}], "law": "arctan_velocity"}
+    alike = identify_structure(machine(), runs, unknown=["inner"], repeatability=0.0, **given)
+    assert alike.repeatability.stated == 0.0
+    assert alike.residual_over_noise > 1.2 or not alike.masses["low"].holds(LOW_KG)
+    found = identify_structure(machine(), runs, unknown=["inner"], **given)
+    assert found.residual_over_noise < 1.05
+    assert found.repeatability.is_usual
+    assert found.repeatability.estimated > 2e-3
+    for name, truth in (("low", LOW_KG), ("high", HIGH_KG)):
+        assert found.masses[name].holds(truth)
+    assert found.limits
 
 
 def test_runs_that_do_not_go_together_are_told(runs, monkeypatch):
@@ -232,6 +281,9 @@ def test_a_motion_too_fast_for_the_log_is_told(runs):
         ({"loadings": [{"high": np.nan}]}, "the loading at 'high' is nan: give a mass in kg"),
         ({"law": "arctan_velocty"}, "arctan_velocity"),
         ({"unknown": ["outer"]}, "there is no joint 'outer'"),
+        ({"axis": "upward"}, "the axis of 'low' is 'upward': give one of 'up', 'down', 'horizontal'"),
+        ({"axis": {"lo": "up"}}, "no degree of freedom 'lo': did you mean 'low'"),
+        ({"repeatability": "1 %"}, "the repeatability is '1 %', give the relative .* a number from 0 to 0.2"),
     ],
 )
 def test_bad_input_is_named(changes, match):

@@ -21,7 +21,7 @@ from opid.report.as_text import (
 )
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
-from opid.suspensions.limits import how_alike, repeatability_rules
+from opid.suspensions.limits import how_alike
 from opid.suspensions.residual import over_noise
 from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
@@ -233,10 +233,9 @@ def body_limits(result: Identification) -> str:
         for evidence in result.evidence[:1]
         for each in how_alike(
             evidence.repeatability,
-            result.study,
+            evidence.fit,
             # of gears that were fitted one by one, each has a share of its own
             result.parameters.sprung_mass_kg if len(result.evidence) == 1 else Estimate(),
-            rules=repeatability_rules(evidence.repeatability, evidence.fit),
         )
     )
     return (

@@ -141,15 +141,26 @@ def _interfaces(
                     velocity=thinned(velocity),
                     residual_over_noise=sensor_ratio(fit, slot) * fit.model.level / part.level,
                     rest_m=part.known.rest(number),
-                    at_rest=tuple(
-                        AtRest(run.name, *part.known.at_rest(slot, place, per_mass=per_mass))
-                        for place, run in enumerate(choice.study.runs)
-                    ),
+                    at_rest=at_rest(part, slot, per_mass=per_mass),
                     gas=None
                     if per_mass
                     else gas_of(part.known, number, choice.study.interfaces[member].piston_area_m2),
                 )
     return tuple(found[k] for k in sorted(found))
+
+
+def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
+    """Return a suspension where it rests in each run.
+
+    Args:
+        part: a fitted structure.
+        slot: of the suspension.
+        per_mass: whether forces are told per unit of the reference mass.
+    """
+    return tuple(
+        AtRest(name, *part.known.at_rest(slot, place, per_mass=per_mass))
+        for place, name in enumerate(part.task.run_names)
+    )
 
 
 def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:

@@ -24,7 +24,13 @@ from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Model, noise_level
 from opid.suspensions.model_error import ModelError, measure_model_error, unexplained
 from opid.suspensions.noise import KnownNoise, with_noise_of_the_band, with_own_noise
-from opid.suspensions.repeatability import mends_much, with_departures, with_own_repeatability
+from opid.suspensions.repeatability import (
+    Repeatability,
+    mends_much,
+    repeatability_of,
+    with_departures,
+    with_own_repeatability,
+)
 from opid.suspensions.residual import is_noise, mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import Found, Ladder, Question, find_from_reference, find_model, is_hopeless, judged
@@ -57,6 +63,8 @@ class Task:
         question: what a search may try.
         settings: of the estimator.
         say: called with the name of each step as it begins.
+        run_names: names of the runs.
+        stated_repeatability: of springs, damping and friction from run to run; None for what is usual.
     """
 
     study: Study | None
@@ -67,13 +75,13 @@ class Task:
     question: Question
     settings: Settings
     say: Callable[[str], None]
+    run_names: tuple[str, ...]
+    stated_repeatability: float | None
 
     @property
     def repeatability(self) -> float:
         """Relative standard deviation of springs, damping and friction from run to run, as stated or as usual."""
-        if self.study is None:
-            return 0.0  # the suspensions of a user's own structure are taken to be the same in all runs
-        stated = self.study.repeatability
+        stated = self.stated_repeatability
         return self.settings.repeatability.usual if stated is None else stated
 
 
@@ -184,6 +192,12 @@ class Fitted:
         more = 0.0 if self.error is None else self.error.spread
         return known_parameters(self.fit, self.task.repeatability, more)
 
+    @cached_property
+    def repeatability(self) -> Repeatability:
+        """How much alike the runs are."""
+        is_usual = self.task.stated_repeatability is None
+        return repeatability_of(self.fit, self.known.levels, self.task.repeatability, is_usual=is_usual)
+
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -288,9 +302,19 @@ def gear_body(axis: Axis = "up") -> Body:
 
 def _fall(axis: Axis, body: Body) -> FloatArray | None:
     """What a body in free fall accelerates by, of which heave is the first degree of freedom."""
-    if axis == "horizontal":
-        return None
-    return np.eye(len(body.dof))[0] * (-GRAVITY_M_PER_S2 if axis == "up" else GRAVITY_M_PER_S2)
+    others: list[Axis] = ["horizontal"] * (len(body.dof) - 1)
+    return fall_of([axis, *others])
+
+
+def fall_of(axes: Sequence[Axis]) -> FloatArray | None:
+    """Return what a body in free fall accelerates by, (n_dof,) m/s^2; None where no weight acts on it.
+
+    Args:
+        axes: where each degree of freedom counts positive; "horizontal" where no weight moves it.
+    """
+    signs = {"up": -1.0, "down": 1.0, "horizontal": 0.0}
+    fall = GRAVITY_M_PER_S2 * np.array([signs[axis] for axis in axes])
+    return fall if fall.any() else None
 
 
 def fit_rigid(task: Task) -> Fitted:
@@ -359,9 +383,11 @@ def fitted(
     mass_free, settings = mass_is_told(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)
-    begin = partial(_begun, task, body=body, groups=groups, sensors=sensors, noise=noise, most_noise=task.noise.most)
+    begin = partial(
+        _begun, task, body=body, groups=groups, sensors=sensors, noise=noise, most_noise=task.noise.most, start=start
+    )
     try:
-        model, start = begin(runs, mass_free=mass_free, start=start)
+        model, start = begin(runs, mass_free=mass_free)
         found = _found(task, model, start, begin)
         found = replace(found, fit=with_noise_of_the_band(found.fit))
         noise, most = found.fit.model.noise, found.fit.model.most_noise
@@ -453,7 +479,9 @@ def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Mo
         failed = error
     reference = [run for run in model.runs if not run.loading.any()]
     is_unclear = found is None or (not is_noise(found.fit) and not found.is_unlike)
-    if is_unclear and reference and model.mass_free and model.body.fall is not None:
+    # what is known in kg or N inside of a structure gives the scale with any run
+    needs_loading = model.mass_free and not mass_is_told(reference, model.body)
+    if is_unclear and reference and needs_loading and model.body.fall is not None:
         found = _from_reference(task, found, model, lambda: begin(reference, mass_free=False))
     if found is None:
         assert failed is not None  # no fit without an error

@@ -27,15 +27,15 @@ def add_rest(
     """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
     firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
     by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
-    stiffer, fall = unknowns.stiffer(theta, place), unknowns.body.fall
+    stiffer = unknowns.stiffer(theta, place)
     for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
         moved = np.tensordot(-rest.push[:, number], by_travel, axes=1)
         force = (1.0 + stiffer) * by_parameters(slot, travel)
         force[2] = travel  # the spring to the ground is none of the strut's
         change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
-        if unknowns.n_departures and len(slots) == 1 and fall is not None:
+        if unknowns.n_departures and len(slots) == 1:
             own = slot.stiffness * travel + float(slot.law.stand(travel)[0])
-            by[unknowns.places_of_run(place)[1].start] += (own + fall[0]) * moved
+            by[unknowns.places_of_run(place)[1].start] += (own + unknowns.own_load) * moved
     if unknowns.mass_free:
         row = firsts[-1] + len(unknowns.body.names)
         change[row] += np.tensordot(rest.by_load / unknowns.inverse_mass(theta), by_travel, axes=1)

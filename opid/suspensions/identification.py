@@ -23,7 +23,6 @@ from opid.suspensions.limits import ground_imitations, limits
 from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise
 from opid.suspensions.refusals import loose_motions, why_no_mass, why_refused
-from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import measure_whiteness, over_noise
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
@@ -128,7 +127,8 @@ def identify(
     # what moves sideways rests on nothing but its suspension
     grounded = ground and any(each.axis != "horizontal" for each in study.interfaces)
     question = Question(kind_of_law is not None, grounded, True, method_of_law, options.kinds)
-    task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say)
+    names = tuple(run.name for run in study.runs)
+    task = Task(study, arrays, sensors, noise, kind_of_law, question, settings, say, names, study.repeatability)
     tried = _tried(task)
     if not any(each.has_fit for each in tried):
         raise NotDeterminedError("no structure can be fitted to these runs: " + "; ".join(e.reason for e in tried))
@@ -342,8 +342,6 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
     assert found is not None  # parts have fits
     rng = np.random.default_rng(options.seed)
     resampled = [] if is_refused else bootstrap_over_white(fit, rng).tolist()
-    stated, is_usual = part.task.repeatability, study.repeatability is None
-    alike = repeatability_of(fit, part.known.levels, stated, is_usual=is_usual)
     return Evidence(
         fit=fit,
         noise=part.level,
@@ -355,8 +353,8 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
         surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
-        limits=tuple(limits(part.known, study, alike)),
-        repeatability=alike,
+        limits=tuple(limits(part.known, study, part.repeatability)),
+        repeatability=part.repeatability,
         n_starts=found.n_starts,
         error=part.error,
     )

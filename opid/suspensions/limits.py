@@ -65,7 +65,7 @@ def limits(known: Parameters, study: Study, alike: Repeatability) -> Iterator[st
                 "interval"
             )
         yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
-    yield from how_alike(alike, study, mass, rules=repeatability_rules(alike, fit))
+    yield from how_alike(alike, fit, mass)
     for number in range(len(fit.model.groups)):
         places = fit.model.law_places(number)
         for place in range(places.start, places.stop):
@@ -86,16 +86,16 @@ def repeatability_rules(alike: Repeatability, fit: Fit) -> bool:
     return alike.mass_if_alike is not None and alike.mass_if_alike < rules
 
 
-def how_alike(alike: Repeatability, study: Study, mass: Estimate, *, rules: bool) -> Iterator[str]:
+def how_alike(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[str]:
     """Yield how much alike the runs are taken to be, and what would tell it better, one sentence each.
 
     Args:
-        alike: of a fitted structure.
-        study: it was fitted to.
+        alike: how much alike the runs of a fit are.
+        fit: of them.
         mass: of the body.
-        rules: whether that makes the interval of the mass.
     """
-    if len(study.runs) < 2:
+    runs = fit.model.runs
+    if len(runs) < 2:
         return
     if alike.estimated is None:
         if alike.stated == 0:
@@ -112,8 +112,8 @@ def how_alike(alike: Repeatability, study: Study, mass: Estimate, *, rules: bool
     percent = 196 * alike.mass_if_alike * mass.std / mass.value
     yield f"{said}; were all alike, the mass would be known to {percent:.2g} %"
     yield "what changes all three by one ratio, as a mass change in error does, is not told from mass"
-    flown_twice = len({run.masses for run in study.runs}) < len(study.runs)
-    if rules:
+    flown_twice = len({run.loading.tobytes() for run in runs}) < len(runs)
+    if repeatability_rules(alike, fit):
         yield (
             "further runs with the masses in turn would tell how much alike the runs are"
             if flown_twice

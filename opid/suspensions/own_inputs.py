@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import ideal_sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.start import Start
-from opid.suspensions.study import SAME_RATE
+from opid.suspensions.study import SAME_RATE, Axis
 from opid.suspensions.unknowns import Group
 
 
@@ -81,6 +82,23 @@ def loading_matrices(
             diagonal[structure.index(name)] += mass_kg
         matrices.append(np.diag(diagonal))
     return matrices
+
+
+def axes_of(structure: Structure, axis: Axis | Mapping[str, Axis] | None) -> list[Axis]:
+    """Return where each degree of freedom counts positive, "horizontal" for those of which nothing is said.
+
+    Raises:
+        InputError: an axis that is none, or an unknown degree of freedom.
+    """
+    allowed, found = get_args(Axis), list[Axis](["horizontal"] * structure.n_dof)
+    if axis is None:
+        return found
+    named = axis if isinstance(axis, Mapping) else dict.fromkeys(structure.names, axis)
+    for name, each in named.items():
+        if each not in allowed:
+            raise InputError(f"the axis of {name!r} is {each!r}: give one of {', '.join(map(repr, allowed))}")
+        found[structure.index(name)] = each
+    return found
 
 
 def stated_start(

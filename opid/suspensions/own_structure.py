@@ -7,27 +7,34 @@ the entries that are not known the runs tell.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LINEAR, default_law
 from opid.mechanics.structure import Structure
+from opid.mechanics.weight import depends_on_travel
 from opid.signals.recording import Recording
+from opid.signals.tables import refuse
+from opid.suspensions.answer import at_rest
 from opid.suspensions.body import own_body
-from opid.suspensions.candidates import Fitted, Task, fitted
+from opid.suspensions.candidates import Fitted, Task, fall_of, fitted
 from opid.suspensions.fit import Fit, fastest_rate
 from opid.suspensions.intervals import Parameters
 from opid.suspensions.law_search import library
+from opid.suspensions.limits import how_alike, repeatability_rules
 from opid.suspensions.noise import known_noise
-from opid.suspensions.own_inputs import channel_arrays, loading_matrices, stated_start
+from opid.suspensions.own_inputs import axes_of, channel_arrays, loading_matrices, stated_start
+from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.residual import measure_whiteness, sensor_ratio, thinned
 from opid.suspensions.result import SpringEstimate
 from opid.suspensions.run import driven_run
+from opid.suspensions.run_differences import run_differences
 from opid.suspensions.search import Question
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors
 from opid.suspensions.settings import Settings, Verdicts
+from opid.suspensions.study import Axis, repeatability_faults
 from opid.suspensions.unknowns import Group
 from opid.suspensions.warnings import WITHOUT_INTERVALS
 
@@ -55,6 +62,8 @@ class StructureIdentification(Estimates):
         residual_of: of the sensor at each degree of freedom.
         left_out_over_noise: of runs that the others predict; None for a single run, or where the others cannot be
             fitted.
+        repeatability: how much alike the runs are.
+        limits: what limits the mass, one sentence each.
         warnings: what to doubt, one sentence each.
         not_determined: what the runs do not tell; None if they tell all.
         fit: what the numbers were read from.
@@ -68,6 +77,8 @@ class StructureIdentification(Estimates):
     residual_over_noise: float
     residual_of: Mapping[str, float]
     left_out_over_noise: float | None
+    repeatability: Repeatability
+    limits: tuple[str, ...]
     warnings: tuple[str, ...]
     not_determined: str | None
     fit: Fit
@@ -85,6 +96,8 @@ def identify_structure(
     loadings: Sequence[Mapping[str, float]] | None = None,
     start: Mapping[str, tuple[float, float]] | None = None,
     noise_m_per_s2: float | None = None,
+    axis: Axis | Mapping[str, Axis] | None = None,
+    repeatability: float | None = None,
     settings: Settings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> StructureIdentification:
@@ -106,12 +119,17 @@ def identify_structure(
         start: stiffness (N/m) and damping (N s/m) of each suspension, roughly, by degree of freedom: needed where the
             sensors do not see all degrees of freedom.
         noise_m_per_s2: rms of the white noise of all sensors, m/s^2; estimated where left out.
+        axis: where the degrees of freedom count positive, "up" or "down", and "horizontal" for those that no weight
+            moves, rotations among them: one for all, or {degree of freedom: axis}. Left out, no weight acts, and a
+            warning says so where it would matter.
+        repeatability: relative standard deviation by which springs, damping and friction of a suspension differ from
+            run to run; 0 where they are known to be the same, what is usual where left out.
         settings: every tuned number of the estimator.
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: unknown names, runs of different rates, loadings that are not one a run, or no start where one is
-            needed.
+        InputError: unknown names, runs of different rates, loadings that are not one a run, an axis or repeatability
+            that is none, or no start where one is needed.
         NotDeterminedError: the model cannot follow the runs.
 
     >>> carrier = Structure([[300.0]], [[0.0]], [[0.0]], names=("body",))
@@ -119,7 +137,9 @@ def identify_structure(
     Traceback (most recent call last):
     opid.errors.InputError: there are no runs: give at least one recording
     """
+    refuse(list(repeatability_faults(repeatability)), None)
     body = own_body(structure, tuple(interfaces), tuple(sensors), unknown=unknown, unknown_mass=unknown_mass)
+    body = replace(body, fall=fall_of(axes_of(structure, axis)))
     arrays, settings = channel_arrays(runs, interfaces, sensors), settings or Settings()
     masses = loading_matrices(structure, loadings, len(runs))
     fs = runs[0].fs
@@ -138,25 +158,31 @@ def identify_structure(
         begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass, settings)
     # what is inside of the structure may rest on the ground: a spring to it is no further unknown
     question = Question(kinds is not None, ground=False, faults=False, kinds=library())
-    task = Task(None, arrays, known, noise, kinds, question, settings, progress or (lambda step: None))
+    say, run_names = progress or (lambda step: None), tuple(str(k + 1) for k in range(len(runs)))
+    task = Task(None, arrays, known, noise, kinds, question, settings, say, run_names, repeatability)
     part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun)
-    return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass))
+    return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
 
 
 def _answer(
-    part: Fitted, sensors: tuple[str, ...], unknown: tuple[str, ...], unknown_mass: tuple[str, ...]
+    part: Fitted,
+    sensors: tuple[str, ...],
+    unknown: tuple[str, ...],
+    unknown_mass: tuple[str, ...],
+    *,
+    knows_weight: bool,
 ) -> StructureIdentification:
     fit, known, ratio, verdicts = part.fit, part.known, part.residual_over_noise, part.settings.verdicts
     scaled = fit.model.mass_free or fit.model.body.absolute
     masses = _masses(known, unknown_mass, per_mass=not scaled)
     # on a reference mass that is none, nothing in N can rest
     per_mass = not scaled or (bool(unknown_mass) and masses[unknown_mass[0]].std is None)
-    interfaces = {group.name: _suspension(known, number, per_mass) for number, group in enumerate(fit.groups)}
+    interfaces = {group.name: _suspension(part, number, per_mass) for number, group in enumerate(fit.groups)}
     joints = {name: _joint(known, name, per_mass) for name in unknown}
     reason = _refused_or_unscaled(ratio, scaled, verdicts) or (
         NEGATIVE.format(unknown_mass[0])
         if known.has_negative_mass
-        else _untold(masses, interfaces, joints, _not_held(fit, unknown), _too_fast(fit), verdicts)
+        else _untold(masses, interfaces, joints, part, _not_held(fit, unknown))
     )
     found = StructureIdentification(
         masses=_masses(known, unknown_mass, per_mass=per_mass),
@@ -167,7 +193,9 @@ def _answer(
         residual_over_noise=ratio,
         residual_of={name: sensor_ratio(fit, slot) * fit.model.level / part.level for slot, name in enumerate(sensors)},
         left_out_over_noise=part.left_out_over_noise,
-        warnings=tuple(_warnings(part)),
+        repeatability=part.repeatability,
+        limits=tuple(how_alike(part.repeatability, fit, known.mass if fit.model.mass_free else Estimate())),
+        warnings=tuple(_warnings(part, knows_weight=knows_weight)),
         not_determined=reason,
         fit=fit,
     )
@@ -186,12 +214,14 @@ def _masses(known: Parameters, unknown_mass: Sequence[str], *, per_mass: bool) -
     return found
 
 
-def _suspension(known: Parameters, number: int, per_mass: bool) -> SpringEstimate:
-    fit, group = known.fit, known.fit.groups[number]
+def _suspension(part: Fitted, number: int, per_mass: bool) -> SpringEstimate:
+    fit, known, group = part.fit, part.known, part.fit.groups[number]
     mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
     law = group.law.scaled(1 / mu) if group.law.terms else LINEAR
     stiffness, damping, estimates = known.suspension(number, per_mass=per_mass)
-    return SpringEstimate(group.name, stiffness, damping, law, estimates, *map(thinned, fit.motion(group.slots[0])))
+    travel, velocity = map(thinned, fit.motion(number))
+    rests = at_rest(part, number, per_mass=per_mass)
+    return SpringEstimate(group.name, stiffness, damping, law, estimates, travel, velocity, known.rest(number), rests)
 
 
 def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
@@ -199,7 +229,8 @@ def _joint(known: Parameters, name: str, per_mass: bool) -> SpringEstimate:
     first = model.names.index(f"stiffness_per_mass[{name}]", model.first_inside)
     stiffness, damping = (known.per_force(place, per_mass=per_mass) for place in (first, first + 1))
     slot = model.body.n_interfaces + [spring.name for spring in model.body.inside].index(name)
-    return SpringEstimate(name, stiffness, damping, LINEAR, {}, *map(thinned, fit.motion(slot)))
+    travel, velocity = map(thinned, fit.motion(slot))
+    return SpringEstimate(name, stiffness, damping, LINEAR, {}, travel, velocity, Estimate(0.0), ())
 
 
 def _refused_or_unscaled(ratio: float, scaled: bool, verdicts: Verdicts) -> str | None:
@@ -220,10 +251,10 @@ def _untold(
     masses: Mapping[str, Estimate],
     interfaces: Mapping[str, SpringEstimate],
     joints: Mapping[str, SpringEstimate],
+    part: Fitted,
     not_held: Sequence[str],
-    too_fast: str,
-    verdicts: Verdicts,
 ) -> str | None:
+    verdicts, too_fast = part.settings.verdicts, _too_fast(part.fit)
     known = [(f"the mass of {name}", each) for name, each in masses.items()]
     known += [(f"the stiffness of {name}", each.stiffness) for t in (interfaces, joints) for name, each in t.items()]
     loose = [
@@ -235,6 +266,12 @@ def _untold(
     # a joint that nothing holds runs to where the steps no longer follow
     if joints and too_fast:
         return f"these runs do not tell the stiffness of {', '.join(joints)}: {too_fast}"
+    if loose and repeatability_rules(part.repeatability, part.fit):
+        return (
+            f"these runs do not tell {', '.join(loose)}: springs, damping and friction may differ from run to run by "
+            f"about {100 * part.task.repeatability:.2g} %, which hides what the loading does; load more, fly each "
+            "loading more than once, or state a smaller `repeatability` if you know it"
+        )
     if loose:
         return f"these runs do not tell {', '.join(loose)}: measure at more places, or change the loading more"
     return None
@@ -255,7 +292,7 @@ def _not_held(fit: Fit, unknown: Sequence[str]) -> list[str]:
     return found
 
 
-def _warnings(part: Fitted) -> Iterator[str]:
+def _warnings(part: Fitted, *, knows_weight: bool) -> Iterator[str]:
     fit, ratio, left_out = part.fit, part.residual_over_noise, part.left_out_over_noise
     verdicts = part.settings.verdicts
     if ratio > verdicts.explained:
@@ -272,6 +309,15 @@ def _warnings(part: Fitted) -> Iterator[str]:
         )
     elif not measure_whiteness(fit).white:
         yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
+    if ratio <= verdicts.refused:
+        yield from run_differences(part)
+    loaded = any(run.loading.any() for run in fit.model.runs)
+    if not knows_weight and loaded and any(map(depends_on_travel, fit.laws.values())):
+        yield (
+            "no `axis` is given, so no weight acts: where the degrees of freedom are vertical, each loading moves the "
+            "suspensions along their laws, and masses and stiffness are off; give axis='up', 'down' or 'horizontal', "
+            "or one for each degree of freedom"
+        )
     if too_fast := _too_fast(fit):
         yield too_fast
 

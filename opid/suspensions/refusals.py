@@ -11,7 +11,6 @@ from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, fits_of_each_run, runs_contradict_each_other
 from opid.suspensions.limits import repeatability_rules
-from opid.suspensions.repeatability import repeatability_of
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, GearRatios
 from opid.suspensions.settings import Verdicts
@@ -148,15 +147,14 @@ def _why_no_mass_of_gear(choice: Choice) -> str | None:
             "this gear may not be alone on its body, which rolls and pitches on others (then describe all of them in "
             "[[interfaces]]), or the channels, the law or the mass changes are not as stated"
         )
-    if is_loose and part.known.levels is not None:
-        alike = repeatability_of(part.fit, part.known.levels, part.task.repeatability, is_usual=False)
-        if repeatability_rules(alike, part.fit):
-            return (
-                f"the runs differ by about {100 * (alike.estimated or 0.0):.1g} % in stiffness, damping or friction, "
-                f"which hides what the mass change of {largest:g} kg does: fly the masses in turn, each more than "
-                "once, or use a larger mass change; if you know that springs, damping and friction are alike, state a "
-                "smaller `repeatability`; the ratios to the mass are given"
-            )
+    if is_loose and repeatability_rules(part.repeatability, part.fit):
+        differ = 100 * (part.repeatability.estimated or 0.0)
+        return (
+            f"the runs differ by about {differ:.1g} % in stiffness, damping or friction, which hides what the mass "
+            f"change of {largest:g} kg does: fly the masses in turn, each more than once, or use a larger mass change; "
+            "if you know that springs, damping and friction are alike, state a smaller `repeatability`; the ratios to "
+            "the mass are given"
+        )
     if is_loose:
         upper = mu + 1.96 * std
         bound = f"it is above {1 / upper:.0f} kg" if upper > 0 else "the change even acts in the opposite sense"

@@ -104,30 +104,6 @@ class BodyRatios(Estimates):
     y_cg_m: Estimate = _NOTHING
 
 
-@dataclass(frozen=True, eq=False)
-class SpringEstimate(Estimates):
-    """A suspension, or a joint inside of a structure.
-
-    Args:
-        name: of the interface, of the degree of freedom that the suspension carries, or of the joint.
-        stiffness: K, N/m; where the mass is not determined (`per_mass` of the identification) per kg of the body, or of
-            the first unknown mass of a user's own structure.
-        damping: C, N s/m, likewise.
-        law: f(z, z') beside them, N, likewise; linear for a joint.
-        law_estimates: {kind: {parameter: Estimate}} of it.
-        travel: (n,) z of all runs, thinned for figures, m.
-        velocity: (n,) z', m/s.
-    """
-
-    name: str
-    stiffness: Estimate
-    damping: Estimate
-    law: Law
-    law_estimates: Mapping[str, Mapping[str, Estimate]]
-    travel: FloatArray
-    velocity: FloatArray
-
-
 @dataclass(frozen=True)
 class AtRest(Estimates):
     """A suspension where it rests in one run.
@@ -144,6 +120,34 @@ class AtRest(Estimates):
     travel_m: Estimate
     stiffness: Estimate
     damping: Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class SpringEstimate(Estimates):
+    """A suspension, or a joint inside of a structure.
+
+    Args:
+        name: of the interface, of the degree of freedom that the suspension carries, or of the joint.
+        stiffness: K, N/m; where the mass is not determined (`per_mass` of the identification) per kg of the body, or of
+            the first unknown mass of a user's own structure.
+        damping: C, N s/m, likewise.
+        law: f(z, z') beside them, N, likewise; linear for a joint.
+        law_estimates: {kind: {parameter: Estimate}} of it.
+        travel: (n,) z of all runs, thinned for figures, m.
+        velocity: (n,) z', m/s.
+        rest_m: where it rests on its law in the reference run, from the origin of the law; 0 where it rests there.
+        at_rest: in each run; none of a joint.
+    """
+
+    name: str
+    stiffness: Estimate
+    damping: Estimate
+    law: Law
+    law_estimates: Mapping[str, Mapping[str, Estimate]]
+    travel: FloatArray
+    velocity: FloatArray
+    rest_m: Estimate
+    at_rest: tuple[AtRest, ...]
 
 
 @dataclass(frozen=True)
@@ -171,16 +175,12 @@ class InterfaceEstimate(SpringEstimate):
         ground_stiffness: of a spring from the body to the ground, N/m, as the stiffness; 0 where the runs do not demand
             one.
         residual_over_noise: of its sensor on the body: rms of the prediction errors over the noise known beforehand.
-        rest_m: where it rests on its law in the reference run, from the origin of the law; 0 where it rests there.
-        at_rest: in each run.
         gas: that carries it; None where no gas is found, or the mass is not determined.
     """
 
     shared_with: tuple[str, ...]
     ground_stiffness: Estimate
     residual_over_noise: float
-    rest_m: Estimate
-    at_rest: tuple[AtRest, ...]
     gas: GasColumn | None = None
 
 

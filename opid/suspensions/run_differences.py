@@ -10,36 +10,32 @@ import numpy as np
 
 from opid.mechanics.repeatability import PARTS, part_of
 from opid.suspensions.candidates import Fitted
-from opid.suspensions.repeatability import repeatability_of
-from opid.suspensions.settings import WarningSettings
-from opid.suspensions.study import Study
 
 _PARTS_IN_WORDS = {"spring": "the stiffness", "damper": "the damping", "friction": "the friction"}
 
 
-def run_differences(study: Study, part: Fitted) -> Iterator[str]:
+def run_differences(part: Fitted) -> Iterator[str]:
     """Yield what differs between runs by more than its interval, against the first run, one sentence each.
 
     Args:
-        study: the study.
-        part: a structure fitted to it.
+        part: a fitted structure.
     """
-    fit, known = part.fit, part.settings.warnings
+    fit, alike, study = part.fit, part.repeatability, part.task.study
     if part.known.levels is None:
         return
-    alike = repeatability_of(fit, part.known.levels, part.task.repeatability, is_usual=False)
-    if alike.exceeds and study.repeatability is not None:
+    if alike.exceeds and not alike.is_usual:
         yield (
             f"the runs differ by about {100 * (alike.estimated or 0.0):.1g} % in stiffness, damping or friction, more "
             f"than the stated repeatability of {100 * alike.stated:.2g} %: state a larger one, or look for what changed"
         )
     for number, group in enumerate(fit.model.groups):
         where = f" at {group.name!r}" * bool(group.name)
-        changes = [_Change.of(part, number, place) for place in range(1, len(study.runs))]
+        changes = [_Change.of(part, number, place) for place in range(1, len(part.runs))]
         for change in changes:
-            yield from _of_unlike_run(study, change, where, known)
-        if study.is_one_gear and changes:
-            yield from _of_another_mass(study, part, max(changes, key=lambda change: abs(change.common[0])), known)
+            yield from _of_unlike_run(part, change, where)
+        is_alone = fit.model.body.n_slots == 1 and (study is None or study.is_one_gear)
+        if is_alone and changes:
+            yield from _of_another_mass(part, max(changes, key=lambda change: abs(change.common[0])))
 
 
 @dataclass(frozen=True)
@@ -85,9 +81,10 @@ class _Change:
         return max(self.unlike, key=lambda pair: abs(self.unlike[pair][0]) / self.unlike[pair][1])
 
 
-def _of_unlike_run(study: Study, change: _Change, where: str, known: WarningSettings) -> Iterator[str]:
+def _of_unlike_run(part: Fitted, change: _Change, where: str) -> Iterator[str]:
     """A part that changed by more than its interval; else two that changed by ratios that differ."""
-    named, than = f"{where} in run {study.runs[change.place].name!r}", f"in run {study.runs[0].name!r}"
+    names, known = part.task.run_names, part.settings.warnings
+    named, than = f"{where} in run {names[change.place]!r}", f"in run {names[0]!r}"
     certain = [name for name, (value, std) in change.single.items() if abs(value) > known.unlike_std * std]
     for name in certain:
         value, std = change.single[name]
@@ -105,17 +102,18 @@ def _of_unlike_run(study: Study, change: _Change, where: str, known: WarningSett
         )
 
 
-def _of_another_mass(study: Study, part: Fitted, change: _Change, known: WarningSettings) -> Iterator[str]:
+def _of_another_mass(part: Fitted, change: _Change) -> Iterator[str]:
     """All forces of a run changed by one ratio: that is what another mass does, and no strut."""
-    (common, _), (differs, std), run = change.common, change.unlike[change.surest], study.runs[change.place]
-    if abs(common) < known.as_one * max(abs(differs), std):
+    (common, _), (differs, std), names = change.common, change.unlike[change.surest], part.task.run_names
+    if abs(common) < part.settings.warnings.as_one * max(abs(differs), std):
         return
     model, wrong = part.fit.model, ""
     if model.mass_free:
-        off_kg = abs(common) * (1 / model.inverse_mass(part.fit.theta) + run.mass_change_kg)
+        change_kg = float(model.runs[change.place].loading[0, 0])
+        off_kg = abs(common) * (1 / model.inverse_mass(part.fit.theta) + change_kg)
         wrong = f", as if it carried {off_kg:.0f} kg {'less' if common > 0 else 'more'} than stated"
+    key = "loadings" if part.task.study is None else "mass_change_kg"
     yield (
-        f"stiffness, damping and friction in run {run.name!r} are all {100 * abs(common):.2g} % "
-        f"{'more' if common > 0 else 'less'} than in run {study.runs[0].name!r}{wrong}: check the mass_change_kg of "
-        "all runs"
+        f"stiffness, damping and friction in run {names[change.place]!r} are all {100 * abs(common):.2g} % "
+        f"{'more' if common > 0 else 'less'} than in run {names[0]!r}{wrong}: check the {key} of all runs"
     )

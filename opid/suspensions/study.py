@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import combinations
+from numbers import Real
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -369,9 +370,9 @@ def _interface_faults(study: Study) -> Iterator[str]:
         yield f"the axis of {each.name!r} is {each.axis!r}, give one of {', '.join(map(repr, allowed))}"
     for each in study.interfaces:
         area = each.piston_area_m2
-        if area is not None and not 0.0 < area <= LARGEST_PISTON_M2:
+        if area is not None and not (_is_within(area, 0.0, LARGEST_PISTON_M2) and area):
             yield (
-                f"the piston_area_m2 of {each.name!r} is {area:g}, give the area that the gas pushes on, more than 0 "
+                f"the piston_area_m2 of {each.name!r} is {area!r}, give the area that the gas pushes on, more than 0 "
                 f"and at most {LARGEST_PISTON_M2:g} m^2 (a bore of 100 mm has 0.00785 m^2)"
             )
         if area is not None and each.axis in ("down", "horizontal"):
@@ -438,13 +439,27 @@ def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[
             yield f"the leak {channel!r} is the {side} channel itself, name another axis"
 
 
+def repeatability_faults(repeatability: object) -> Iterator[str]:
+    """Yield what is wrong with a stated repeatability.
+
+    Args:
+        repeatability: as it was given; None where it was left out.
+    """
+    if repeatability is not None and not _is_within(repeatability, 0.0, MOST_UNLIKE):
+        yield (
+            f"the repeatability is {repeatability!r}, give the relative standard deviation by which springs, damping "
+            f"and friction differ from run to run, a number from 0 to {MOST_UNLIKE:g} (0.01 for 1 %)"
+        )
+
+
+def _is_within(value: object, least: float, most: float) -> bool:
+    """Whether a value is a number of a range."""
+    return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most
+
+
 def _structure_faults(study: Study) -> Iterator[str]:
     settings, names = study.structure, study.names
-    if study.repeatability is not None and not 0 <= study.repeatability <= MOST_UNLIKE:
-        yield (
-            f"the repeatability is {study.repeatability:g}, give the relative standard deviation by which springs, "
-            f"damping and friction differ from run to run, 0 to {MOST_UNLIKE:g} (0.01 for 1 %)"
-        )
+    yield from repeatability_faults(study.repeatability)
     if settings.kind not in KINDS:
         yield f"the kind of structure is {settings.kind!r}: {nearest(settings.kind, KINDS)}"
     if not (math.isfinite(settings.position_tolerance_m) and 0 <= settings.position_tolerance_m <= 1.0):

@@ -159,17 +159,25 @@ class Unknowns:
         return tuple(Departure(*row) for row in values.tolist())
 
     @property
+    def own_load(self) -> float:
+        """What a body on one suspension weighs without a loading, with its sign; 0 where no weight acts.
+
+        Per unit of the reference mass, m/s^2; in N where the body is given in kg.
+        """
+        return 0.0 if self.body.fall is None else float(self.body.unit[0, 0] * self.body.fall[0])
+
+    @property
     def weight(self) -> float:
         """What the suspension of one gear carries at rest in the reference run, per unit of the reference mass, m/s^2.
 
         It is 0 where no weight acts, and for bodies, of which gears carry shares not known.
         """
-        return abs(float(self.body.fall[0])) if self.body.fall is not None and self.body.n_slots == 1 else 0.0
+        return abs(self.own_load) if self.body.n_slots == 1 else 0.0
 
     @property
     def is_carried(self) -> bool:
         """Whether it is known what a column of gas would carry: it pushes outwards, so the axis must count so."""
-        return self.weight > 0.0 and self.body.fall is not None and float(self.body.fall[0]) < 0.0
+        return self.body.n_slots == 1 and self.own_load < 0.0
 
     @cached_property
     def carriers(self) -> tuple[tuple[int, int], ...]:
@@ -334,7 +342,8 @@ class Unknowns:
         load = self.inverse_mass(theta) * (loading @ fall)
         if not stiffer:
             return rest_under(slots, self.body.rows, load)
-        return rest_under(self.departed(list(slots), theta, place), self.body.rows, load, -stiffer * fall)
+        held = np.array([-stiffer * self.own_load])
+        return rest_under(self.departed(list(slots), theta, place), self.body.rows, load, held)
 
     def stiffer(self, theta: FloatArray, place: int) -> float:
         """Return by how much the springs of one gear depart in a run.

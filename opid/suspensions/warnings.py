@@ -74,7 +74,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     for part in told:
         yield from _of_the_demands(part)
         yield from _of_stated_facts(part)
-        yield from run_differences(choice.study, part)
+        yield from run_differences(part)
     if told:
         yield from _of_the_ground(answer)
         yield from doubts_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
