@@ -265,6 +265,7 @@ def test_a_law_that_is_not_known_limits_the_answer_to_equivalents(seed):
     assert result.limited_by == "model"
     assert result.evidence[0].error.departure > 2
     assert "goes with the motion" in result.not_determined
+    assert "the given law may not be the strut's (let it be searched)" in result.not_determined
     assert says_nothing(result)
     assert any("limited by the model" in warning for warning in result.warnings)
     # between a friction that slips and one that sticks
@@ -354,6 +355,8 @@ def test_channels_that_share_nothing_get_no_number(seed):
     runs = [recording_from_arrays(each, ["lower_z", "upper_z"], fs=FS) for each in samples]
     result = identify(study_of(*runs))
     assert "would be a guess" in result.not_determined
+    # nobody is told to do what was done
+    assert "searched" not in result.not_determined
     assert says_nothing(result)
     assert all(estimate.value is None for _, estimate in result.ratios.items())
 
@@ -385,6 +388,7 @@ def test_a_sensor_upside_down_gets_no_number(channel):
         turned.append(recording_from_arrays(columns, run.recording.names, fs=FS))
     result = identify(study_of(*turned), law="arctan_velocity")
     assert "upside down" in result.not_determined
+    assert "let the law be searched" in result.not_determined
     assert says_nothing(result)
 
 

@@ -155,6 +155,14 @@ def test_a_loaded_structure_rests_where_its_weight_puts_it():
     assert not any("no `axis` is given" in each for each in level.warnings)
 
 
+def test_an_exponent_that_gas_does_not_have_is_doubted_at_its_suspension():
+    gas = law("gas_column", static_force_n=(LOW_KG + HIGH_KG) * GRAVITY_M_PER_S2, gas_length_m=0.07, exponent=2.0)
+    run = shaken(machine(), 1, replace(ISOLATOR, stiffness_n_per_m=0.0, law=gas))
+    found = identify_structure(machine(), [run], law="gas_column", axis="up", **WHERE)
+    assert found.interfaces["low"].law_estimates["gas_column"]["exponent"].value > 1.4
+    assert any(each.startswith("at 'low': the exponent") and "is unusual for gas" in each for each in found.warnings)
+
+
 def test_an_isolator_that_differs_from_run_to_run_is_in_the_interval_of_the_masses():
     """Two per cent of stiffness look like another mass where the runs are said to be alike."""
     stiffer = replace(ISOLATOR, stiffness_n_per_m=1.02 * SPRING)

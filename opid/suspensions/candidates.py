@@ -145,6 +145,11 @@ class Fitted:
         return noise_level(self.noise)
 
     @property
+    def law_is_given(self) -> bool:
+        """Whether no law was searched."""
+        return self.task.law is not None
+
+    @property
     def runs(self) -> tuple[DrivenRun, ...]:
         """That were fitted."""
         return self.fit.model.runs

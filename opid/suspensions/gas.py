@@ -10,7 +10,7 @@ from opid.mechanics.laws import LAWS
 from opid.mechanics.weight import ATMOSPHERE_PA
 from opid.signals.recording import FloatArray
 from opid.suspensions.intervals import Parameters
-from opid.suspensions.result import GasColumn, InterfaceEstimate
+from opid.suspensions.result import GasColumn, InterfaceEstimate, SpringEstimate
 from opid.suspensions.settings import GasSettings
 from opid.suspensions.study import MeasuredInterface
 
@@ -70,7 +70,17 @@ def _doubts(interface: InterfaceEstimate, piston_area_m2: float | None, settings
             f"it {1e-6 * pressure:.2g} MPa, and struts are serviced with {1e-6 * low:g} to {1e-6 * high:g} MPa; check "
             "the area and the unit of the mass changes"
         )
-    for kind, estimates in interface.law_estimates.items():
+    yield from doubts_of_exponents(interface, settings)
+
+
+def doubts_of_exponents(suspension: SpringEstimate, settings: GasSettings) -> Iterator[str]:
+    """Yield the exponents of a suspension that gas in a strut does not have, one sentence each.
+
+    Args:
+        suspension: as it is told.
+        settings: what gas in a strut is like.
+    """
+    for kind, estimates in suspension.law_estimates.items():
         if not LAWS[kind].quasi_static:
             continue
         for parameter in LAWS[kind].parameters:

@@ -21,6 +21,7 @@ from opid.suspensions.answer import at_rest
 from opid.suspensions.body import own_body
 from opid.suspensions.candidates import Fitted, Task, fall_of, fitted
 from opid.suspensions.fit import Fit, fastest_rate
+from opid.suspensions.gas import doubts_of_exponents
 from opid.suspensions.intervals import Parameters
 from opid.suspensions.law_search import library
 from opid.suspensions.limits import how_alike, repeatability_rules
@@ -195,7 +196,7 @@ def _answer(
         left_out_over_noise=part.left_out_over_noise,
         repeatability=part.repeatability,
         limits=tuple(how_alike(part.repeatability, fit, known.mass if fit.model.mass_free else Estimate())),
-        warnings=tuple(_warnings(part, knows_weight=knows_weight)),
+        warnings=tuple(_warnings(part, interfaces, knows_weight=knows_weight)),
         not_determined=reason,
         fit=fit,
     )
@@ -292,7 +293,7 @@ def _not_held(fit: Fit, unknown: Sequence[str]) -> list[str]:
     return found
 
 
-def _warnings(part: Fitted, *, knows_weight: bool) -> Iterator[str]:
+def _warnings(part: Fitted, interfaces: Mapping[str, SpringEstimate], *, knows_weight: bool) -> Iterator[str]:
     fit, ratio, left_out = part.fit, part.residual_over_noise, part.left_out_over_noise
     verdicts = part.settings.verdicts
     if ratio > verdicts.explained:
@@ -311,6 +312,8 @@ def _warnings(part: Fitted, *, knows_weight: bool) -> Iterator[str]:
         yield "what the structure leaves is not white: the intervals allow for it, a law may be missing"
     if ratio <= verdicts.refused:
         yield from run_differences(part)
+        for name, each in interfaces.items():
+            yield from (f"at {name!r}: {doubt}" for doubt in doubts_of_exponents(each, part.settings.gas))
     loaded = any(run.loading.any() for run in fit.model.runs)
     if not knows_weight and loaded and any(map(depends_on_travel, fit.laws.values())):
         yield (

@@ -51,10 +51,11 @@ def _why_gear_refused(study: Study, part: Fitted) -> str | None:
         )
     else:
         unexplained = "explains nothing of the body's acceleration"
+    search = "let the law be searched, " * part.law_is_given
     return (
         f"the fitted model {unexplained}, so every number of it would be a guess: check the channels (swapped, upside "
-        "down, in another unit) and the mass changes, let the law be searched, or take another band; or this gear is "
-        "not alone on its body, which rolls and pitches on others: then describe all of them in [[interfaces]]"
+        f"down, in another unit) and the mass changes, {search}or take another band; or this gear is not alone on its "
+        "body, which rolls and pitches on others: then describe all of them in [[interfaces]]"
     )
 
 
@@ -134,12 +135,14 @@ def _why_no_mass_of_gear(choice: Choice) -> str | None:
             "(negative where mass was removed) and the order of the logs; the ratios to the mass are given"
         )
     if part.error is not None and part.error.limit == "model":
+        law = "the given law may not be the strut's (let it be searched)"
         return (
             f"what the model leaves, {100 * unexplained_fraction(part):.2g} % of the body's acceleration and "
             f"{over_noise(choice.ratio)} times the sensors' noise, goes with the motion and bends the parameters, and "
-            "no mass can be told: the law may be outside the library, this gear may not be alone on its body, which "
-            "rolls and pitches on others (then describe all of them in [[interfaces]]), or the channels or the mass "
-            "changes are not as stated; the ratios to the mass are given, as equivalents over the motion of these runs"
+            f"no mass can be told: {law if part.law_is_given else 'the law may be outside the library'}, this gear may "
+            "not be alone on its body, which rolls and pitches on others (then describe all of them in "
+            "[[interfaces]]), or the channels or the mass changes are not as stated; the ratios to the mass are given, "
+            "as equivalents over the motion of these runs"
         )
     if is_loose and choice.ratio > choice.verdicts.doubtful:
         return (

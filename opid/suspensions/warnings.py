@@ -11,7 +11,6 @@ from opid.estimate import Estimate
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import Fit
 from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.limits import repeatability_rules
 from opid.suspensions.refusals import worst_sensor
@@ -154,7 +153,7 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
         return
     stands_out = (
         f"it stands out most from {found.band_hz[0]:.2g} to {found.band_hz[1]:.2g} Hz ({found.excess:.1f} times its "
-        f"mean level): {_reason(part.fit, found.band_hz)}"
+        f"mean level): {_reason(part, found.band_hz)}"
     )
     if ratio > verdicts.noted:
         yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}"
@@ -183,17 +182,18 @@ def _limited_by(part: Fitted) -> str:
     )
 
 
-def _reason(fit: Fit, band_hz: tuple[float, float]) -> str:
+def _reason(part: Fitted, band_hz: tuple[float, float]) -> str:
     """What usually leaves a residual in such a band."""
+    fit, other = part.fit, "other than the given one" if part.law_is_given else "outside the library"
     square = fit.theta[0] + fit.value(fit.model.groups[0].called(GROUND))
     settings = fit.model.settings.warnings
     resonance_hz = float(np.sqrt(max(square, 0.0))) / (2 * np.pi)
     if band_hz[1] < settings.slow_fraction * resonance_hz:
-        return "AC coupling, a drifting sensor or a law of the travel outside the library make such slow motion"
+        return f"AC coupling, a drifting sensor or a law of the travel {other} make such slow motion"
     if band_hz[0] > settings.fast_fraction * resonance_hz:
         return "a second resonance (a roll, pitch or bending mode, a loose bracket) or a lag between the channels"
     return (
-        "a gear on a body that rolls or pitches is no gear alone, a law outside the library, memory in the strut or "
+        f"a gear on a body that rolls or pitches is no gear alone, a law {other}, memory in the strut or "
         "motion across the axis leave such a residual"
     )
 

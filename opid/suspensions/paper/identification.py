@@ -181,7 +181,7 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
     reason = (
         f"the fitted model leaves {result.residual_over_noise:.0f} times the sensor noise unexplained, so every number "
         "of it would be a guess: check the channels (swapped, upside down, in another unit) and the mass changes, "
-        "let the law be searched, or take another band"
+        f"{'let the law be searched, ' * (result.settings.law is not None)}or take another band"
     )
     if len(runs) > 1 and len({run.mass_change_kg for run in runs}) == 1:
         frequencies = [run.spectral_fit.natural_frequency_hz for run in runs]
