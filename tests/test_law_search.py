@@ -45,6 +45,11 @@ FROM_TO = [
     ("arctan_velocity", "arctan_mixed"),
     ("linear", "arctan_velocity+quadratic_damping"),
     ("linear", "linear"),
+    ("arctan_velocity", "arctan_velocity+even_quadratic_stiffness"),
+    (
+        "arctan_velocity+quadratic_damping+cubic_stiffness",
+        "arctan_velocity+quadratic_damping+even_quadratic_stiffness+cubic_stiffness",
+    ),
 ]
 
 

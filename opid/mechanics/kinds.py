@@ -367,13 +367,13 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 3e7),),
         _quadratic_stiffness,
     ),
-    # a joint that is stiffer in one direction: the force that feeds a mode at twice the frequency
+    # a spring that is stiffer in one direction, straighter than a gas: of a mode the force at twice its frequency
     Kind(
         "even_quadratic_stiffness",
         r"k\, z^2",
-        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 1e6),),
+        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 1e7),),
         _even_quadratic_stiffness,
-        searched=False,
+        is_about_rest=True,
     ),
     # the next odd term of any smooth spring
     Kind(

@@ -36,8 +36,11 @@ class DrivenLaws:
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
-            if group.has_origin or model.is_carried:
+            if group.has_origin:
                 new = [kind for kind in new if not LAWS[kind].is_about_rest]
+            elif model.is_carried:
+                # a column of gas carries what is known, and takes the place of all springs: see `_carriers`
+                new = [kind for kind in new if not LAWS[kind].quasi_static]
             offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
         try:
             errors = model.evaluate(fit.theta, candidates=offered)

@@ -90,24 +90,35 @@ def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str],
     weight = distance_m * (stiffness + float(law.gradient(0.0, 0.0)[0]))
     bent = _without(straight, force)
     kept = tuple(term for term in law.terms if not depends_on_travel(Law((term,))))
-    found: dict[tuple[str, bool], tuple[float, Law]] = {}
-    for rest_m in distance_m * np.array((0.0, *settings.distances)):
-        for term in _springs(kinds, float(np.hypot(travel.std(), rest_m)), settings.n_scales):
-            spring = Law((term,), rest_m)
-            whole = spring.force(z, 0.0)
-            shape = _without(straight, whole)
-            size = float(shape @ shape)
-            if size <= settings.least_bend**2 * float(whole @ whole):
-                continue
-            amplitude = float(shape @ bent) / size
-            # about where it rests a law says nothing of the weight
-            beside = np.linalg.lstsq(straight, force - amplitude * whole, rcond=None)[0][1]
-            carried = beside * rest_m + amplitude * float(Law((term,)).force(rest_m, 0.0))
-            missing = (carried - weight) / (settings.balance_std * weight) if rest_m else 0.0
-            cost, key = float(np.sum((bent - amplitude * shape) ** 2)) * (1 + missing**2), (term.name, bool(rest_m))
-            if cost < found.get(key, (np.inf, LINEAR))[0]:
-                found[key] = cost, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
-    return [each for _, each in sorted(found.values(), key=lambda entry: entry[0])]
+    found: dict[tuple[str, bool], tuple[float, float, Law]] = {}
+
+    def imitate(fraction: float, term: Term) -> None:
+        """Keep the law of a term whose origin lies this fraction of the distance away, where none before is nearer."""
+        rest_m = distance_m * fraction
+        spring = Law((term,), rest_m)
+        whole = spring.force(z, 0.0)
+        shape = _without(straight, whole)
+        size = float(shape @ shape)
+        if size <= settings.least_bend**2 * float(whole @ whole):
+            return
+        amplitude = float(shape @ bent) / size
+        # about where it rests a law says nothing of the weight
+        beside = np.linalg.lstsq(straight, force - amplitude * whole, rcond=None)[0][1]
+        carried = beside * rest_m + amplitude * float(Law((term,)).force(rest_m, 0.0))
+        missing = (carried - weight) / (settings.balance_std * weight) if rest_m else 0.0
+        cost, key = float(np.sum((bent - amplitude * shape) ** 2)) * (1 + missing**2), (term.name, bool(rest_m))
+        if cost < found.get(key, (np.inf, 0.0, LINEAR))[0]:
+            found[key] = cost, fraction, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
+
+    for fraction in (0.0, *settings.distances):
+        for term in _springs(kinds, float(np.hypot(travel.std(), distance_m * fraction)), settings.n_scales):
+            imitate(fraction, term)
+    for (name, is_away), (_, best, law) in list(found.items()):
+        if is_away:
+            (near,) = (term for term in law.terms if term.name == name)
+            for factor in np.geomspace(1 / settings.finer_reach, settings.finer_reach, settings.n_finer):
+                imitate(best * float(factor), Term(name, (1.0, *near.inner)))
+    return [each for _, _, each in sorted(found.values(), key=lambda entry: entry[0])]
 
 
 def _without(columns: FloatArray, values: FloatArray) -> FloatArray:

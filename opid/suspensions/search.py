@@ -45,6 +45,7 @@ from opid.suspensions.repeatability import mends_much, with_departures
 from opid.suspensions.residual import is_noise, measure_whiteness
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SIDES
+from opid.suspensions.settings import SearchSettings
 from opid.suspensions.start import Start
 
 Say = Callable[[str], None]
@@ -311,7 +312,9 @@ class _Search:
             steps = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
             best: LawStep[Fit] | None = None
             for step in steps:
-                best = step if is_better(step.fit, best.fit if best else fit, known) else best
+                than = best.fit if best else fit
+                if is_better(step.fit, than, known) or _says_why_it_is_uneven(step.fit, than, known):
+                    best = step
             ladder += [step for step in steps if step is not best]
             if best is None:
                 break
@@ -433,6 +436,15 @@ def _with_fewer_terms(found: Found) -> Found:
         return found
     ladder = (*(replace(step, kept=False) for step in found.ladder if step is not best), replace(best, kept=True))
     return replace(found, fit=again, ladder=ladder)
+
+
+def _says_why_it_is_uneven(fit: Fit, than: Fit, known: SearchSettings) -> bool:
+    """Whether laws about another origin fit as well as others with even terms about the rest position.
+
+    A cube about the unloaded length is a cube and a square about where it rests, but it also says how far that is.
+    """
+    is_even = any("even_quadratic_stiffness" in law.parameters for law in than.laws.values())
+    return is_even and n_terms(fit) <= n_terms(than) and fit.bic < than.bic + known.alike_bic
 
 
 def _is_same(fit: Fit, other: Fit) -> bool:

@@ -220,7 +220,7 @@ class SearchSettings:
     first_order_error: float = 0.0
     n_refitted: int = 3
     n_rounds: int = 8
-    most_terms: int = 3
+    most_terms: int = 4
     most_exchanged: int = 2
     n_neighbours: int = 2
     alike_bic: float = 10.0
@@ -241,6 +241,8 @@ class OriginSettings:
     Args:
         distances: of the origin from where a suspension rests, over how far straight springs of its tangent stiffness
             would give way under the body: a spring that stiffens gives way less far, one that softens farther.
+        finer_reach: around the best of them the origin is looked for more finely, up to this factor away ...
+        n_finer: ... at so many distances: what is begun with far off takes many steps along a valley.
         n_scales: of a kind, evenly in their logarithm.
         n_travels: at which forces are compared.
         n_fitted: laws that are fitted, those whose force is nearest.
@@ -250,6 +252,8 @@ class OriginSettings:
     """
 
     distances: tuple[float, ...] = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8)
+    finer_reach: float = 1.4
+    n_finer: int = 29
     n_scales: int = 12
     n_travels: int = 200
     n_fitted: int = 4
