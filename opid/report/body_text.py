@@ -21,7 +21,7 @@ from opid.report.as_text import (
 )
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
-from opid.suspensions.limits import how_alike
+from opid.suspensions.limits import limits_of_mass
 from opid.suspensions.residual import over_noise
 from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
@@ -231,7 +231,7 @@ def body_limits(result: Identification) -> str:
     alike = " ".join(
         f"{each[0].upper()}{each[1:]}."
         for evidence in result.evidence[:1]
-        for each in how_alike(
+        for each in limits_of_mass(
             evidence.repeatability,
             evidence.fit,
             # of gears that were fitted one by one, each has a share of its own

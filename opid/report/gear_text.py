@@ -122,17 +122,17 @@ def _limits_of_model(result: Identification) -> str:
     evidence, lines = result.evidence[0], result.runs[0].frequency_hz
     white = evidence.whiteness.white
     predicted = (
-        f"{_from_runs(len(result.runs), (lines[0], lines[-1]))}the airframe acceleration is predicted to "
-        f"{_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, the noise floor of the sensors is at most "
-        f"{_mm_per_s2(evidence.noise)}; the prediction errors are {'white' if white else 'not white'}."
+        f"{_from_runs(len(result.runs), (lines[0], lines[-1]))}the model predicts the airframe acceleration to "
+        f"{_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, and the sensors' noise is at most "
+        f"{_mm_per_s2(evidence.noise)}; the prediction errors are {'white, as noise is' if white else 'not white'}."
     )
     if not any(estimate.interval95 for _, estimate in (*result.parameters.items(), *result.ratios.items())):
         return predicted
     checked = evidence.bootstrap_over_white.get("inverse_mass")
-    check = f" (resampled blocks of time give {checked:.2f} times that of the mass)" if checked and white else ""
-    unlike = " and of runs that are not quite alike" * (evidence.repeatability.estimated is not None)
+    check = f" (resampling blocks of time gives {checked:.2f} times that of the mass)" if checked and white else ""
+    unlike = " and for suspensions that differ from run to run" * (evidence.repeatability.estimated is not None)
     sentences = [
-        f"{predicted} The intervals are those of {'such noise' if white else 'errors so coloured'}{check}{unlike}.",
+        f"{predicted} The intervals allow for {'such noise' if white else 'errors so coloured'}{check}{unlike}.",
         *_of_runs_left_out(result, evidence),
         *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence.limits),
     ]
@@ -162,7 +162,7 @@ def _limits_of_chain(result: PaperIdentification) -> str:
 def _the_same_strut(result: PaperIdentification) -> str:
     if len(result.chain.runs) < 2:
         return ""
-    return " Springs, damping and friction are taken to be the same in all runs; the driven model lets them differ."
+    return " Stiffness, damping and friction are taken to be the same in all runs; the driven model lets them differ."
 
 
 def _from_runs(n_runs: int, band_hz: tuple[float, float]) -> str:
@@ -174,8 +174,8 @@ def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
         return ""
     named = ", ".join(sorted(kinds)) if len(kinds) <= _MOST_NAMED else f"the {len(kinds)} kinds of the library"
     return (
-        f" Stiffness and damping are the linear part beneath the law, which was chosen among {named} and their sums; "
-        "another law would share the force out otherwise."
+        f" Stiffness and damping are the linear part of the force and the law is the rest of it, chosen among {named} "
+        "and their sums; beside another law they would be others."
     )
 
 

@@ -259,8 +259,9 @@ def _leaves(parts: Sequence[Fitted]) -> str:
 def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int]) -> Identification:
     study, parts, tried = choice.study, choice.parts, choice.tried
     refused, unscaled = why_refused(choice), why_no_mass(choice)
-    evidence = tuple(_evidence(part, study, options, refused is not None) for part in parts)
     reason = refused or _failure(choice) or unscaled
+    has_mass = reason is None and len(parts) == 1
+    evidence = tuple(_evidence(part, options, is_refused=refused is not None, has_mass=has_mass) for part in parts)
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
     numbers = found_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
@@ -337,7 +338,7 @@ def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
     return {group.name: [study.names[k] for k in part.interfaces] for group in groups}
 
 
-def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) -> Evidence:
+def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: bool) -> Evidence:
     fit, found = part.fit, part.found
     assert found is not None  # parts have fits
     rng = np.random.default_rng(options.seed)
@@ -353,7 +354,7 @@ def _evidence(part: Fitted, study: Study, options: Options, is_refused: bool) ->
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
         surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
-        limits=tuple(limits(part.known, study, part.repeatability)),
+        limits=tuple(limits(part.known, part.repeatability, part.known.mass if has_mass else Estimate())),
         repeatability=part.repeatability,
         n_starts=found.n_starts,
         error=part.error,

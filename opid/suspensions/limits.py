@@ -16,7 +16,6 @@ from opid.suspensions.fit import Fit, carried_over, rows_with_departures
 from opid.suspensions.model import Model
 from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.settings import IntervalSettings
-from opid.suspensions.study import Study
 
 if TYPE_CHECKING:
     from opid.suspensions.intervals import Parameters
@@ -38,34 +37,18 @@ class GroundImitations:
     sentences: tuple[str, ...]
 
 
-def limits(known: Parameters, study: Study, alike: Repeatability) -> Iterator[str]:
+def limits(known: Parameters, alike: Repeatability, mass: Estimate) -> Iterator[str]:
     """Yield what limits the mass and the laws, one sentence each.
 
     Args:
         known: parameters of a fit.
-        study: it was fitted to.
         alike: how much alike its runs are.
+        mass: as it is told; nothing where it is not.
     """
     fit, covariance = known.fit, known.covariance
-    mass_changes_kg = [run.mass_change_kg for run in study.runs]
-    duration_s = sum(run.recording.duration_s for run in study.runs)
-    mass = known.mass if fit.model.mass_free else Estimate()
-    if mass.value is not None and mass.std is not None:
-        fraction = (max(mass_changes_kg) - min(mass_changes_kg)) / mass.value
-        percent, change = 196 * mass.std / mass.value, f"the mass change, {100 * fraction:.0f} % of the mass"
-        if fraction > 0 and repeatability_rules(alike, fit):
-            yield (
-                f"the mass is known to {percent:.2g} %: {change}, makes 1 % of stiffness {1 / fraction:.0f} % of mass, "
-                "and suspensions are not the same in two runs; doubling it would halve the interval"
-            )
-        elif fraction > 0:
-            yield (
-                f"the mass is known to {percent:.2g} %: {change}, multiplies what the sensors' noise does by "
-                f"{1 / fraction:.0f}; doubling it, or four times the {duration_s:.0f} s of running, would halve the "
-                "interval"
-            )
+    yield from limits_of_mass(alike, fit, mass)
+    if mass.std is not None:
         yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
-    yield from how_alike(alike, fit, mass)
     for number in range(len(fit.model.groups)):
         places = fit.model.law_places(number)
         for place in range(places.start, places.stop):
@@ -75,49 +58,72 @@ def limits(known: Parameters, study: Study, alike: Repeatability) -> Iterator[st
                 return
 
 
-def repeatability_rules(alike: Repeatability, fit: Fit) -> bool:
-    """Return whether the interval of the mass is that of runs that may not be alike, more than that of the noise.
+def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[str]:
+    """Yield which part of the interval of the mass is noise and which repeatability, and what would help most.
 
     Args:
         alike: how much alike the runs of a fit are.
         fit: of them.
+        mass: as it is told; nothing where it is not.
     """
-    rules = fit.model.settings.repeatability.rules_below
-    return alike.mass_if_alike is not None and alike.mass_if_alike < rules
+    if mass.value is not None and mass.std is not None:
+        yield _interval_in_words(alike, 196 * mass.std / mass.value)
+    if len(fit.model.runs) > 1:
+        yield from _repeatability_in_words(alike)
+    if mass.value is not None and mass.std is not None:
+        yield from _what_would_help(alike, fit, mass.value)
 
 
-def how_alike(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[str]:
-    """Yield how much alike the runs are taken to be, and what would tell it better, one sentence each.
-
-    Args:
-        alike: how much alike the runs of a fit are.
-        fit: of them.
-        mass: of the body.
-    """
-    runs = fit.model.runs
-    if len(runs) < 2:
-        return
-    if alike.estimated is None:
-        if alike.stated == 0:
-            yield "springs, damping and friction are taken to be the same in all runs (`repeatability = 0`)"
-        return
-    source = "what is usual; state `repeatability`" if alike.is_usual else "as stated"
-    said = (
-        f"springs, damping and friction may differ from run to run by about {100 * alike.stated:.2g} % ({source}), and "
-        f"the runs speak for {100 * alike.estimated:.1g} %"
+def _interval_in_words(alike: Repeatability, percent: float) -> str:
+    if alike.mass_if_alike is None:
+        return f"the mass is known to +-{percent:.2g} %, all of it from the sensors' noise"
+    noise = percent * alike.mass_if_alike
+    return (
+        f"the mass is known to +-{percent:.2g} %: +-{noise:.2g} % from the sensors' noise, "
+        f"+-{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
     )
-    if alike.mass_if_alike is None or mass.value is None or mass.std is None:
-        yield said
-        return
-    percent = 196 * alike.mass_if_alike * mass.std / mass.value
-    yield f"{said}; were all alike, the mass would be known to {percent:.2g} %"
-    yield "what changes all three by one ratio, as a mass change in error does, is not told from mass"
-    flown_twice = len({run.loading.tobytes() for run in runs}) < len(runs)
-    if repeatability_rules(alike, fit):
+
+
+def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
+    if alike.estimated is not None:
+        source = "the usual value, for the study states no `repeatability`" if alike.is_usual else "the stated value"
         yield (
-            "further runs with the masses in turn would tell how much alike the runs are"
-            if flown_twice
-            else "a further run at each mass, flown in turn, would tell how much alike the runs are, and help most"
+            "the repeatability, by which stiffness, damping and friction differ from run to run, is taken to be "
+            f"{100 * alike.stated:.2g} % ({source}); these runs show {100 * alike.estimated:.1g} %"
+            f"{', and are too few to prove it' * alike.rules_mass}"
+        )
+    elif alike.stated == 0:
+        yield "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`)"
+
+
+def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
+    runs = fit.model.runs
+    # of several suspensions no single number says how much of the body a loading is
+    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_slots == 1 else [0.0]
+    fraction = (max(changes) - min(changes)) / mass
+    if fraction > 0:
+        yield (
+            f"the mass change is {100 * fraction:.0f} % of the mass, so that 1 % of stiffness in one run looks like "
+            f"{1 / fraction:.0f} % of mass"
+        )
+    double = "twice the mass change" if fraction > 0 else "twice the loading"
+    if alike.rules_mass:
+        flown_twice = len({run.loading.tobytes() for run in runs}) < len(runs)
+        again = "further runs with the masses in turn" if flown_twice else "each mass flown once more, in turn"
+        yield (
+            f"what would help most: {again}, for the runs then show how much alike they are; {double} would halve the "
+            "interval"
+        )
+    else:
+        duration_s = sum(len(run.sprung) / run.recorded_fs for run in runs)
+        yield (
+            f"what would help most: {double}, or four times the {duration_s:.0f} s of running; either would halve the "
+            "interval"
+        )
+    if alike.mass_if_alike is not None:
+        yield (
+            "a run whose stiffness, damping and friction have all changed by one ratio cannot be told from one with "
+            "another mass change: weigh what is added or taken off"
         )
 
 

@@ -24,7 +24,7 @@ from opid.suspensions.fit import Fit, fastest_rate
 from opid.suspensions.gas import doubts_of_exponents
 from opid.suspensions.intervals import Parameters
 from opid.suspensions.law_search import library
-from opid.suspensions.limits import how_alike, repeatability_rules
+from opid.suspensions.limits import limits_of_mass
 from opid.suspensions.noise import known_noise
 from opid.suspensions.own_inputs import axes_of, channel_arrays, loading_matrices, stated_start
 from opid.suspensions.repeatability import Repeatability
@@ -185,6 +185,7 @@ def _answer(
         if known.has_negative_mass
         else _untold(masses, interfaces, joints, part, _not_held(fit, unknown))
     )
+    first = Estimate() if per_mass or reason or not unknown_mass else known.mass
     found = StructureIdentification(
         masses=_masses(known, unknown_mass, per_mass=per_mass),
         interfaces=interfaces,
@@ -195,7 +196,7 @@ def _answer(
         residual_of={name: sensor_ratio(fit, slot) * fit.model.level / part.level for slot, name in enumerate(sensors)},
         left_out_over_noise=part.left_out_over_noise,
         repeatability=part.repeatability,
-        limits=tuple(how_alike(part.repeatability, fit, known.mass if fit.model.mass_free else Estimate())),
+        limits=tuple(limits_of_mass(part.repeatability, fit, first)),
         warnings=tuple(_warnings(part, interfaces, knows_weight=knows_weight)),
         not_determined=reason,
         fit=fit,
@@ -267,7 +268,7 @@ def _untold(
     # a joint that nothing holds runs to where the steps no longer follow
     if joints and too_fast:
         return f"these runs do not tell the stiffness of {', '.join(joints)}: {too_fast}"
-    if loose and repeatability_rules(part.repeatability, part.fit):
+    if loose and part.repeatability.rules_mass:
         return (
             f"these runs do not tell {', '.join(loose)}: springs, damping and friction may differ from run to run by "
             f"about {100 * part.task.repeatability:.2g} %, which hides what the loading does; load more, fly each "

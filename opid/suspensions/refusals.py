@@ -10,7 +10,6 @@ from opid.estimate import Estimate
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit, fits_of_each_run, runs_contradict_each_other
-from opid.suspensions.limits import repeatability_rules
 from opid.suspensions.residual import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, GearRatios
 from opid.suspensions.settings import Verdicts
@@ -150,7 +149,7 @@ def _why_no_mass_of_gear(choice: Choice) -> str | None:
             "this gear may not be alone on its body, which rolls and pitches on others (then describe all of them in "
             "[[interfaces]]), or the channels, the law or the mass changes are not as stated"
         )
-    if is_loose and repeatability_rules(part.repeatability, part.fit):
+    if is_loose and part.repeatability.rules_mass:
         differ = 100 * (part.repeatability.estimated or 0.0)
         return (
             f"the runs differ by about {differ:.1g} % in stiffness, damping or friction, which hides what the mass "

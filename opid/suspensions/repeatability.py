@@ -97,6 +97,7 @@ class Repeatability:
             fitted as alike.
         exceeds: whether the runs speak for more than the stated level, as told by the settings.
         mass_if_alike: standard deviation of the mass over what it is, were all runs alike; None without a mass.
+        rules_mass: whether the repeatability makes most of the interval of the mass, and noise the rest.
     """
 
     stated: float
@@ -104,6 +105,7 @@ class Repeatability:
     estimated: float | None = None
     exceeds: bool = False
     mass_if_alike: float | None = None
+    rules_mass: bool = False
 
 
 def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual: bool) -> Repeatability:
@@ -117,7 +119,7 @@ def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual:
     """
     if found is None:
         return Repeatability(stated, is_usual)
-    known, fraction = fit.model.settings.repeatability, None
+    known, fraction, rules = fit.model.settings.repeatability, None, False
     above = float(found.weight[found.repeatability > known.contradicted * stated].sum())
     if fit.model.mass_free:
         slopes = np.zeros(fit.theta.size)
@@ -125,7 +127,8 @@ def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual:
         # the lowest level is far below what any data tell
         alike = float(np.sqrt(slopes @ found.covariance[0] @ slopes))
         fraction = min(1.0, alike / found.deviation(slopes))
-    return Repeatability(stated, is_usual, found.median, above > known.contradicted_weight, fraction)
+        rules = fraction < known.rules_below
+    return Repeatability(stated, is_usual, found.median, above > known.contradicted_weight, fraction, rules)
 
 
 def levels(fit: Fit, stated: float) -> Levels:

@@ -12,7 +12,6 @@ from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
 from opid.suspensions.gas import doubts_of_gas
-from opid.suspensions.limits import repeatability_rules
 from opid.suspensions.refusals import worst_sensor
 from opid.suspensions.residual import over_noise
 from opid.suspensions.result import (
@@ -77,7 +76,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     if told:
         yield from _of_the_ground(answer)
         yield from doubts_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
-    rules = any(repeatability_rules(each.repeatability, each.fit) for each in answer.evidence)
+    rules = any(each.repeatability.rules_mass for each in answer.evidence)
     yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:
         yield _untold_motion(motion)
