@@ -155,6 +155,15 @@ def test_a_loaded_structure_rests_where_its_weight_puts_it():
     assert not any("no `axis` is given" in each for each in level.warnings)
 
 
+def test_channels_that_look_exchanged_are_said(runs):
+    exchanged = {"interfaces": {"low": "low"}, "sensors": {"low": "floor", "high": "high"}}
+    found = identify_structure(machine(), runs[:1], law="linear", **WHERE | exchanged)
+    assert any(each.startswith("run '1', 'low'") and "exchange sprung and unsprung" in each for each in found.warnings)
+    mute = recording_from_arrays([runs[0].channel("floor"), np.zeros(runs[0].n_samples)], ["floor", "low"], fs=FS)
+    with pytest.raises(InputError, match=r"run '1': the channel 'low' is mute"):
+        identify_structure(machine(), [mute], **WHERE | {"sensors": {"low": "low"}})
+
+
 def test_an_exponent_that_gas_does_not_have_is_doubted_at_its_suspension():
     gas = law("gas_column", static_force_n=(LOW_KG + HIGH_KG) * GRAVITY_M_PER_S2, gas_length_m=0.07, exponent=2.0)
     run = shaken(machine(), 1, replace(ISOLATOR, stiffness_n_per_m=0.0, law=gas))

@@ -238,9 +238,11 @@ def test_a_clipped_channel_is_named_in_the_warnings(study):
     assert any("clip" in warning for warning in result.warnings)
 
 
-def test_swapped_and_mute_channels_are_refused(study):
-    with pytest.raises(InputError, match=r"run 'heavy'.*exchange sprung and unsprung"):
-        identify_by_paper(study_of_gear("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs))
+def test_swapped_channels_are_said_and_mute_ones_refused(study):
+    swapped = study_of_gear("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs)
+    for method in METHODS:
+        result = identify_by_paper(swapped, method=method, law="arctan_velocity")
+        assert any("run 'heavy'" in each and "exchange sprung and unsprung" in each for each in result.warnings)
     log = study.runs[0].recording
     mute = recording_from_arrays([log.channel("lower_z"), np.zeros(log.n_samples)], ["lower_z", "upper_z"], fs=256)
     with pytest.raises(InputError, match=r"run 'heavy'.*mute"):

@@ -260,7 +260,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     >>> check_pair(wheel, body, fs=256.0, names=("lower_z", "upper_z"))
     ()
     >>> check_pair(body, wheel, fs=256.0, names=("lower_z", "upper_z"))[0].severity
-    'fault'
+    'warning'
     """
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if np.array_equal(lower, upper):
@@ -289,7 +289,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
             f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung"
         )
-        findings.append(Finding("fault", names[0], message))
+        findings.append(Finding("warning", names[0], message))
     return tuple(findings)
 
 

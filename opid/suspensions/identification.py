@@ -11,11 +11,11 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws import default_law
-from opid.signals.health import check_levels, check_pair, inspect, without_spikes
-from opid.signals.health_result import Finding
+from opid.signals.health import without_spikes
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
 from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
+from opid.suspensions.channel_checks import check_channels
 from opid.suspensions.force_surface import force_surface
 from opid.suspensions.intervals import bootstrap_over_white, std_over_white
 from opid.suspensions.law_search import alternatives, library
@@ -28,7 +28,7 @@ from opid.suspensions.result import Candidate, Equivalent, Evidence, Identificat
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
 from opid.suspensions.straight_terms import find_straight_terms
-from opid.suspensions.study import Run, Study, rigid_faults, symmetric_pairs
+from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 from opid.suspensions.warnings import Answer, collect_warnings
 
 if TYPE_CHECKING:
@@ -155,25 +155,11 @@ def _checked(study: Study, settings: Settings) -> Study:
             raise InputError(
                 f"run {run.name!r} lasts {run.recording.duration_s:.3g} s: give at least {settings.runs.least_s:g} s"
             )
-        runs.append(replace(run, findings=(*run.findings, *_findings(study, run))))
+        pairs = [(interface.unsprung, interface.sprung) for interface in study.interfaces]
+        used = {*study.channels("unsprung"), *study.channels("sprung")}
+        found = check_channels(run.recording, pairs, sorted(used), run=run.name)
+        runs.append(replace(run, findings=(*run.findings, *found)))
     return replace(study, runs=tuple(runs))
-
-
-def _findings(study: Study, run: Run) -> list[Finding]:
-    found: list[Finding] = []
-    for interface in study.interfaces:
-        pair = (interface.unsprung, interface.sprung)
-        try:
-            below, above = (run.recording.channel(name) for name in pair)
-            found += check_pair(below, above, fs=study.fs, names=pair)
-        except InputError as error:
-            raise InputError(f"run {run.name!r}: {error}") from None
-    # a pair that looks exchanged is a hint: if it is, no model will follow it
-    used = {*study.channels("unsprung"), *study.channels("sprung")}
-    found += check_levels(run.recording, sorted(used))
-    health = inspect(run.recording, thorough=False)
-    # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
-    return [*found, *(f for f in health.findings if f.severity != "note" and f.channel in used)]
 
 
 def _arrays(study: Study) -> tuple[Arrays, tuple[int, int]]:

@@ -15,6 +15,7 @@ from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.body import Body
 from opid.suspensions.candidates import Arrays, mass_is_told
+from opid.suspensions.channel_checks import check_channels, findings_in_words
 from opid.suspensions.fit import first_vector
 from opid.suspensions.model import Model
 from opid.suspensions.run import DrivenRun
@@ -60,6 +61,26 @@ def channel_arrays(runs: Sequence[Recording], interfaces: Mapping[str, str], sen
         (samples(run, tuple(interfaces.values())), samples(run, tuple(sensors.values())), np.empty((run.n_samples, 0)))
         for run in runs
     ]
+
+
+def names_of(runs: Sequence[Recording]) -> list[str]:
+    """Return what the runs are called: they are counted."""
+    return [str(number) for number in range(1, len(runs) + 1)]
+
+
+def doubts_of_channels(
+    runs: Sequence[Recording], interfaces: Mapping[str, str], sensors: Mapping[str, str]
+) -> list[str]:
+    """Return what is to be doubted of the channels of all runs, one sentence each.
+
+    Raises:
+        InputError: two channels that make no pair.
+    """
+    pairs = [(below, sensors[name]) for name, below in interfaces.items() if name in sensors]
+    used, found = [*interfaces.values(), *sensors.values()], list[str]()
+    for run, name in zip(runs, names_of(runs), strict=True):
+        found += findings_in_words(name, check_channels(run, pairs, used, run=name))
+    return found
 
 
 def loading_matrices(

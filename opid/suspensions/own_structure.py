@@ -26,7 +26,14 @@ from opid.suspensions.intervals import Parameters
 from opid.suspensions.law_search import library
 from opid.suspensions.limits import limits_of_mass
 from opid.suspensions.noise import known_noise
-from opid.suspensions.own_inputs import axes_of, channel_arrays, loading_matrices, stated_start
+from opid.suspensions.own_inputs import (
+    axes_of,
+    channel_arrays,
+    doubts_of_channels,
+    loading_matrices,
+    names_of,
+    stated_start,
+)
 from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.residual import measure_whiteness, sensor_ratio, thinned
 from opid.suspensions.result import SpringEstimate
@@ -142,7 +149,7 @@ def identify_structure(
     body = own_body(structure, tuple(interfaces), tuple(sensors), unknown=unknown, unknown_mass=unknown_mass)
     body = replace(body, fall=fall_of(axes_of(structure, axis)))
     arrays, settings = channel_arrays(runs, interfaces, sensors), settings or Settings()
-    masses = loading_matrices(structure, loadings, len(runs))
+    masses, doubts = loading_matrices(structure, loadings, len(runs)), doubts_of_channels(runs, interfaces, sensors)
     fs = runs[0].fs
     facts = IDEAL if noise_m_per_s2 is None else SensorFacts(noise_m_per_s2=noise_m_per_s2)
     names = (*interfaces, *sensors)[: max(len(interfaces), len(sensors))]
@@ -159,10 +166,11 @@ def identify_structure(
         begun = stated_start(structure, prepared, body, groups, start or {}, unknown, unknown_mass, settings)
     # what is inside of the structure may rest on the ground: a spring to it is no further unknown
     question = Question(kinds is not None, ground=False, faults=False, kinds=library())
-    say, run_names = progress or (lambda step: None), tuple(str(k + 1) for k in range(len(runs)))
+    say, run_names = progress or (lambda step: None), tuple(names_of(runs))
     task = Task(None, arrays, known, noise, kinds, question, settings, say, run_names, repeatability)
     part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun)
-    return _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
+    found = _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
+    return replace(found, warnings=(*doubts, *found.warnings))
 
 
 def _answer(

@@ -10,6 +10,7 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
+from opid.suspensions.channel_checks import findings_in_words
 from opid.suspensions.faults import GROUND
 from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.refusals import worst_sensor
@@ -21,7 +22,7 @@ from opid.suspensions.result import (
 from opid.suspensions.run_differences import run_differences
 from opid.suspensions.settings import WarningSettings
 from opid.suspensions.straight_terms import StraightTerm
-from opid.suspensions.study import Run, Study, rigid_faults
+from opid.suspensions.study import Study, rigid_faults
 
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
 
@@ -57,7 +58,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     """Yield what to doubt of an answer, one sentence each."""
     choice = answer.choice
     for run in choice.study.runs:
-        yield from _of_the_log(run)
+        yield from findings_in_words(run.name, run.findings)
     if sum(answer.mended_spikes):
         below, above = answer.mended_spikes
         yield (
@@ -84,13 +85,6 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from _of_places(part)
     for term in [term for terms in answer.straight for term in terms] if told else ():
         yield term.warning
-
-
-def _of_the_log(run: Run) -> Iterator[str]:
-    for finding in run.findings:
-        if finding.severity != "note":
-            channel = f", {finding.channel!r}" if finding.channel else ""
-            yield f"run {run.name!r}{channel}: {finding.message}"
 
 
 def _of_the_record(choice: Choice) -> Iterator[str]:

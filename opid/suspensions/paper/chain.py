@@ -128,7 +128,7 @@ def compute_chain(
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: a pair of channels that is mute or swapped, or a run that is too short.
+        InputError: two channels that make no pair, or a run that is too short.
     """
     settings = replace(settings, ground=ground, band_hz=band_hz, high_pass_hz=high_pass_hz)
     runs = prepare_runs(study, settings=settings, progress=progress)

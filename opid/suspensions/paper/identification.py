@@ -25,7 +25,7 @@ from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.preparation import PreparedRun, prepare_runs
 from opid.suspensions.paper.result import METHODS, PaperIdentification, PaperMethod
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
-from opid.suspensions.paper.warnings import warnings_of
+from opid.suspensions.paper.warnings import warnings_of, warnings_of_the_logs
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.study import Study
 from opid.suspensions.visited_force import VisitedForce, visited_force
@@ -62,7 +62,7 @@ def identify_by_paper(
         ratios to the mass are given.
 
     Raises:
-        InputError: an unknown method or law, a pair of channels that is mute or swapped, or runs that are too short.
+        InputError: an unknown method or law, two channels that make no pair, or runs that are too short.
     """
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
@@ -199,8 +199,9 @@ def _conclude_as_printed(result: PaperIdentification) -> PaperIdentification:
     """Give what the printed formula makes of the strongest pair of peaks: no damping and no intervals."""
     pair = result.chain.strongest_pair
     warnings = [
+        *warnings_of_the_logs(result),
         "the printed formula ignores damping and the sign of T above resonance: it is shown for comparison, and it "
-        "has no intervals; use --method classical for an answer"
+        "has no intervals; use --method classical for an answer",
     ]
     if pair is None:
         has_one_mass = len({run.mass_change_kg for run in result.chain.runs}) == 1

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.errors import InputError
-from opid.signals.health import Finding, check_pair, inspect, without_spikes
+from opid.signals.health import Finding, without_spikes
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import noise_floor
+from opid.suspensions.channel_checks import check_channels
 from opid.suspensions.paper.restoring_force import RestoringForce, restoring_force
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, equation_lines
@@ -59,12 +59,16 @@ def prepare_runs(
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: a pair of channels that is mute or swapped, or a run that is too short.
+        InputError: two channels that make no pair, or a run that is too short.
     """
     say = progress or (lambda step: None)
-    findings = [_checked(study, run) for run in study.runs]
+    pair = (study.unsprung, study.sprung)
+    findings = [check_channels(run.recording, [pair], pair, run=run.name) for run in study.runs]
     say("restoring force")
-    return tuple(_prepared(study, run, found, settings) for run, found in zip(study.runs, findings, strict=True))
+    return tuple(
+        _prepared(study, run, (*run.findings, *found), settings)
+        for run, found in zip(study.runs, findings, strict=True)
+    )
 
 
 def _prepared(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
@@ -92,21 +96,6 @@ def _prepared(study: Study, run: Run, findings: tuple[Finding, ...], settings: P
             mass_change_kg=run.mass_change_kg,
         ),
     )
-
-
-def _checked(study: Study, run: Run) -> tuple[Finding, ...]:
-    """Refuse what makes the two channels no pair; pass on what merely deserves a word."""
-    pair = (study.unsprung, study.sprung)
-    try:
-        findings = check_pair(*study.accelerations(run), fs=study.fs, names=pair)
-    except InputError as error:
-        raise InputError(f"run {run.name!r}: {error}") from None
-    for finding in findings:
-        if finding.severity == "fault":
-            raise InputError(f"run {run.name!r}: {finding.message}")
-    health = inspect(run.recording, thorough=False)
-    # a note (gravity on a channel, say) needs no word here: the mean is taken off anyway
-    return run.findings + findings + tuple(f for f in health.findings if f.severity != "note" and f.channel in pair)
 
 
 def combined_noise(runs: Sequence[PreparedRun], *, least_noise: float = PaperSettings.least_noise) -> float:

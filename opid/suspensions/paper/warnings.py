@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from opid.mechanics.weight import depends_on_travel
+from opid.suspensions.channel_checks import findings_in_words
 from opid.suspensions.paper.estimates import gain_like_fraction, straight_terms
 from opid.suspensions.paper.result import PaperIdentification
 
@@ -17,11 +18,7 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
     Args:
         result: with everything but its warnings.
     """
-    for run in result.chain.runs:
-        for finding in run.findings:
-            if finding.severity != "note":
-                channel = f", {finding.channel!r}" if finding.channel else ""
-                yield f"run {run.name!r}{channel}: {finding.message}"
+    yield from warnings_of_the_logs(result)
     settings, fs = result.settings, result.study.fs
     high_hz = settings.band_at(fs)[1]
     if high_hz < settings.band_hz[1]:
@@ -36,6 +33,16 @@ def warnings_of(result: PaperIdentification) -> Iterator[str]:
     yield from _mass_change(result)
     yield from _weight(result)
     yield from _straight(result)
+
+
+def warnings_of_the_logs(result: PaperIdentification) -> Iterator[str]:
+    """Yield what is to be doubted of the logs.
+
+    Args:
+        result: with everything but its warnings.
+    """
+    for run in result.chain.runs:
+        yield from findings_in_words(run.name, run.findings)
 
 
 def _residual(result: PaperIdentification) -> Iterator[str]:
