@@ -133,6 +133,7 @@ def test_what_is_not_determined_ends_with_status_1_after_the_report(simulated, t
         (("--method", "paper"), ["has no --method: leave it out"]),
         (("--high-pass", 0.3), ["--high-pass"]),
         (("--sprung", "a", "--mass-change", 3), ["--sprung or --mass-change"]),
+        (("--repeatability", 0), ["has no --repeatability: leave it out"]),
     ],
 )
 def test_options_of_one_suspension_are_refused(simulated, tmp_path, found, options, words):

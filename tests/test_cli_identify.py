@@ -43,6 +43,15 @@ def test_logs_without_a_study_give_the_same(field_test, identified, logs, tmp_pa
 
 
 @pytest.mark.usefixtures("few_figures")
+def test_what_is_known_of_the_gear_is_said_beside_logs(logs, tmp_path):
+    told = ("--axis", "horizontal", "--repeatability", "0")
+    done = logs.identify("--law", "arctan_velocity", *told)
+    assert done.exit_code == 0
+    assert "stated to be the same in all runs (`repeatability = 0`)" in " ".join(done.stdout.split())
+    assert " ".join(told) in (tmp_path / "result" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("few_figures")
 def test_the_options_of_identify_reach_the_result(field_test, tmp_path):
     options = [
         "--method",
@@ -119,6 +128,8 @@ def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
         (("nothing.csv",), "name the channels"),
         (("a.toml", "b.csv"), "give one study file"),
         (("a.toml", *CHANNELS), "leave out --sprung"),
+        (("a.toml", "--repeatability", 0), "leave out --repeatability"),
+        (("a.csv", "--repeatability", "1%"), "'1%' is not a valid float"),
         (("a.csv", "b.csv", *CHANNELS), "one mass change for each log after it"),
         ((".",), ". is a directory without a study.toml: name a study file, or logs"),
         ((), "Missing argument"),
@@ -147,6 +158,8 @@ def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
         ("--method-of-law guess", "laws cannot be searched by 'guess'"),
         ("--method paper --method-of-law both", "leave --method-of-law out"),
         ("--sprung upper --unsprung lower_z", "did you mean 'upper_z'"),
+        ("--axis sideways", "the axis of 'gear' is 'sideways'"),
+        ("--repeatability 2", "the repeatability is 2.0"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(options, word, logs):

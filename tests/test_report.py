@@ -449,6 +449,10 @@ def test_logs_are_called_as_they_were(field_test, tmp_path, identified):
     compile(lines, "lines", "exec")
     assert f'["{paths[0]}", "{paths[1]}"],' in lines
     assert "mass_changes_kg=[-220.5]," in lines
+    gear = replace(study.interfaces[0], axis="down")
+    said = replace(result, study=replace(study, interfaces=(gear,), repeatability=0.02))
+    assert "--mass-change -220.5 --axis down --repeatability 0.02 --band" in command_of(said)
+    assert '        axis="down",\n        repeatability=0.02,\n' in python_of(said)
 
 
 # ---- whole or not at all -------------------------------------------------------------------------

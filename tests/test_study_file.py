@@ -382,6 +382,19 @@ def test_logs_without_a_study_file(tmp_path):
     for logs, changes in ((paths, [-220]), (paths[:1], [0, -220]), ([], [])):
         with pytest.raises(InputError, match="one mass change for each log after it"):
             study_from_logs(logs, mass_changes_kg=changes, **sides)
+    known = {"axis": "up", "piston_area_m2": 0.004, "repeatability": 0.0}
+    told = study_from_logs(paths[:2], mass_changes_kg=[-220], **known, **sides)
+    assert (told.interfaces[0].axis, told.interfaces[0].piston_area_m2, told.repeatability) == tuple(known.values())
+    for wrong, words in (
+        ({"axis": "sideways"}, "the axis of 'gear' is 'sideways', give one of 'up', 'down', 'horizontal'"),
+        ({"repeatability": "1%"}, r"the repeatability is '1%', .* a number from 0 to 0.2 \(0.01 for 1 %\)"),
+        ({"repeatability": True}, "the repeatability is True"),
+        ({"repeatability": float("nan")}, "the repeatability is nan"),
+        ({"piston_area_m2": "40 cm2"}, "the piston_area_m2 of 'gear' is '40 cm2', give the area"),
+        ({"piston_area_m2": 0}, "the piston_area_m2 of 'gear' is 0, give the area"),
+    ):
+        with pytest.raises(InputError, match=words):
+            study_from_logs(paths[:2], mass_changes_kg=[-220], **sides, **wrong)
     with pytest.raises(InputError, match=r"did you mean 'light\.csv'"):
         study_from_logs([paths[0], tmp_path / "ligth.csv"], mass_changes_kg=[-220], **sides)
 

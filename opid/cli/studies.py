@@ -55,6 +55,25 @@ if TYPE_CHECKING:
     metavar="KG",
     help="Without a study: mass of a further log less that of the first; once for each.",
 )
+@click.option(
+    "--axis",
+    metavar="WAY",
+    help="Without a study: where the channels count positive, up or down; horizontal where no weight acts.  "
+    "[default: up]",
+)
+@click.option(
+    "--piston-area",
+    type=float,
+    metavar="M2",
+    help="Without a study: what the gas of an oleo strut pushes on; it is then told in pressure and volume.",
+)
+@click.option(
+    "--repeatability",
+    type=float,
+    metavar="FRACTION",
+    help="Without a study: by how much springs, damping and friction differ from run to run; 0 for not at all.  "
+    "[default: 0.01]",
+)
 def identify(
     paths: tuple[Path, ...],
     out: Path | None,
@@ -68,6 +87,9 @@ def identify(
     sprung: str | None,
     unsprung: str | None,
     mass_changes: tuple[float, ...],
+    axis: str | None,
+    piston_area: float | None,
+    repeatability: float | None,
 ) -> None:
     """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
 
@@ -78,15 +100,17 @@ def identify(
     """
     paths = tuple(_study_in(path) if len(paths) == 1 else path for path in paths)
     is_one_gear = _is_of_one_gear(paths)
+    of_logs = {
+        "--sprung": sprung,
+        "--unsprung": unsprung,
+        "--mass-change": mass_changes or None,
+        "--axis": axis,
+        "--piston-area": piston_area,
+        "--repeatability": repeatability,
+    }
     if not is_one_gear:
-        options = {
-            "--method": method != "model",
-            "--high-pass": high_pass is not None,
-            "--sprung": sprung is not None,
-            "--unsprung": unsprung is not None,
-            "--mass-change": bool(mass_changes),
-        }
-        given = [name for name, is_given in options.items() if is_given]
+        options = {"--method": None if method == "model" else method, "--high-pass": high_pass, **of_logs}
+        given = [name for name, value in options.items() if value is not None]
         if given:
             raise click.UsageError(
                 f"{paths[0]} is the study of a body on several suspensions, which has no {' or '.join(given)}: "
@@ -109,7 +133,7 @@ def identify(
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
     with progress() as say:
-        study = _study(paths, sprung, unsprung, mass_changes, say)
+        study = _study(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
         page = write_report(result, target, known, progress=say)
     click.echo(result_text(result, known))
@@ -135,29 +159,32 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
     return len(document.get("interfaces", ())) < 2 and not document.get("body_sensors")
 
 
-def _study(
-    paths: tuple[Path, ...],
-    sprung: str | None,
-    unsprung: str | None,
-    mass_changes: tuple[float, ...],
-    say: Callable[[str], None],
-) -> Study:
+def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
     from opid.suspensions.study_file import read_study, study_from_logs
 
     studies = [path for path in paths if path.suffix.lower() == ".toml"]
     if studies:
         if len(paths) > 1:
             raise click.UsageError(f"{len(paths)} files are given: give one study file, or logs only")
-        if sprung or unsprung or mass_changes:
-            raise click.UsageError(
-                f"{studies[0]} names the channels and mass changes: leave out --sprung, --unsprung and --mass-change"
-            )
+        given = [name for name, value in of_logs.items() if value is not None]
+        if given:
+            told = " and ".join(given)
+            raise click.UsageError(f"{studies[0]} is a study, which says that itself: leave out {told}")
         return read_study(studies[0], progress=say)
     if paths[0].is_dir():
         raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")
+    sprung, unsprung = of_logs["--sprung"], of_logs["--unsprung"]
     if not (sprung and unsprung):
         raise click.UsageError("name the channels of the logs: --sprung NAME --unsprung NAME, or give a study file")
     title = " and ".join(path.name for path in paths)
     return study_from_logs(
-        paths, sprung=sprung, unsprung=unsprung, mass_changes_kg=mass_changes, title=title, progress=say
+        paths,
+        sprung=sprung,
+        unsprung=unsprung,
+        mass_changes_kg=of_logs["--mass-change"] or (),
+        title=title,
+        axis=of_logs["--axis"] or "up",
+        piston_area_m2=of_logs["--piston-area"],
+        repeatability=of_logs["--repeatability"],
+        progress=say,
     )

@@ -53,6 +53,52 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
+class RecordedPath:
+    """The velocity of a whole record, along which terms that remember are followed.
+
+    A fit asks for the same term more than once: the last evaluations are kept.
+
+    Args:
+        v: (n,) velocity, m/s: a straight line between samples.
+        fs: samples a second, Hz.
+        is_thinned: whether it has fewer samples than the record; its start columns are then rough.
+    """
+
+    v: FloatArray
+    fs: float
+    is_thinned: bool
+    _followed: dict[Term, FloatArray] = field(init=False, repr=False, default_factory=dict)
+    _starts: dict[Term, FloatArray] = field(init=False, repr=False, default_factory=dict)
+
+    def followed(self, term: Term) -> FloatArray:
+        """Return the derivatives by the values of a term for unit amplitude, and its start column behind them.
+
+        Args:
+            term: with memory.
+
+        Returns:
+            (n, n_values + 1).
+        """
+        unit = Term(term.name, (1.0, *term.inner))
+        found = self._followed.pop(unit, None)
+        if found is None:
+            found = np.column_stack([_remembered((unit,), self.v, self.fs), self._start_column(unit)])
+        _keep(self._followed, unit, found)
+        return found
+
+    def _start_column(self, unit: Term) -> FloatArray:
+        """Return the start column; in longer steps that of a term near by is near enough."""
+        if not self.is_thinned:
+            return _start_column(unit, self.v, self.fs)
+        near = _near_by(unit)
+        found = self._starts.pop(near, None)
+        if found is None:
+            found = _start_column(near, self.v, self.fs)
+        _keep(self._starts, near, found)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
 class RecordedMotion(Motion):
     """Samples of a recorded motion: what a law remembers is followed through the whole record.
 
@@ -62,11 +108,8 @@ class RecordedMotion(Motion):
     Args:
         z: (m,) travel of the samples, m.
         v: (m,) their velocity, m/s.
-        sample: (m,) their places on the path.
-        recorded_v: (n,) velocity of the whole path, m/s.
-        fs: its samples a second, Hz.
-        kept: the last evaluations, by the term for unit amplitude: a fit asks for the same term more than once.
-        starts: the last start columns, by the same.
+        sample: (m,) their places on the path; between its samples where that is thinned.
+        path: of the whole record.
 
     >>> from opid.mechanics.laws import default_law
     >>> v = np.full(1000, 0.01)
@@ -76,10 +119,7 @@ class RecordedMotion(Motion):
     """
 
     sample: NDArray[np.int64] | FloatArray
-    recorded_v: FloatArray
-    fs: float
-    kept: dict[Term, FloatArray] = field(default_factory=dict, repr=False)
-    starts: dict[Term, FloatArray] = field(default_factory=dict, repr=False)
+    path: RecordedPath
 
     def parameter_gradient(self, law: Law) -> FloatArray:
         """Return the derivatives of the force by each entry of `law.vector`, (m, n_parameters).
@@ -112,38 +152,16 @@ class RecordedMotion(Motion):
         Args:
             chosen: which of them.
         """
-        sample = self.sample[chosen]
-        return RecordedMotion(self.z[chosen], self.v[chosen], sample, self.recorded_v, self.fs, self.kept, self.starts)
+        return RecordedMotion(self.z[chosen], self.v[chosen], self.sample[chosen], self.path)
 
     def _followed(self, term: Term) -> FloatArray:
-        """Return the derivatives by the values of the term for unit amplitude, and its start column behind them."""
-        path = self._followed_path(term)
-        if self.sample.dtype.kind == "i":
-            return path[self.sample]
-        before = np.minimum(self.sample.astype(np.int64), len(path) - 2)
+        """What the path says of a term, at the samples."""
+        along = self.path.followed(term)
+        if not self.path.is_thinned:
+            return along[self.sample]
+        before = np.minimum(self.sample.astype(np.int64), len(along) - 2)
         after = (self.sample - before)[:, np.newaxis]
-        return (1.0 - after) * path[before] + after * path[before + 1]
-
-    def _followed_path(self, term: Term) -> FloatArray:
-        """Return the same along the whole path."""
-        unit = Term(term.name, (1.0, *term.inner))
-        found = self.kept.pop(unit, None)
-        if found is None:
-            v, fs = self.recorded_v, self.fs
-            found = np.column_stack([_remembered((unit,), v, fs), self._start_column(unit)])
-        _keep(self.kept, unit, found)
-        return found
-
-    def _start_column(self, unit: Term) -> FloatArray:
-        """Return the start column along the whole path; in longer steps that of a term near by is near enough."""
-        if self.sample.dtype.kind == "i":
-            return _start_column(unit, self.recorded_v, self.fs)
-        near = _near_by(unit)
-        found = self.starts.pop(near, None)
-        if found is None:
-            found = _start_column(near, self.recorded_v, self.fs)
-        _keep(self.starts, near, found)
-        return found
+        return (1.0 - after) * along[before] + after * along[before + 1]
 
 
 def _keep(kept: dict[Term, FloatArray], term: Term, found: FloatArray) -> None:
@@ -177,13 +195,14 @@ def recorded_motion(z: FloatArray, v: FloatArray, fs: float, *, steps_per_rms: f
     every = 1 if steps_per_rms is None else int(fs * np.std(z) / max(float(np.std(v)), 1e-300) / steps_per_rms)
     every = min(every, z.size // 2)
     if every <= 1:
-        return RecordedMotion(z, v, np.arange(z.size), v, fs)
+        return RecordedMotion(z, v, np.arange(z.size), RecordedPath(v, fs, is_thinned=False))
     # means over a step keep the travel that is covered
     ends = np.concatenate([v, np.full(every, v[-1])])
     sums = np.concatenate([[0.0], np.cumsum(ends)])
     nodes = np.arange(0, z.size + every - 1, every)
     low, high = np.maximum(nodes - every // 2, 0), np.minimum(nodes + every // 2 + 1, ends.size)
-    return RecordedMotion(z, v, np.arange(z.size) / every, (sums[high] - sums[low]) / (high - low), fs / every)
+    path = RecordedPath((sums[high] - sums[low]) / (high - low), fs / every, is_thinned=True)
+    return RecordedMotion(z, v, np.arange(z.size) / every, path)
 
 
 def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatArray:

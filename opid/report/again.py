@@ -38,7 +38,12 @@ def command_of(result: AnyIdentification) -> str | None:
         return None
     changes = [word for change in _changes(study) for word in ("--mass-change", _number(change))]
     channels = ["--sprung", study.sprung, "--unsprung", study.unsprung]
-    return shlex.join(["opid", "identify", *logs, *channels, *changes, *asked.options])
+    more = [
+        word
+        for option, _, value in _said_of_logs(study)
+        for word in (option, value if isinstance(value, str) else _number(value))
+    ]
+    return shlex.join(["opid", "identify", *logs, *channels, *changes, *more, *asked.options])
 
 
 def python_of(result: AnyIdentification) -> str:
@@ -56,6 +61,7 @@ def python_of(result: AnyIdentification) -> str:
             f"sprung={_quoted(study.sprung)}",
             f"unsprung={_quoted(study.unsprung)}",
             f"mass_changes_kg={_changes(study)!r}",
+            *(f"{name}={_quoted(value)}" for _, name, value in _said_of_logs(study)),
         ]
         made = "\n".join(["opid.study_from_logs(", *(f"        {each}," for each in arguments), "    )"])
     else:
@@ -73,6 +79,17 @@ def _logs(study: Study) -> list[str]:
 def _changes(study: Study) -> list[float]:
     first, *others = study.runs
     return [run.mass_change_kg - first.mass_change_kg for run in others]
+
+
+def _said_of_logs(study: Study) -> list[tuple[str, str, str | float]]:
+    """What is said of the gear beside its logs and differs from the default: as option, as argument, and the value."""
+    gear = study.interfaces[0]
+    said = (
+        ("--axis", "axis", None if gear.axis == "up" else gear.axis),
+        ("--piston-area", "piston_area_m2", gear.piston_area_m2),
+        ("--repeatability", "repeatability", study.repeatability),
+    )
+    return [(option, name, value) for option, name, value in said if value is not None]
 
 
 def _asked(result: AnyIdentification) -> _Asked:
@@ -118,9 +135,9 @@ def _band(band_hz: tuple[float, float]) -> list[str]:
     return ["--band", *map(_number, band_hz)]
 
 
-def _quoted(text: str) -> str:
-    """The text as Python writes it, in the quotes of this house."""
-    return json.dumps(text, ensure_ascii=False)
+def _quoted(value: str | float) -> str:
+    """A text or number as Python writes it, in the quotes of this house."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _number(value: float) -> str:

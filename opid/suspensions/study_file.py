@@ -19,6 +19,7 @@ from opid.signals.tables import Document, channel_settings, load, log_settings, 
 from opid.suspensions.run_files import RunFiles, Source, at_one_rate, run_from_files
 from opid.suspensions.sensor_facts import SIDES, Leak, SensorFacts, SensorPair, Side
 from opid.suspensions.study import (
+    Axis,
     BodySensor,
     MeasuredInterface,
     PointMass,
@@ -136,6 +137,9 @@ def study_from_logs(
     unsprung: str,
     mass_changes_kg: Sequence[float],
     title: str = "",
+    axis: Axis = "up",
+    piston_area_m2: float | None = None,
+    repeatability: float | None = None,
     progress: Say | None = None,
 ) -> Study:
     """Return the study of some logs of one gear, the first of which is the reference.
@@ -146,10 +150,14 @@ def study_from_logs(
         unsprung: name of the channel on the spindle.
         mass_changes_kg: sprung mass of each further log less that of the first, kg.
         title: of the study.
+        axis: where the channels count positive, "up" or "down"; "horizontal" for motion that no weight acts on.
+        piston_area_m2: what the gas of the strut pushes on; None where it is not known, or no gas carries the gear.
+        repeatability: relative standard deviation by which springs, damping and friction differ from run to run; 0
+            where they are known to be the same, None for what is usual.
         progress: called with the name of each log as it is read.
 
     Raises:
-        InputError: no log, a number of mass changes other than of further logs, or a log is at fault.
+        InputError: no log, a number of mass changes other than of further logs, a log is at fault, or as `Study`.
     """
     if not paths or len(mass_changes_kg) != len(paths) - 1:
         raise InputError(
@@ -166,7 +174,15 @@ def study_from_logs(
         }
         run = run_from_files(RunFiles(name, sources, float(change)), progress=progress)
         runs.append(replace(run, log=Path(path)))
-    return study_of_gear(title, sprung=sprung, unsprung=unsprung, runs=at_one_rate(runs))
+    return study_of_gear(
+        title,
+        sprung=sprung,
+        unsprung=unsprung,
+        runs=at_one_rate(runs),
+        axis=axis,
+        piston_area_m2=piston_area_m2,
+        repeatability=repeatability,
+    )
 
 
 def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> tuple[LogReading, ...]:
