@@ -9,6 +9,7 @@ import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.suspensions.candidates import Choice, Fitted
+from opid.suspensions.confounded_terms import ConfoundedTerm
 from opid.suspensions.gas import gas_of
 from opid.suspensions.residual import sensor_ratio, thinned
 from opid.suspensions.result import (
@@ -20,7 +21,6 @@ from opid.suspensions.result import (
     GearRatios,
     InterfaceEstimate,
 )
-from opid.suspensions.straight_terms import StraightTerm
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +59,16 @@ class Numbers(Estimates):
         interfaces = tuple(replace(each, law_estimates={}) for each in empty.interfaces)
         return replace(empty, interfaces=interfaces, corrections={})
 
-    def without_intervals_of(self, terms: Sequence[StraightTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
-        """Return them without the intervals of what trades with straight terms."""
+    def without_intervals_of(self, terms: Sequence[ConfoundedTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
+        """Return them without the intervals of terms and what they are confounded with."""
         parameters, ratios, interfaces = self.parameters, self.ratios, list(self.interfaces)
         for term in terms:
-            parameters = parameters.with_estimates(Estimate.without_interval, only=term.trades_with)
-            ratios = ratios.with_estimates(Estimate.without_interval, only=term.trades_with)
+            parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
+            ratios = ratios.with_estimates(Estimate.without_interval, only=term.confounded_with)
             for k, each in enumerate(interfaces):
                 if each.name in names[term.group]:
                     laws = term.without_interval(each.law_estimates)
-                    bare = each.with_estimates(Estimate.without_interval, only=term.trades_with)
+                    bare = each.with_estimates(Estimate.without_interval, only=term.confounded_with)
                     interfaces[k] = replace(bare, law_estimates=laws)
         return replace(self, parameters=parameters, ratios=ratios, interfaces=tuple(interfaces))
 

@@ -16,6 +16,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
 from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.channel_checks import check_channels
+from opid.suspensions.confounded_terms import find_confounded_terms
 from opid.suspensions.force_surface import force_surface
 from opid.suspensions.intervals import bootstrap_over_white, std_over_white
 from opid.suspensions.law_search import alternatives, library
@@ -27,7 +28,6 @@ from opid.suspensions.residual import measure_whiteness, over_noise
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
-from opid.suspensions.straight_terms import find_straight_terms
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 from opid.suspensions.warnings import Answer, collect_warnings
 
@@ -251,12 +251,12 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     per_mass = unscaled is not None or (study.is_one_gear and refused is not None)
     numbers = found_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
-    straight = [find_straight_terms(part) for part in parts]
+    confounded = [find_confounded_terms(part) for part in parts]
     told = numbers.without_motions(loose)
     if choice.lack > choice.verdicts.explained and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out
         told = told.without_intervals()
-    for part, terms in zip(parts, straight, strict=True):
+    for part, terms in zip(parts, confounded, strict=True):
         told = told.without_intervals_of(terms, _members(study, part))
     if reason:
         told = told.without_scale()
@@ -268,7 +268,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
         mass=Estimate() if reason else numbers.parameters.sprung_mass_kg,
         interfaces=told.interfaces,
         loose=loose,
-        straight=straight,
+        confounded=confounded,
         per_mass=per_mass,
         is_refused=refused is not None,
         mended_spikes=mended,

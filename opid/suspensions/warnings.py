@@ -11,6 +11,7 @@ from opid.estimate import Estimate
 from opid.signals.across_channels import units_apart
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.channel_checks import findings_in_words
+from opid.suspensions.confounded_terms import ConfoundedTerm
 from opid.suspensions.faults import GROUND
 from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.refusals import worst_sensor
@@ -21,7 +22,6 @@ from opid.suspensions.result import (
 )
 from opid.suspensions.run_differences import run_differences
 from opid.suspensions.settings import WarningSettings
-from opid.suspensions.straight_terms import StraightTerm
 from opid.suspensions.study import Study, rigid_faults
 
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
@@ -37,7 +37,7 @@ class Answer:
         mass: that was found.
         interfaces: as they are told.
         loose: motions whose inertia is hardly told.
-        straight: terms of each part that the motion did not bend.
+        confounded: terms of each part that may be stiffness or damping.
         per_mass: whether forces are told per kg of the body.
         is_refused: whether no number is told.
         mended_spikes: below and on the body.
@@ -48,7 +48,7 @@ class Answer:
     mass: Estimate
     interfaces: Sequence[InterfaceEstimate]
     loose: Sequence[str]
-    straight: Sequence[Sequence[StraightTerm]]
+    confounded: Sequence[Sequence[ConfoundedTerm]]
     per_mass: bool
     is_refused: bool
     mended_spikes: tuple[int, int]
@@ -83,7 +83,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield _untold_motion(motion)
     for part in told:
         yield from _of_places(part)
-    for term in [term for terms in answer.straight for term in terms] if told else ():
+    for term in [term for terms in answer.confounded for term in terms] if told else ():
         yield term.warning
 
 

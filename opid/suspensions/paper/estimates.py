@@ -10,16 +10,16 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.mechanics.laws import LAWS, Law
 from opid.signals.recording import FloatArray
+from opid.suspensions.confounded_terms import ConfoundedTerm, straight_term
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.preparation import PreparedRun
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.result import GearParameters, GearRatios
-from opid.suspensions.straight_terms import StraightTerm
 
 
-def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: float) -> list[StraightTerm]:
+def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: float) -> list[ConfoundedTerm]:
     """Find the terms whose scale lies far beyond the motion.
 
     Args:
@@ -35,7 +35,7 @@ def straight_terms(law: Law, runs: tuple[PreparedRun, ...], *, straight_above: f
             motions = [run.surface.velocity if parameter.unit == "m/s" else run.surface.travel for run in runs]
             rms = max(float(motion.std()) for motion in motions)
             if value > straight_above * rms:
-                found.append(StraightTerm("", term.name, parameter.unit, value, rms))
+                found.append(straight_term("", term.name, parameter.unit, value, rms))
     return found
 
 

@@ -166,11 +166,11 @@ def _widened(result: PaperIdentification) -> PaperIdentification:
 
 
 def _withheld(result: PaperIdentification) -> PaperIdentification:
-    """Take away the intervals of what trades with a straight term, and keep the values."""
+    """Take away the intervals of what a straight term is confounded with, and keep the values."""
     parameters, ratios, laws = result.parameters, result.ratios, result.law_estimates
     for term in straight_terms(result.joint.law, result.chain.runs, straight_above=result.settings.straight_above):
-        parameters = parameters.with_estimates(Estimate.without_interval, only=term.trades_with)
-        ratios = ratios.with_estimates(Estimate.without_interval, only=term.trades_with)
+        parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
+        ratios = ratios.with_estimates(Estimate.without_interval, only=term.confounded_with)
         laws = term.without_interval(laws)
     return replace(result, parameters=parameters, ratios=ratios, law_estimates=laws)
 
