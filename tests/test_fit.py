@@ -14,7 +14,7 @@ from opid.mechanics.laws import LINEAR, Law, default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.structure import Structure
 from opid.suspensions.body import own_body, rigid_body
-from opid.suspensions.candidates import fit_alone, fit_rigid, groups_of, loading_matrix, mass_is_told, shares
+from opid.suspensions.candidates import fit_alone, fit_rigid, groups_of, is_mass_free, loading_matrix, static_loads
 from opid.suspensions.fit import (
     carried_over,
     first_vector,
@@ -323,7 +323,7 @@ def test_shares_are_the_mass_together_wherever_the_origin_is(places, load, expec
         MeasuredInterface(str(k), f"{k} up", f"{k} low", *np.add(place, origin).tolist())
         for k, place in enumerate(places)
     )
-    found = shares(SimpleNamespace(interfaces=interfaces), PointMass(90.0, *np.add(load, origin).tolist()))
+    found = static_loads(SimpleNamespace(interfaces=interfaces), PointMass(90.0, *np.add(load, origin).tolist()))
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -340,9 +340,9 @@ def test_the_mass_is_told_by_loadings_that_differ_or_by_what_is_known_in_kg(star
     ballast = np.full((3, 3), 500.0)
     assert not loading_changes([ballast, ballast + 1e-12])
     assert loading_changes([ballast, ballast + 1.0])
-    assert mass_is_told(runs, body)
-    assert not mass_is_told(runs[:1], body)
+    assert is_mass_free(runs, body)
+    assert not is_mass_free(runs[:1], body)
     two = Structure(np.diag([3.0, 2.0]), np.zeros((2, 2)), np.zeros((2, 2)), names=("low", "high"))
-    assert mass_is_told(runs[:1], own_body(two, ["low"], ["low"], unknown_mass=["high"]))
-    assert not mass_is_told(runs[:1], own_body(two, ["low"], ["low"], unknown_mass=["low", "high"]))
-    assert not mass_is_told(runs[:1], own_body(two, ["low"], ["low"]))
+    assert is_mass_free(runs[:1], own_body(two, ["low"], ["low"], unknown_mass=["high"]))
+    assert not is_mass_free(runs[:1], own_body(two, ["low"], ["low"], unknown_mass=["low", "high"]))
+    assert not is_mass_free(runs[:1], own_body(two, ["low"], ["low"]))

@@ -113,12 +113,12 @@ def test_a_gas_column_is_loaded_along_an_isotherm_and_moves_on_a_polytrope_from_
     static_n, length_m, exponent, rest_m = 2e4, 0.12, 1.27, 0.013
     column = law("gas_column", static_force_n=static_n, gas_length_m=length_m, exponent=exponent)
     carried = static_n * length_m / (length_m + rest_m)
-    assert column.stand(rest_m)[0] == pytest.approx(static_n - carried)
+    assert column.static_force(rest_m)[0] == pytest.approx(static_n - carried)
     there = law("gas_column", static_force_n=carried, gas_length_m=length_m + rest_m, exponent=exponent)
     z, moved = np.linspace(-0.02, 0.03, 7), column.resting_at(rest_m)
     np.testing.assert_allclose(moved.force(z, 0.0), there.force(z, 0.0), rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(moved.gradient(z, 0.0)[0], there.gradient(z, 0.0)[0], rtol=1e-12)
-    np.testing.assert_allclose(moved.stand(z)[0], there.stand(z)[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(moved.static_force(z)[0], there.static_force(z)[0], rtol=1e-9, atol=1e-9)
 
 
 def test_signed_powers_contain_the_whole_powers():

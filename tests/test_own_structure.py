@@ -12,7 +12,7 @@ from opid.mechanics.laws import law
 from opid.mechanics.response import time_response
 from opid.mechanics.sensors import decimate
 from opid.mechanics.structure import Joint, Structure
-from opid.mechanics.weight import GRAVITY_M_PER_S2, resting_under
+from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.suspensions import driven_laws
 from opid.suspensions.own_structure import identify_structure
@@ -133,7 +133,7 @@ def test_a_loaded_structure_rests_where_its_weight_puts_it():
     isolator = replace(ISOLATOR, law=hardening)
     slots = [Interface(SPRING, DAMPER, law=hardening), Interface(INNER.stiffness_n_per_m, INNER.damping_n_s_per_m)]
     load = np.array([0.0, -120.0 * GRAVITY_M_PER_S2])
-    loaded = replace(isolator, law=resting_under(slots, np.array([[1.0, 0.0], [-1.0, 1.0]]), load)[0])
+    loaded = replace(isolator, law=laws_at_rest(slots, np.array([[1.0, 0.0], [-1.0, 1.0]]), load)[0])
     runs = shaken(machine(), 1, isolator), shaken(machine(120.0), 2, loaded)
     given = WHERE | {"unknown_mass": ["low", "high"], "loadings": [{}, {"high": 120.0}], "law": "cubic_stiffness"}
     found = identify_structure(machine(), runs, axis="up", **given)

@@ -14,7 +14,7 @@ from opid.mechanics.laws import LINEAR, default_law, law
 from opid.mechanics.sensors import Sensor
 from opid.mechanics.taxiing_aircraft import aircraft_test
 from opid.mechanics.virtual_aircraft import default_aircraft
-from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, rest_under, resting, resting_under
+from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, find_rest, laws_at_rest, resting
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 
@@ -33,20 +33,20 @@ def three(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_springs_and_weight_balance(name):
     gear = Interface(3.9e5, 6e3, law=default_law(name).resting_at(-0.004))
-    found = rest_under([gear], np.ones((1, 1)), np.array([-2158.0])).travel[0]
-    exact = brentq(lambda d: 3.9e5 * d + float(gear.law.stand(d)[0]) + 2158.0, -0.05, 0.05, xtol=1e-14)
+    found = find_rest([gear], np.ones((1, 1)), np.array([-2158.0])).travel[0]
+    exact = brentq(lambda d: 3.9e5 * d + float(gear.law.static_force(d)[0]) + 2158.0, -0.05, 0.05, xtol=1e-14)
     assert found == pytest.approx(exact, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_place_at_rest_is_differentiated(name):
-    slots, found = three(name), rest_under(three(name), ROWS, LOAD)
-    np.testing.assert_allclose(found.by_load, found.push @ np.linalg.pinv(ROWS.T) @ LOAD, rtol=1e-9)
-    more = rest_under(slots, ROWS, 1.0001 * LOAD).travel - rest_under(slots, ROWS, 0.9999 * LOAD).travel
+    slots, found = three(name), find_rest(three(name), ROWS, LOAD)
+    np.testing.assert_allclose(found.by_load, found.compliance @ np.linalg.pinv(ROWS.T) @ LOAD, rtol=1e-9)
+    more = find_rest(slots, ROWS, 1.0001 * LOAD).travel - find_rest(slots, ROWS, 0.9999 * LOAD).travel
     np.testing.assert_allclose(found.by_load, more / 2e-4, rtol=1e-5)
     for number, (slot, travel) in enumerate(zip(slots, found.travel, strict=True)):
         own = np.array([slot.stiffness, slot.damping, slot.ground_stiffness, slot.law.rest_m, *slot.law.vector])
-        derivatives = -np.outer(found.push[:, number], by_parameters(slot, travel))
+        derivatives = -np.outer(found.compliance[:, number], by_parameters(slot, travel))
         for place, value in enumerate(own):
             step = 1e-4 * (abs(value) or 1e-3)
             moved = []
@@ -54,7 +54,7 @@ def test_the_place_at_rest_is_differentiated(name):
                 at = own.copy()
                 at[place] += sign * step
                 changed = Interface(*at[:3], slot.law.with_vector(at[4:]).resting_at(at[3]))
-                moved.append(rest_under([*slots[:number], changed, *slots[number + 1 :]], ROWS, LOAD).travel)
+                moved.append(find_rest([*slots[:number], changed, *slots[number + 1 :]], ROWS, LOAD).travel)
             difference = (moved[0] - moved[1]) / (2 * step)
             size = np.abs(found.travel).max() / max(abs(value), 1e-3)
             np.testing.assert_allclose(derivatives[:, place], difference, atol=1e-4 * size)
@@ -68,7 +68,7 @@ def test_a_law_rests_where_it_is_moved_to():
     moved = resting(Interface(1.0, 1.0, law=cubic), -0.001)
     assert moved.law.rest_m == pytest.approx(0.003)
     assert cubic.scaled(2.0).rest_m == cubic.with_vector([1.0]).rest_m == 0.004
-    assert resting_under([Interface(1e5, 1.0)], np.ones((1, 1)), np.array([-1e3])) == [LINEAR]
+    assert laws_at_rest([Interface(1e5, 1.0)], np.ones((1, 1)), np.array([-1e3])) == [LINEAR]
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
@@ -76,7 +76,7 @@ def test_a_spring_that_gives_way_at_once_is_found_its_place(sign):
     """Newton's step from where the spring is stiffest goes far beyond the balance, and back."""
     softening = law("arctan_displacement", amplitude_n=12.0, scale_m=2e-4).resting_at(0.002 * sign)
     slot = Interface(7.0, 1.0, law=softening)
-    found = rest_under([slot], np.ones((1, 1)), np.array([-1.5 * sign])).travel[0]
+    found = find_rest([slot], np.ones((1, 1)), np.array([-1.5 * sign])).travel[0]
     exact = brentq(lambda d: 7.0 * d + float(softening.force(d, 0.0)) + 1.5 * sign, -3.0, 3.0, xtol=1e-14)
     assert found == pytest.approx(exact, abs=1e-9)
 
@@ -84,7 +84,7 @@ def test_a_spring_that_gives_way_at_once_is_found_its_place(sign):
 def test_a_spring_that_cannot_carry_the_weight_is_named():
     yielding = Interface(0.0, 1.0, law=law("arctan_displacement", amplitude_n=1e3, scale_m=0.01))
     with pytest.raises(UnboundedResponseError, match="balance nowhere: check the mass change"):
-        rest_under([yielding], np.ones((1, 1)), np.array([-2e3]))
+        find_rest([yielding], np.ones((1, 1)), np.array([-2e3]))
 
 
 @pytest.mark.parametrize("name", ["cubic_stiffness", "gas_column"])
@@ -97,7 +97,7 @@ def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
     test = taxi_test(gear, rng=np.random.default_rng(0))
     removed = -test.mass_change_kg * GRAVITY_M_PER_S2
     rest = test.light.gear.law.rest_m
-    force = gear.suspension_stiffness_n_per_m * rest + float(gear.law.stand(rest)[0])
+    force = gear.suspension_stiffness_n_per_m * rest + float(gear.law.static_force(rest)[0])
     assert force == pytest.approx(removed)
     runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
     study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0)

@@ -53,7 +53,7 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
     from opid.report.directory import require_directory
 
     target = None if out is None else require_directory(out)
-    told = {"log": str(log), **settings}
+    facts = {"log": str(log), **settings}
     with progress() as say:
         try:
             found = _decay(log, settings, say)
@@ -65,8 +65,8 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
         if target is not None:
             orders = {name: settings[name] for name in ORDERS}
             law = None if found.law is None else law_of_decays([found], **orders)
-            page = write_decay_report(found, target, told, law=law, progress=say)
-    click.echo(decay_text(found, told))
+            page = write_decay_report(found, target, facts, law=law, progress=say)
+    click.echo(decay_text(found, facts))
     if page is not None:
         click.echo(f"Report: {page} (open it in a browser)")
 

@@ -168,8 +168,8 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
             raise click.UsageError(f"{len(paths)} files are given: give one study file, or logs only")
         given = [name for name, value in of_logs.items() if value is not None]
         if given:
-            told = " and ".join(given)
-            raise click.UsageError(f"{studies[0]} is a study, which says that itself: leave out {told}")
+            named = " and ".join(given)
+            raise click.UsageError(f"{studies[0]} is a study, which says that itself: leave out {named}")
         return read_study(studies[0], progress=say)
     if paths[0].is_dir():
         raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")

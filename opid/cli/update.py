@@ -64,8 +64,8 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
         reduction, free = _reductions(tests, result)
         page = write_updating_report(result, target, known, reduction=reduction, free=free, progress=say)
         files = write_chains(result, target) if chains else ()
-    told = () if reduction is None else reduction_sentences(result, reduction, free)
-    click.echo(updating_text(result, known, reduction=told))
+    sentences = () if reduction is None else reduction_sentences(result, reduction, free)
+    click.echo(updating_text(result, known, reduction=sentences))
     click.echo(f"Report: {page} (open it in a browser)")
     for file in files:
         click.echo(f"Chains: {file}")

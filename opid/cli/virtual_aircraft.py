@@ -69,13 +69,13 @@ def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> Non
         test = _aircraft_test(seed, settings)
         say("the files")
         title = f"A virtual aircraft on three gears, seed {seed}"
-        told = {"seed": seed} | settings
+        stated = {"seed": seed} | settings
         study = write_aircraft_test(
             test,
             out,
             title=title,
             day=None if day is None else day.date(),
-            settings=told,
+            settings=stated,
             position_tolerance_m=POSITION_TOLERANCE_M,
             # no level can be stated of none
             noise_m_per_s2=settings["noise"] or None,

@@ -115,10 +115,10 @@ def backbones(
             parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), seed=seed,
         )  # fmt: skip
         say("the files")
-        told = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
-        truth = updating_truth_json(true.law(theta), UPDATED, structure=told, settings=settings)
+        description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
+        truth = updating_truth_json(true.law(theta), UPDATED, structure=description, settings=settings)
         path = write_updating_field_test(study, out, truth=truth, matrices=matrices)
-    click.echo(f"{counted(len(measured), 'backbone')}: {told}")
+    click.echo(f"{counted(len(measured), 'backbone')}: {description}")
     click.echo(f"Next: opid update {path} --truth {out / 'truth.json'}")
 
 

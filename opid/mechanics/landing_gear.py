@@ -17,7 +17,7 @@ from opid.mechanics.response import Response, time_response
 from opid.mechanics.road import Road, SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
-from opid.mechanics.weight import GRAVITY_M_PER_S2, resting_under
+from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
 DEFAULT_LAW = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
@@ -292,7 +292,7 @@ def _flown(gear: LandingGear, removed_kg: float, departure: Departure) -> Landin
     )
     # springs that are stiffer carry more where they were: the body is lifted
     lifted_kg = removed_kg + departure.spring * gear.sprung_mass_kg
-    (law,) = resting_under([strut], np.ones((1, 1)), np.array([lifted_kg * GRAVITY_M_PER_S2]))
+    (law,) = laws_at_rest([strut], np.ones((1, 1)), np.array([lifted_kg * GRAVITY_M_PER_S2]))
     return replace(
         gear,
         sprung_mass_kg=gear.sprung_mass_kg - removed_kg,

@@ -100,7 +100,7 @@ class Term:
             factor * (second + by_second * shape),
         )
 
-    def stand(self, z: FloatArray) -> tuple[Any, Any, Any, Any]:
+    def static_force(self, z: FloatArray) -> tuple[Any, Any, Any, Any]:
         """Return the force for unit amplitude of the term standing still, by z and by the first two inner values.
 
         Args:
@@ -129,7 +129,7 @@ class Term:
         if not self.kind.quasi_static:
             return 1.0, 0.0, 0.0, 0.0
         place = np.array(rest_m)
-        slow, slow_by, *slow_by_inner = self.stand(place)
+        slow, slow_by, *slow_by_inner = self.static_force(place)
         quick, quick_by, _, *quick_by_inner = self.evaluate(place, np.array(0.0))
         left, moving = 1.0 - float(slow), 1.0 - float(quick)
         by = [
@@ -174,7 +174,7 @@ class TermSet:
             total += term.amplitude * term.evaluate_about(self.rest_m, z, v)[0]
         return total
 
-    def stand(self, z: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def static_force(self, z: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what the law carries more standing still at an extension than where it rests, N.
 
         Args:
@@ -194,8 +194,8 @@ class TermSet:
         # a kind may divide zero by zero at rest before it puts the right value in place
         with np.errstate(all="ignore"):
             for term in self.terms:
-                shape, slope, *by_inner = term.stand(place)
-                at_rest, _, *by_inner_at_rest = term.stand(rest)
+                shape, slope, *by_inner = term.static_force(place)
+                at_rest, _, *by_inner_at_rest = term.static_force(rest)
                 force += term.amplitude * (shape - at_rest)
                 by_z += term.amplitude * slope
                 by_values[..., column] = shape - at_rest

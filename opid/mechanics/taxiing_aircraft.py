@@ -16,7 +16,7 @@ from opid.mechanics.laws import FloatArray
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.road import Road, SpeedProfile
 from opid.mechanics.sensors import Sensor, decimate, measure
-from opid.mechanics.weight import GRAVITY_M_PER_S2, resting_under
+from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
 from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 
@@ -215,7 +215,7 @@ def _resting(airframe: Airframe, loadings: Sequence[Loading]) -> Airframe:
     load = np.zeros(3)
     for each in loadings:
         load -= each.mass_kg * GRAVITY_M_PER_S2 * np.array([1.0, each.y_m, -each.x_m])
-    laws = resting_under(struts, rows, load)
+    laws = laws_at_rest(struts, rows, load)
     return replace(airframe, gears=tuple(replace(g, law=law) for g, law in zip(airframe.gears, laws, strict=True)))
 
 

@@ -46,12 +46,12 @@ class Rest:
     """
 
     travel: FloatArray
-    push: FloatArray
+    compliance: FloatArray
     by_load: FloatArray
 
 
 @_QUIETLY
-def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, held: FloatArray | float = 0.0) -> Rest:
+def find_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, held: FloatArray | float = 0.0) -> Rest:
     """Return where the suspensions rest under a load.
 
     Args:
@@ -68,17 +68,17 @@ def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, h
     total = load + held
     missing = total
     for _ in range(_MOST_STEPS):
-        push = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
-        step = push @ missing
+        compliance = rows @ np.linalg.pinv(rows.T @ (slope[:, np.newaxis] * rows), hermitian=True)
+        step = compliance @ missing
         size = np.abs(step).max()
         # a micrometre is far below what any accelerometer tells
         if size < 1e-9:
-            return Rest(travel + step, push @ rows.T, push @ load)
+            return Rest(travel + step, compliance @ rows.T, compliance @ load)
         # where a spring gives way, Newton's step goes too far: what is missing, as travel, must become less
         for _ in range(_MOST_HALVINGS):
             force, slope = _springs(slots, travel + step)
             missing = total - rows.T @ (force - carried)
-            if np.abs(push @ missing).max() < size:
+            if np.abs(compliance @ missing).max() < size:
                 break
             step = 0.5 * step
         travel = travel + step
@@ -89,7 +89,7 @@ def rest_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, h
     )
 
 
-def resting_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> list[Law]:
+def laws_at_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray) -> list[Law]:
     """Return the laws of suspensions that carry a load, each where it rests then.
 
     Args:
@@ -103,7 +103,7 @@ def resting_under(slots: Sequence[Interface], rows: FloatArray, load: FloatArray
     laws = [slot.law for slot in slots if isinstance(slot.law, Law)]
     if not any(map(depends_on_travel, laws)):
         return laws
-    travel = rest_under(slots, rows, load).travel
+    travel = find_rest(slots, rows, load).travel
     return [law.resting_at(law.rest_m + float(z)) for law, z in zip(laws, travel, strict=True)]
 
 
@@ -114,8 +114,8 @@ def by_parameters(slot: Interface, travel: float) -> FloatArray:
         slot: where it rests in the reference run.
         travel: where it rests now, from there, m.
     """
-    _, by_place, of_law = slot.law.stand(travel)
-    of_rest = by_place - slot.law.stand(0.0)[1]
+    _, by_place, of_law = slot.law.static_force(travel)
+    of_rest = by_place - slot.law.static_force(0.0)[1]
     return np.array([travel, 0.0, travel, float(of_rest), *of_law])
 
 
@@ -144,7 +144,7 @@ def _springs(slots: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray
         force[number] = slope[number] * z
         place = np.array(slot.law.rest_m + z)
         for term in slot.law.terms:
-            shape, by_z, *_ = term.stand(place)
+            shape, by_z, *_ = term.static_force(place)
             force[number] += term.amplitude * shape
             slope[number] += term.amplitude * by_z
     return force, slope

@@ -182,10 +182,10 @@ def beat_between_neighbours(
             f"mode {mode} has a neighbour at its own frequency, {centre:.5g} Hz: no beat can excite it alone"
         )
     duration = first_minimum_hz(window, 1.0) / nearest
-    told = " and ".join(
+    neighbours = " and ".join(
         f"{distance:.4g} Hz {word}" for distance, word in ((below, "below"), (above, "above")) if distance is not None
     )
-    reason = f"first minima {nearest:.4g} Hz from mode {mode}: the neighbouring elastic modes lie {told}"
+    reason = f"first minima {nearest:.4g} Hz from mode {mode}: the neighbouring elastic modes lie {neighbours}"
     tail = quiet_s(modes, mode) if tail_s is None else tail_s
     beat = _designed(centre, duration, window, amplitude, lead_s, tail, reason)
     return BeatDesign(beat, below, above, nearest, main_lobe_width_hz(window, duration), reason)

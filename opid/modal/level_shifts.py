@@ -186,16 +186,16 @@ def _relative(high: Estimate, low: Estimate) -> Estimate:
 def _judged(mode: int, shifts: Shifts, thresholds: tuple[float, float]) -> tuple[bool, bool, str]:
     """Whether the mode is nonlinear, whether the data can tell, and why."""
     words = ("frequency", "damping")
-    told, wide = [], []
+    shifted, wide = [], []
     for word, shift, threshold in zip(words, shifts, thresholds, strict=True):
         if shift.value is None or shift.std is None:
             return False, False, f"the data cannot tell: mode {mode} hardly moves at one of the levels, drive it harder"
         if abs(shift.value) - SIGMAS * shift.std > threshold:
-            told.append(f"{word} by {_percent(shift.value)} (threshold {100 * threshold:.3g} %)")
+            shifted.append(f"{word} by {_percent(shift.value)} (threshold {100 * threshold:.3g} %)")
         if 1.96 * shift.std > threshold:
             wide.append(f"{word} shifts by {_percent(shift.value)} +- {1.96 * 100 * shift.std:.2g} %")
-    if told:
-        return True, True, f"mode {mode} shifts in {' and in '.join(told)}"
+    if shifted:
+        return True, True, f"mode {mode} shifts in {' and in '.join(shifted)}"
     if wide:
         return False, False, f"the data cannot tell: the {' and the '.join(wide)}, drive mode {mode} harder"
     both = f"{_percent(shifts[0].value)} in frequency, {_percent(shifts[1].value)} in damping"

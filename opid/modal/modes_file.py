@@ -238,10 +238,10 @@ def _assigned(found: list[str], wanted: Sequence[str], what: str, *, others: boo
         if quantity not in names:
             clause = nearest(quantity, left) if left else "there is none"
             is_near = bool(meant_by(quantity, left))
-            told = f"the nearest {what}: {clause}" if is_near else f"its {what}s: {clause}"
+            hint = f"the nearest {what}: {clause}" if is_near else f"its {what}s: {clause}"
             if others and not is_near:
-                told = "name its first cell so"
-            raise InputError(f"there is no {what} {quantity!r} ({told})")
+                hint = "name its first cell so"
+            raise InputError(f"there is no {what} {quantity!r} ({hint})")
     return names
 
 

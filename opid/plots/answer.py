@@ -125,11 +125,11 @@ def _marks(result: AnyIdentification) -> Iterator[_Mark]:
         for row, fit in ((2, run.complex_fit), (3, run.spectral_fit)):
             for k in range(3):
                 yield _Mark(row, k + 1, color, float(shift), Estimate.normal(fit.value[k], fit.std[k]))
-        share = 1 / (1 + inverse_mass * run.mass_change_kg)
+        of_reference = 1 / (1 + inverse_mass * run.mass_change_kg)
         for k, ratio in enumerate(ratios):
             if ratio.value is not None:
-                spread = None if ratio.std is None else share * ratio.std
-                yield _Mark(4, k + 1, color, float(shift), Estimate.normal(share * ratio.value, spread))
+                spread = None if ratio.std is None else of_reference * ratio.std
+                yield _Mark(4, k + 1, color, float(shift), Estimate.normal(of_reference * ratio.value, spread))
     if mass_estimate.value is not None:
         yield _Mark(4, 0, INK, 0.0, mass_estimate)
 
@@ -143,8 +143,8 @@ def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], f
         return mass, [Estimate.normal(joint[name], std.get(name)) for name in NAMES], joint["inverse_mass"]
     mass, ratios = result.parameters.sprung_mass_kg, result.ratios
     assert isinstance(ratios, GearRatios)  # a body has no such chain
-    told = [ratios.stiffness_per_mass, ratios.damping_per_mass, ratios.ground_stiffness_per_mass]
-    return mass, told, 1 / mass.value if mass.value else 0.0
+    over_mass = [ratios.stiffness_per_mass, ratios.damping_per_mass, ratios.ground_stiffness_per_mass]
+    return mass, over_mass, 1 / mass.value if mass.value else 0.0
 
 
 def _shown_pairs(chain: PaperChain) -> list[PeakPair]:

@@ -197,8 +197,8 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) ->
         if estimate.interval95 is not None:
             ends, held = list(estimate.interval95), [fixed, fixed]
             ax.plot(*((held, ends) if along == "x" else (ends, held)), color=VERMILION, linewidth=2, zorder=4)
-    told = f"centre of gravity\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m"
-    ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=told, zorder=5)
+    text = f"centre of gravity\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m"
+    ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=text, zorder=5)
 
 
 # ---- structures ------------------------------------------------------------------------------------
@@ -235,9 +235,9 @@ def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> Non
     if outside is not None and np.isfinite(outside):
         ax.plot([outside], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
     ax.plot([inside], [row], marker="o", markersize=5.5, color=color, linestyle="none")
-    told = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
+    text = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.8}
-    _note(ax, told, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=box)
+    _note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=box)
 
 
 # ---- suspension by suspension ----------------------------------------------------------------------
@@ -301,8 +301,8 @@ def _quantity(ax: Axes, quantity: _Quantity, names: list[str]) -> None:
             ax.plot([place, place], ends, color=BLUE, linewidth=2)
             ax.plot([place, place], ends, color=BLUE, marker="_", markersize=8, linestyle="none")
         ax.plot([place], [value], color=BLUE, marker="o", markersize=4, linestyle="none")
-        told = _spread(estimate, quantity.scale).replace(" ± ", "\n± ")
-        _note(ax, told, (place, max(ends)), (0, 8), ha="center", fontsize=7.5)
+        text = _spread(estimate, quantity.scale).replace(" ± ", "\n± ")
+        _note(ax, text, (place, max(ends)), (0, 8), ha="center", fontsize=7.5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
     ax.margins(y=0.25)

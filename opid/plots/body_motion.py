@@ -100,8 +100,8 @@ def predicted_accelerations(
             left, time = read - predicted, shown.time_s[part]
             ax.plot(time, read[part], color=PALE, linewidth=3.5, label="measured")
             ax.plot(time, predicted[part], color=BLUE, linewidth=1.0, label="predicted")
-            told = f"difference, {1e3 * float(left.std()):.2g} mm/s² rms"
-            ax.plot(time, left[part], color=VERMILION, linewidth=0.8, label=told)
+            label = f"difference, {1e3 * float(left.std()):.2g} mm/s² rms"
+            ax.plot(time, left[part], color=VERMILION, linewidth=0.8, label=label)
             ax.set_title(name)
             ax.set_ylabel("acceleration [m/s²]")
             ax.margins(x=0)

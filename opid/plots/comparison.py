@@ -142,10 +142,10 @@ def _mark(ax: Axes, point: Point, place: float, scale: float, name: str | None, 
         transform=beside,
     )
     if name is not None:
-        told = {True: "confirmed", False: "not confirmed", None: "next flight awaited"}[point.confirmed]
+        verdict = {True: "confirmed", False: "not confirmed", None: "next flight awaited"}[point.confirmed]
         up = (point.departure or 0.0) > 0
         ax.annotate(
-            f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {told}".replace("-", "−"),
+            f"{name}{': ' * bool(name)}" + f"{point.departure:+.1f} std, {verdict}".replace("-", "−"),
             (place, height),
             (-5, 9 if up else -9),
             xycoords=beside,

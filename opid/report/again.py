@@ -149,7 +149,7 @@ def _changed(settings: Settings) -> tuple[str, set[str]]:
     """The settings other than the default as arguments, and the names that they need; the band is told by itself."""
     standard = Settings()
     settings = replace(settings, runs=replace(settings.runs, band_hz=standard.runs.band_hz))
-    told, names = [], {"Settings"}
+    changed, names = [], {"Settings"}
     for part in fields(Settings):
         mine, usual = getattr(settings, part.name), getattr(standard, part.name)
         inside = [
@@ -159,5 +159,5 @@ def _changed(settings: Settings) -> tuple[str, set[str]]:
         ]
         if inside:
             names.add(type(mine).__name__)
-            told.append(f"{part.name}={type(mine).__name__}({', '.join(inside)})")
-    return ", ".join(told), names
+            changed.append(f"{part.name}={type(mine).__name__}({', '.join(inside)})")
+    return ", ".join(changed), names

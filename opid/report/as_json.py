@@ -331,7 +331,7 @@ def _body_diagnostics(result: Identification) -> Json:
             for part in parts
             for step in part.ladder
         ],
-        "law_alternatives": [told for part in parts for told in part.alternatives],
+        "law_alternatives": [sentence for part in parts for sentence in part.alternatives],
         "models": [_model(part) for part in parts],
         "mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True)),
     }

@@ -220,8 +220,8 @@ def bench_rows(result: BenchLaw) -> list[Row]:
     Args:
         result: from `law_of_bench`.
     """
-    told = result.parameters.items()
-    table = [estimate_row(*LABELS[name], estimate) for name, estimate in told if estimate.value is not None]
+    parameters = result.parameters.items()
+    table = [estimate_row(*LABELS[name], estimate) for name, estimate in parameters if estimate.value is not None]
     return [*table, *_law_rows(result), Row("Whole force"), estimate_row("energy a cycle", "J", result.cycle.area_j)]
 
 
@@ -249,12 +249,14 @@ def _mass_words(result: BenchLaw) -> str:
 def _loop_words(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
     of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
-    told = f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
+    words = (
+        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
+    )
     is_friction = friction.value is not None and friction.value > 0
-    told += f"the energy of a dry friction of {friction.value:.3g} N" if is_friction else "no energy"
+    words += f"the energy of a dry friction of {friction.value:.3g} N" if is_friction else "no energy"
     if result.loop is None:
-        return told + "."
-    return f"{told}. The loop area is what the part that remembers takes of it."
+        return words + "."
+    return f"{words}. The loop area is what the part that remembers takes of it."
 
 
 def _simulation_words(result: BenchLaw) -> str:
@@ -282,8 +284,8 @@ def _law_rows(result: BenchLaw) -> Iterator[Row]:
 
 def _doubts(result: BenchLaw) -> list[str]:
     """Return the warnings; what the paragraph on memory says already is not said again."""
-    told = result.memory.statement
-    shortened = (warning.removeprefix(told).lstrip(". ") for warning in result.warnings)
+    statement = result.memory.statement
+    shortened = (warning.removeprefix(statement).lstrip(". ") for warning in result.warnings)
     return [warning for warning in shortened if warning]
 
 

@@ -74,10 +74,10 @@ def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
         result: the identification.
         truth: as in truth.json, or None.
     """
-    true, told = truth["parameters"] if truth else {}, truth is not None
+    true, has_truth = truth["parameters"] if truth else {}, truth is not None
     given, of_loading = dict(result.parameters.items()), dict(result.ratios.items())
     table = [
-        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), told)
+        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), has_truth)
         for name, estimate in given.items()
         # what one loading alone gives stands below, and gears alone have no inertia
         if estimate.value is not None
@@ -88,13 +88,14 @@ def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
     if any(estimate.value is not None for estimate in ratios.values()):
         table.append(Row("What needs no known mass"))
         table += [
-            estimate_row(*RATIO_LABELS[name], estimate, true_ratio(name, true), told)
+            estimate_row(*RATIO_LABELS[name], estimate, true_ratio(name, true), has_truth)
             for name, estimate in ratios.items()
         ]
     if result.place_corrections:
         table.append(Row("Places: what is to be added to the coordinates stated"))
         table += [
-            estimate_row(_place(name), "m", estimate, None, told) for name, estimate in result.place_corrections.items()
+            estimate_row(_place(name), "m", estimate, None, has_truth)
+            for name, estimate in result.place_corrections.items()
         ]
     return table
 
@@ -112,7 +113,7 @@ def suspension_rows(result: Identification, truth: Truth | None = None) -> list[
         like = next((name for name in interface.shared_with if name in shown), None)
         if like is not None and truth is None:
             table.append(Row(f"Suspension {interface.name}: as {like}, shared"))
-            table.append(_residual_row(interface, told=False))
+            table.append(_residual_row(interface, has_truth=False))
         else:
             table += _suspension(result, interface, truth)
         shown.add(interface.name)
@@ -206,7 +207,7 @@ def sensor_sentences(result: Identification) -> list[str]:
     Args:
         result: the identification.
     """
-    return [told for evidence in result.evidence if (told := sensors_in_words(evidence))]
+    return [words for evidence in result.evidence if (words := sensors_in_words(evidence))]
 
 
 def law_sentences(result: Identification) -> list[str]:
@@ -215,7 +216,7 @@ def law_sentences(result: Identification) -> list[str]:
     Args:
         result: the identification.
     """
-    return [f"{told}." for evidence in result.evidence for told in evidence.alternatives]
+    return [f"{words}." for evidence in result.evidence for words in evidence.alternatives]
 
 
 def body_limits(result: Identification) -> str:
@@ -303,23 +304,23 @@ def _kind(result: Identification) -> str:
 
 
 def _suspension(result: Identification, interface: InterfaceEstimate, truth: Truth | None) -> Iterator[Row]:
-    told = truth is not None
+    has_truth = truth is not None
     true = truth["interfaces"].get(interface.name) if truth else None
-    share = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth and result.per_mass else 1.0
+    scale = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth and result.per_mass else 1.0
     stiffness, damping = units_of(result)
     terms = interface.law.terms
     shown = f", f = {formula(interface.law.latex)}" if len(terms) == 1 else ""
     other = f"; truth: {true['law']['name']}" if true and true["law"]["name"] != interface.law.name else ""
     yield Row(f"Suspension {interface.name}: {interface.law.name}{shown}{other}")
-    yield _residual_row(interface, told=told)
+    yield _residual_row(interface, has_truth=has_truth)
     slope = "K/M" if result.per_mass else "K"
-    known = {key: share * true[key] for key in ("stiffness_n_per_m", "damping_n_s_per_m")} if true else {}
-    yield estimate_row(f"stiffness {slope}", stiffness, interface.stiffness, known.get("stiffness_n_per_m"), told)
+    known = {key: scale * true[key] for key in ("stiffness_n_per_m", "damping_n_s_per_m")} if true else {}
+    yield estimate_row(f"stiffness {slope}", stiffness, interface.stiffness, known.get("stiffness_n_per_m"), has_truth)
     slope = "C/M" if result.per_mass else "C"
-    yield estimate_row(f"damping {slope}", damping, interface.damping, known.get("damping_n_s_per_m"), told)
+    yield estimate_row(f"damping {slope}", damping, interface.damping, known.get("damping_n_s_per_m"), has_truth)
     if interface.ground_stiffness.value:
         slope = "K3/M" if result.per_mass else "K3"
-        yield estimate_row(f"ground {slope}", stiffness, interface.ground_stiffness, None, told)
+        yield estimate_row(f"ground {slope}", stiffness, interface.ground_stiffness, None, has_truth)
     for term in terms:
         if len(terms) > 1:
             yield Row(f"Term {term.name} of {interface.name}: {formula(term.kind.latex)}")
@@ -330,14 +331,14 @@ def _suspension(result: Identification, interface: InterfaceEstimate, truth: Tru
                 parameter_label(parameter),
                 f"{parameter.unit}/kg" if amplitude and result.per_mass else parameter.unit,
                 interface.law_estimates[term.name][parameter.name],
-                value * share if amplitude and value is not None else value,
-                told,
+                value * scale if amplitude and value is not None else value,
+                has_truth,
             )
-    yield from rest_rows(interface, (stiffness, damping), told=told)
+    yield from rest_rows(interface, (stiffness, damping), has_truth=has_truth)
 
 
-def _residual_row(interface: InterfaceEstimate, *, told: bool) -> Row:
-    blank = ("-", "1", "-", "-", "-") if told else ("-", "-", "1")
+def _residual_row(interface: InterfaceEstimate, *, has_truth: bool) -> Row:
+    blank = ("-", "1", "-", "-", "-") if has_truth else ("-", "-", "1")
     return Row("residual/noise", (over_noise(interface.residual_over_noise), *blank))
 
 

@@ -28,7 +28,7 @@ def comparison_text(result: Comparison) -> str:
         result: from `compare`.
     """
     parts = [f"{TITLE}: {span(result)}", ""]
-    parts += [line for sentence in told(result) for line in wrapped(sentence, "Change: " if result.changes else "")]
+    parts += [line for sentence in changes(result) for line in wrapped(sentence, "Change: " if result.changes else "")]
     table = comparison_rows(result)
     gears = dict.fromkeys(heading for heading, _ in table)
     lines = iter(aligned([HEAD, *(row for _, row in table)], n_left=2))
@@ -115,7 +115,7 @@ def write_comparison_report(
         images,
         title=TITLE,
         span=span(result),
-        told=told(result),
+        changes=changes(result),
         flagged=bool(result.changes),
         columns=HEAD,
         groups={gear: [row for heading, row in table if heading == gear] for gear, _ in table},
@@ -169,7 +169,7 @@ def span(result: Comparison) -> str:
     return f"{len(result.flights)} flights, {when}"
 
 
-def told(result: Comparison) -> list[str]:
+def changes(result: Comparison) -> list[str]:
     """Return what changed as sentences, or that nothing did.
 
     Args:

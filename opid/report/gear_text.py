@@ -66,7 +66,7 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
     table += _law_rows(result, truth)
     if isinstance(result, Identification):
         units = ("1/s^2", "1/s") if result.per_mass else ("N/m", "N s/m")
-        table += rest_rows(result.interfaces[0], units, told=truth is not None)
+        table += rest_rows(result.interfaces[0], units, has_truth=truth is not None)
     table.append(Row("Ratios to the mass of the reference run"))
     table += [
         estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
@@ -75,14 +75,14 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
     return [*table, *_equivalent_rows(result, truth is not None)]
 
 
-def _equivalent_rows(result: AnyIdentification, told: bool) -> Iterator[Row]:
+def _equivalent_rows(result: AnyIdentification, has_truth: bool) -> Iterator[Row]:
     """What a linear analysis would find in each run, where no number of the law is believed."""
     if not isinstance(result, Identification) or result.limited_by != "model":
         return
     for each in result.equivalents:
         yield Row(f"Straight suspension that comes nearest to it over the motion of run {each.run!r}")
         for name in ("natural_frequency_hz", "damping_ratio"):
-            yield estimate_row(*RATIO_LABELS[name], getattr(each, name), None, told)
+            yield estimate_row(*RATIO_LABELS[name], getattr(each, name), None, has_truth)
 
 
 def gear_limits(result: AnyIdentification) -> str:
@@ -110,12 +110,12 @@ def sensors_in_words(evidence: Evidence) -> str:
         evidence: of a fit.
     """
     fit = evidence.fit
-    told = [
+    sentences = [
         f"{fault.name} {fit.value(fault.name):.5g} +- {fit.std[fit.model.names.index(fault.name)]:.1g} "
         f"(before: {fault.nominal:.3g} +- {fault.std:.1g})"
         for fault in fit.model.faults
     ]
-    return "; ".join(told) + "." if told else ""
+    return "; ".join(sentences) + "." if sentences else ""
 
 
 def _limits_of_model(result: Identification) -> str:
@@ -183,8 +183,8 @@ def _law_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
     per_mass = result.per_mass
     terms = result.law.terms
     shown = f", {'f/M2' if per_mass else 'f'} = {formula(result.law.latex)}" if len(terms) == 1 else ""
-    told = f"; truth: {truth['law']['name']}" if truth and truth["law"]["name"] != result.law.name else ""
-    yield Row(f"Law: {result.law.name}{shown}{told}")
+    true_law = f"; truth: {truth['law']['name']}" if truth and truth["law"]["name"] != result.law.name else ""
+    yield Row(f"Law: {result.law.name}{shown}{true_law}")
     for term in terms:
         if len(terms) > 1:
             yield Row(f"Term {term.name}: {formula(term.kind.latex)}")

@@ -234,11 +234,11 @@ def _spectral_lines(channels: Sequence[ChannelHealth]) -> Iterator[str]:
 
 def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
     unit = "" if channel.unit == "?" else f" {channel.unit}"
-    told = [
+    shown = [
         f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms" for line in lines[:MOST_LINES]
     ]
-    more = len(lines) - len(told)
-    return "; ".join(told) + (f"; and {more} weaker" if more > 0 else "") + "."
+    more = len(lines) - len(shown)
+    return "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "") + "."
 
 
 # ---- pairs and findings ------------------------------------------------------------------------------
@@ -278,18 +278,18 @@ def _finding_lines(findings: Sequence[Finding]) -> Iterator[str]:
     for (severity, message), channels in together.items():
         alike.setdefault((severity, _without_numbers(message)), []).append((message, channels))
     notes = 0
-    for (severity, _), told in alike.items():
-        concerned = list(dict.fromkeys(channel for _, channels in told for channel in channels))
+    for (severity, _), messages in alike.items():
+        concerned = list(dict.fromkeys(channel for _, channels in messages for channel in channels))
         # what is wrong with one clock or channel in several places is told place by place
-        many = len(told) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
-        for message, channels in told[:1] if many else told:
+        many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
+        for message, channels in messages[:1] if many else messages:
             notes += severity == "note"
             if severity == "note" and notes > MOST_NOTES:
                 continue
             where = _listed(channels)
             if many:
                 also = _listed([channel for channel in concerned if channel not in channels])
-                message += f" (likewise {also})" if also else f" (and {len(told) - 1} times likewise)"
+                message += f" (likewise {also})" if also else f" (and {len(messages) - 1} times likewise)"
             yield from wrapped(f"{where}: {message}" if where else message, f"{severity.capitalize()}: ")
     if notes > MOST_NOTES:
         yield f"and {_counted(notes - MOST_NOTES, 'note')} more (--json tells all)"

@@ -208,9 +208,9 @@ def doubts_of(result: ModalIdentification) -> list[str]:
         for text in law.warnings
     ]
     # the law of a single decay has that decay's warnings
-    told = {text for text, twice in of_laws if twice}
+    of_laws_alone = {text for text, twice in of_laws if twice}
     every = [*result.warnings, *of_fits, *(head + text for head, _, text in of_decays), *(text for text, _ in of_laws)]
-    return [text for text in dict.fromkeys(every) if text not in told]
+    return [text for text in dict.fromkeys(every) if text not in of_laws_alone]
 
 
 def coefficient_rows(result: ModalIdentification, truth: Truth | None = None) -> list[Row]:

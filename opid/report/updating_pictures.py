@@ -97,12 +97,12 @@ def _reduction_picture(result: Updating, reduction: ReductionErrors, free: Reduc
     from opid import plots
 
     sentences = (*reduction_sentences(result, reduction, free), *order_sentences(reduction, free))
-    told = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
+    caption = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
     return Picture(
         "reduction",
         "What the reduction leaves out",
         "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
-        f"are tested and those near their multiples should be exact; higher ones need not. {told}",
+        f"are tested and those near their multiples should be exact; higher ones need not. {caption}",
         lambda result, truth: plots.reduction_figure(reduction, free=free),
     )
 

@@ -38,7 +38,7 @@ def order_sentences(*reductions: ReductionErrors | None) -> tuple[str, ...]:
     Args:
         reductions: to look at; None is left out.
     """
-    return tuple(told for each in reductions if each is not None for told in _places(each))
+    return tuple(place for each in reductions if each is not None for place in _places(each))
 
 
 def _kept(errors: ReductionErrors, tested: Sequence[int]) -> str:

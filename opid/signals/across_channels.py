@@ -265,9 +265,9 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if np.array_equal(lower, upper):
         raise InputError(f"the channels {names[0]!r} and {names[1]!r} are the same signal: name two sensors")
-    told = _units_told_apart(lower, upper, fs=fs, names=names)
-    if told:
-        raise InputError(told)
+    mistake = _units_told_apart(lower, upper, fs=fs, names=names)
+    if mistake:
+        raise InputError(mistake)
     pair = (lower, upper)
     rms = [float(np.std(samples)) for samples in pair]
     for name, samples, own, other in zip(names, pair, rms, rms[::-1], strict=True):

@@ -264,8 +264,8 @@ def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
     of_track = f" of {health.track!r}" if health.track else ""
     if not LEAST_FS <= health.fs <= MOST_FS:
         cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"
-        told = "is stated" if health.stated else "follows from the time stamps"
-        yield Finding("warning", "", f"a rate of {health.fs:.6g} Hz{of_track} {told}: {cause}")
+        source = "is stated" if health.stated else "follows from the time stamps"
+        yield Finding("warning", "", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}")
     if check.unreadable:
         yield Finding("fault", "", f"{check.unreadable} time stamp(s){of_track} are no number: mend the log there")
     if check.backward:

@@ -272,13 +272,13 @@ def _reason(course: _Course, chosen: tuple[int, int], left_out: Sequence[LeftOut
     if not left_out:
         return ""
     of_why = {why: sum(part.stop_s - part.start_s for part in left_out if part.why == why) for why in _WORDS}
-    told = ", ".join(f"{_seconds(seconds)} {_WORDS[why].format(cut=cut)}" for why, seconds in of_why.items() if seconds)
+    lost = ", ".join(f"{_seconds(seconds)} {_WORDS[why].format(cut=cut)}" for why, seconds in of_why.items() if seconds)
     if _length(course, chosen) > MOST_S - 2 and of_why["not chosen"]:
         which = f"the {_seconds(_length(course, chosen))} with the steadiest motion"
     else:
         which = "the longest stretch in motion" if n_runs > 1 else "the stretch in motion"
     begin, end = course.start_s[chosen[0]], course.stop_s[chosen[1] - 1]
-    return f"{begin:.6g} s to {end:.6g} s is {which}; left out: {told}"
+    return f"{begin:.6g} s to {end:.6g} s is {which}; left out: {lost}"
 
 
 def _seconds(length_s: float) -> str:

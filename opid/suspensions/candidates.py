@@ -254,7 +254,7 @@ def parts_of(tried: Sequence[Fitted], kind: str) -> list[Fitted]:
     return [*pairs, *(each for each in tried if each.kind == "single" and each.interfaces[0] not in paired)]
 
 
-def shares(study: Study, loading: PointMass) -> FloatArray:
+def static_loads(study: Study, loading: PointMass) -> FloatArray:
     """Return how much of a mass rests on each interface, (n,) kg: together all of it, wherever the origin is.
 
     By statics where there are three, as even as statics allows where there are more. On one line the lever rule holds,
@@ -279,7 +279,7 @@ def fit_alone(task: Task, interfaces: tuple[int, ...]) -> Fitted:
         return Fitted(kind, interfaces, None, noise, task, str(error))  # type: ignore[arg-type]
     leaking = task.sensors.leaks_into(picked)
     for run, (below, above, across) in zip(study.runs, task.arrays, strict=True):
-        change = sum(float(shares(study, each)[picked].mean()) for each in run.masses)
+        change = sum(float(static_loads(study, each)[picked].mean()) for each in run.masses)
         if abs(change) < _LEAST_FRACTION * sum(abs(each.mass_kg) for each in run.masses):
             change = 0.0
         runs.append(
@@ -385,7 +385,7 @@ def fitted(
     start: Start | None = None,
 ) -> Fitted:
     """Fit a body: start values from its equation of motion, the model, laws, faults, and the runs that are left out."""
-    mass_free, settings = mass_is_told(runs, body), task.settings
+    mass_free, settings = is_mass_free(runs, body), task.settings
     if task.law is not None:
         groups = tuple(replace(group, law=task.law) for group in groups)
     begin = partial(
@@ -485,7 +485,7 @@ def _found(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Mo
     reference = [run for run in model.runs if not run.loading.any()]
     is_unclear = found is None or (not is_noise(found.fit) and not found.is_unlike)
     # what is known in kg or N inside of a structure gives the scale with any run
-    needs_loading = model.mass_free and not mass_is_told(reference, model.body)
+    needs_loading = model.mass_free and not is_mass_free(reference, model.body)
     if is_unclear and reference and needs_loading and model.body.fall is not None:
         found = _from_reference(task, found, model, lambda: begin(reference, mass_free=False))
     if found is None:
@@ -536,7 +536,7 @@ def _from_reference(
     return again if again is not None and (found is None or again.fit.bic < found.fit.bic) else found
 
 
-def mass_is_told(runs: Sequence[DrivenRun], body: Body) -> bool:
+def is_mass_free(runs: Sequence[DrivenRun], body: Body) -> bool:
     """Return whether one over the reference mass is fitted: something is known in kg or N, or the loading changes."""
     springs = any(spring.stiffness_n_per_m or spring.damping_n_s_per_m for spring in body.inside)
     changes = loading_changes([run.loading for run in runs])

@@ -29,12 +29,12 @@ def add_rest(
     by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
     stiffer = unknowns.stiffer(theta, place)
     for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
-        moved = np.tensordot(-rest.push[:, number], by_travel, axes=1)
+        moved = np.tensordot(-rest.compliance[:, number], by_travel, axes=1)
         force = (1.0 + stiffer) * by_parameters(slot, travel)
         force[2] = travel  # the spring to the ground is none of the strut's
         change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
         if unknowns.n_departures and len(slots) == 1:
-            own = slot.stiffness * travel + float(slot.law.stand(travel)[0])
+            own = slot.stiffness * travel + float(slot.law.static_force(travel)[0])
             by[unknowns.places_of_run(place)[1].start] += (own + unknowns.own_load) * moved
     if unknowns.mass_free:
         row = firsts[-1] + len(unknowns.body.names)

@@ -52,14 +52,14 @@ def doubts_of_gas(
         measured: the same as they were stated, with the area of the piston.
         settings: what gas in a strut is like.
     """
-    told = set[str]()
+    done = set[str]()
     for each, stated in zip(interfaces, measured, strict=True):
-        if told.isdisjoint(each.shared_with):
+        if done.isdisjoint(each.shared_with):
             names = ", ".join((each.name, *each.shared_with))
             where = f"at {names!r}: " if len(interfaces) > 1 else ""
             for doubt in _doubts(each, stated.piston_area_m2, settings):
                 yield where + doubt
-        told.add(each.name)
+        done.add(each.name)
 
 
 def _doubts(interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings) -> Iterator[str]:

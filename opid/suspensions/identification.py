@@ -252,21 +252,21 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     numbers = found_numbers(choice, evidence, per_mass=per_mass, ground=options.ground)
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
     confounded = [find_confounded_terms(part) for part in parts]
-    told = numbers.without_motions(loose)
+    reported = numbers.without_motions(loose)
     if choice.lack > choice.verdicts.explained and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out
-        told = told.without_intervals()
+        reported = reported.without_intervals()
     for part, terms in zip(parts, confounded, strict=True):
-        told = told.without_intervals_of(terms, _members(study, part))
+        reported = reported.without_intervals_of(terms, _members(study, part))
     if reason:
-        told = told.without_scale()
+        reported = reported.without_scale()
     if refused:
-        told = told.without_values()
+        reported = reported.without_values()
     answer = Answer(
         choice=choice,
         evidence=evidence,
         mass=Estimate() if reason else numbers.parameters.sprung_mass_kg,
-        interfaces=told.interfaces,
+        interfaces=reported.interfaces,
         loose=loose,
         confounded=confounded,
         per_mass=per_mass,
@@ -277,11 +277,11 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     return Identification(
         study=study,
         structure=choice.kind,
-        parameters=told.parameters,
-        ratios=told.ratios,
+        parameters=reported.parameters,
+        ratios=reported.ratios,
         per_mass=per_mass,
-        interfaces=told.interfaces,
-        place_corrections=told.corrections,
+        interfaces=reported.interfaces,
+        place_corrections=reported.corrections,
         candidates=tuple(_candidate(study, each, recommended=believed and each.kind == choice.kind) for each in tried),
         why=choice.why,
         runs=_runs(study, parts, task.arrays),
@@ -304,16 +304,16 @@ def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...
         estimates = part.known.equivalent(place)
         if part.error is not None and part.error.limit == "model":
             estimates = [
-                each if each.value is None else _within(each.value, share)
-                for each, share in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
+                each if each.value is None else _within(each.value, std_fraction)
+                for each, std_fraction in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
             ]
         found.append(Equivalent(run.name, *estimates))
     return tuple(found)
 
 
-def _within(value: float, share: float) -> Estimate:
+def _within(value: float, std_fraction: float) -> Estimate:
     """A value with a relative standard deviation; without an interval where that is not known."""
-    return Estimate.normal(value, share * abs(value)) if np.isfinite(share) else Estimate(value)
+    return Estimate.normal(value, std_fraction * abs(value)) if np.isfinite(std_fraction) else Estimate(value)
 
 
 def _members(study: Study, part: Fitted) -> dict[str, list[str]]:

@@ -263,11 +263,11 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
     for place, (error, read) in enumerate(own):
         others = [k for k in range(len(fits)) if k != place]
         frequency = fits[place].model.runs[0].omega
-        share = _shares(
+        fraction = _shares(
             [own[k] for k in others], [fits[k].model.runs[0].omega for k in others], frequency, bands[place]
         )
         # how strong the motion is, the prediction itself says
-        std = share * np.array([_band_rms(each, bands[place]) for each in read - error])
+        std = fraction * np.array([_band_rms(each, bands[place]) for each in read - error])
         inside = float(np.mean(np.abs(error) <= _MAGNITUDE_95 * std))
         found.append(LeftOut(place, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
     return tuple(found)

@@ -58,9 +58,9 @@ def known_noise(
             for run in arrays
         ]
         floor, bound, least = np.moveaxis(np.array(rows), 1, 0).reshape(3, -1)
-        told = np.maximum(np.minimum(floor, bound), least)
+        credible = np.maximum(np.minimum(floor, bound), least)
         # over runs and channels of a side
-        sides.append(tuple(mean_level(each.tolist()) for each in (told, np.maximum(bound, told), floor, least)))
+        sides.append(tuple(mean_level(each.tolist()) for each in (credible, np.maximum(bound, credible), floor, least)))
     level, most, quietest, believed = min(sides)
     levels = [np.where(np.isnan(side), level, side) for side in stated]
     return KnownNoise((levels[0], levels[1]), most / level if quietest < believed else 1.0)

@@ -12,7 +12,7 @@ import numpy as np
 
 from opid.mechanics.driven import Interface
 from opid.mechanics.laws import LINEAR, Law, Term
-from opid.mechanics.weight import depends_on_travel, rest_under
+from opid.mechanics.weight import depends_on_travel, find_rest
 from opid.signals.recording import FloatArray
 from opid.suspensions.fit import NO_FIT, Fit, refit
 from opid.suspensions.law_parameters import offered_terms
@@ -73,7 +73,7 @@ def static_travel(fit: Fit) -> FloatArray | None:
         Interface(slot.stiffness + float(slot.law.gradient(0.0, 0.0)[0]), 0.0)
         for slot in model.interfaces(fit.theta)[0]
     ]
-    return rest_under(slots, body.rows, mass @ body.fall).travel
+    return find_rest(slots, body.rows, mass @ body.fall).travel
 
 
 def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings) -> list[Law]:

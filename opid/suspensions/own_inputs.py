@@ -14,7 +14,7 @@ from opid.signals.health import without_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.body import Body
-from opid.suspensions.candidates import Arrays, mass_is_told
+from opid.suspensions.candidates import Arrays, is_mass_free
 from opid.suspensions.channel_checks import check_channels, findings_in_words
 from opid.suspensions.fit import first_vector
 from opid.suspensions.model import Model
@@ -160,7 +160,7 @@ def stated_start(
     scaled = tuple(
         replace(group, law=group.law.scaled(1 / reference)) if group.law.terms else group for group in groups
     )
-    mass_free = mass_is_told(runs, body)
+    mass_free = is_mass_free(runs, body)
     corner_hz = settings.start.high_pass_hz
     of_ground = [[integrate(u, fs=run.fs, high_pass_hz=corner_hz) for u in run.unsprung.T] for run in runs]
     rms = np.array([[[m.displacement.std(), m.velocity.std()] for m in motions] for motions in of_ground]).mean(axis=0)

@@ -33,14 +33,14 @@ def _known_of_laws(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> t
     left, rows = [], []
 
     def add(value: float, slopes: dict[int, float], std: float, *, is_loose: bool = False) -> None:
-        size, share = value / std, 1.0 / std
+        size, slope_factor = value / std, 1.0 / std
         if is_loose:
             # Student's t of one degree of freedom: what the runs contradict is given up
-            size, share = _loosely(size, share)
+            size, slope_factor = _loosely(size, slope_factor)
         left.append(size)
         rows.append(np.zeros(theta.size))
         for place, slope in slopes.items():
-            rows[-1][place] = share * slope
+            rows[-1][place] = slope_factor * slope
 
     for number, group in enumerate(unknowns.groups):
         for place, parameter in enumerate(group.law.parameter_list, start=unknowns.law_places(number).start):
@@ -76,10 +76,10 @@ def _carried(unknowns: Unknowns, theta: FloatArray) -> tuple[float, float]:
     return unknowns.weight + air_n * mu, air_n
 
 
-def _loosely(size: float, share: float) -> tuple[float, float]:
+def _loosely(size: float, slope_factor: float) -> tuple[float, float]:
     """Return the root of minus twice a log density with long tails, sqrt(2 log(1 + x^2/2)), and its derivative."""
     cost = float(np.sqrt(2.0 * np.log1p(0.5 * size**2)))
-    return float(np.copysign(cost, size)), share * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
+    return float(np.copysign(cost, size)), slope_factor * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
 
 
 def state_at_start(unknowns: Unknowns, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:

@@ -230,11 +230,11 @@ class DrivenRun:
 
         signal_of = (side, channel)
         leaking = {what: ("leaks", place) for what, (_, place) in own.items() if what.startswith("leak")}
-        share = {what: faults[own[what][0]] for what in leaking}
+        leaked = {what: faults[own[what][0]] for what in leaking}
 
         def total(order: int = 0) -> FloatArray:
             return (
-                undone(signal_of, order) - sum(share[what] * undone(leak, order) for what, leak in leaking.items())
+                undone(signal_of, order) - sum(leaked[what] * undone(leak, order) for what, leak in leaking.items())
             ) / gain
 
         value, by = total(), {}
@@ -245,7 +245,7 @@ class DrivenRun:
         if "corner" in own:
             integral = self._part(side, signal_of, 1, lag_s, 0)
             for what, leak in leaking.items():
-                integral = integral - share[what] * self._part(side, leak, 1, lag_s, 0)
+                integral = integral - leaked[what] * self._part(side, leak, 1, lag_s, 0)
             by["corner"] = 2 * np.pi * integral / gain
         if "lag" in own:
             by["lag"] = total(order=1)

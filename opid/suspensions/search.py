@@ -402,8 +402,8 @@ def judged(found: Found, question: Question) -> Found:
         changed, theta = with_laws(fit, best_fit.laws)
         fit = fit_model(changed, theta)
     # the whole story, told at one rate
-    told = {step.fit.law_name for step in ladder}
-    tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in told]
+    on_ladder = {step.fit.law_name for step in ladder}
+    tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in on_ladder]
     story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
 

@@ -296,10 +296,10 @@ def _body_text(study: Study) -> str:
     ]
     text = tomli_w.dumps(head | ({"sensors": {"leak": leaks}} if leaks else {}))
     for interface in study.interfaces:
-        told = {name: value for name, value in asdict(interface).items() if value is not None and name != "facts"}
-        del told["axis"]
-        told |= _strut_of(interface)
-        text += "\n[[interfaces]]\n" + tomli_w.dumps(told)
+        table = {name: value for name, value in asdict(interface).items() if value is not None and name != "facts"}
+        del table["axis"]
+        table |= _strut_of(interface)
+        text += "\n[[interfaces]]\n" + tomli_w.dumps(table)
     for sensor in study.sensors:
         text += "\n[[body_sensors]]\n" + tomli_w.dumps(
             {"channel": sensor.channel, "x_m": sensor.x_m, "y_m": sensor.y_m}

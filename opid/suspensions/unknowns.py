@@ -14,7 +14,7 @@ import numpy as np
 from opid.mechanics.driven import Interface
 from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
 from opid.mechanics.repeatability import PARTS, Departure
-from opid.mechanics.weight import Rest, depends_on_travel, rest_under, resting
+from opid.mechanics.weight import Rest, depends_on_travel, find_rest, resting
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, Mobility, mobility
 from opid.suspensions.law_parameters import free_bounds, from_free, positive
@@ -341,9 +341,9 @@ class Unknowns:
             return None
         load = self.inverse_mass(theta) * (loading @ fall)
         if not stiffer:
-            return rest_under(slots, self.body.rows, load)
+            return find_rest(slots, self.body.rows, load)
         held = np.array([-stiffer * self.own_load])
-        return rest_under(self.departed(list(slots), theta, place), self.body.rows, load, held)
+        return find_rest(self.departed(list(slots), theta, place), self.body.rows, load, held)
 
     def stiffer(self, theta: FloatArray, place: int) -> float:
         """Return by how much the springs of one gear depart in a run.

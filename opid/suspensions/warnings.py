@@ -69,21 +69,21 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     yield from _of_the_levels(choice)
     yield from _of_the_residual(answer) if choice.study.is_one_gear else _of_the_structure(answer)
     # of a structure that is refused, faults and places are no more than what the search came to
-    told = [] if answer.is_refused else choice.parts
-    for part in told:
+    reported = [] if answer.is_refused else choice.parts
+    for part in reported:
         yield from _of_the_demands(part)
         yield from _of_stated_facts(part)
         yield from run_differences(part)
-    if told:
+    if reported:
         yield from _of_the_ground(answer)
         yield from doubts_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
     rules = any(each.repeatability.rules_mass for each in answer.evidence)
     yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
     for motion in answer.loose:
         yield _untold_motion(motion)
-    for part in told:
+    for part in reported:
         yield from _of_places(part)
-    for term in [term for terms in answer.confounded for term in terms] if told else ():
+    for term in [term for terms in answer.confounded for term in terms] if reported else ():
         yield term.warning
 
 

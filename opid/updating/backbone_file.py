@@ -193,9 +193,9 @@ def _require_credible(own: dict[str, FloatArray], stated: bool) -> None:
     sensor = max(own, key=lambda name: float(np.nanmax(np.abs(own[name]), initial=0.0)))
     largest = float(np.nanmax(np.abs(own[sensor]), initial=0.0))
     if largest > (LARGEST_STATED if stated else LARGEST_UNSTATED):
-        told = "as it is stated" if stated else "for no unit is stated"
+        source = "as it is stated" if stated else "for no unit is stated"
         raise InputError(
-            f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {told}: name the unit in the header, like "
+            f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {source}: name the unit in the header, like "
             f"'{sensor} [mm]'"
         )
 

@@ -161,13 +161,15 @@ def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[C
     for number, model_class in enumerate(study.classes):
         say(model_class.name)
 
-        def told(share: float, name: str = model_class.name) -> None:
-            say(f"{name} {share:.0%}")
+        def say_done(fraction: float, name: str = model_class.name) -> None:
+            say(f"{name} {fraction:.0%}")
 
         rng = np.random.default_rng([study.seed, 2, number])
         try:
             classes.append(
-                update_class(data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_drawn, progress=told)
+                update_class(
+                    data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_drawn, progress=say_done
+                )
             )
         except NotDeterminedError as error:
             lost.append(f"class {model_class.name!r} is left out: {error}")

@@ -152,8 +152,8 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
     for unknown, names in alike.items():
         if unknown:
             several = f"{len(names)} backbones ({shortened(names)}) have" if len(names) > 1 else ""
-            told = several or f"backbone {names[0]!r} has"
-            yield f"{told} the sensors {', '.join(unknown)}, which the structure does not have"
+            subject = several or f"backbone {names[0]!r} has"
+            yield f"{subject} the sensors {', '.join(unknown)}, which the structure does not have"
     yield from sensor_faults(study.backbones)
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)

@@ -217,12 +217,12 @@ def _misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
             f"mode {best + 1} at {hz[best]:.4g} Hz {counted}"
         )
     if apart[nearest] > FARTHEST:
-        told = f", far from any mode of the structure (the nearest is mode {nearest + 1} at {hz[nearest]:.4g} Hz)"
+        far = f", far from any mode of the structure (the nearest is mode {nearest + 1} at {hz[nearest]:.4g} Hz)"
     else:
-        told = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
-        told += f"{hz[nearest]:.4g} Hz)"
+        far = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
+        far += f"{hz[nearest]:.4g} Hz)"
     asked = "are they rad/s? Else " if _far(lowest / max(own, 1e-12), 2 * np.pi) <= 2 else ""
-    return f"{told}: {asked}look at the unit of the frequencies, the number of the mode, and the matrices"
+    return f"{far}: {asked}look at the unit of the frequencies, the number of the mode, and the matrices"
 
 
 def _begun(curves: Sequence[MeasuredBackbone]) -> str:

@@ -224,8 +224,8 @@ def _structure_faults(table: Mapping[str, Any]) -> Iterator[str]:
     priors = table.get("priors")
     for name, given in priors.items() if isinstance(priors, dict) else ():
         if isinstance(names, list) and name not in names:
-            told = nearest(name, map(str, names)) if names else "'parameters' names none"
-            yield f"[structure.priors] has {name!r}, which is no parameter to update: {told}"
+            hint = nearest(name, map(str, names)) if names else "'parameters' names none"
+            yield f"[structure.priors] has {name!r}, which is no parameter to update: {hint}"
         try:
             prior_of(given)
         except InputError as error:

@@ -178,11 +178,11 @@ def _on_one_axis(
 ) -> tuple[list[_Clock], datetime | None]:
     """The clocks with their times from the earliest zero of them all, and that; None where one does not tell."""
     zeros = [_zero(file, segment, clock, first, settings) for clock in clocks]
-    told = [zero for zero in zeros if zero is not None]
-    if len(told) < len(clocks) or len({zero.tzinfo for zero in told}) > 1:
+    known = [zero for zero in zeros if zero is not None]
+    if len(known) < len(clocks) or len({zero.tzinfo for zero in known}) > 1:
         return list(clocks), None
-    earliest = min(told)
-    later = ((zero - earliest).total_seconds() for zero in told)
+    earliest = min(known)
+    later = ((zero - earliest).total_seconds() for zero in known)
     return [replace(clock, later_s=later_s) for clock, later_s in zip(clocks, later, strict=True)], earliest
 
 

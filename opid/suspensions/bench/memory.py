@@ -98,8 +98,8 @@ def measure_memory(
     statics = _corrected(rest, neighbours)
     few = neighbours[0]
     news = {cause: signals - signals[few].mean(axis=1) for cause, signals in groups.items()}
-    told = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
-    foretold = float(np.median(told))
+    predictable = 1 - news["hysteresis"].var(axis=0) / np.maximum(groups["hysteresis"].var(axis=0), 1e-300)
+    foretold = float(np.median(predictable))
     knowing: list[tuple[FloatArray, Past]] = [
         (_regress(signals, static, fold, known.ridge), cause) for cause, signals in news.items() for static in statics
     ]
@@ -262,9 +262,9 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
             "the motion repeats one cycle, on which memory (hysteresis, backlash) and a law of travel and velocity "
             "look alike: record several amplitudes or a random motion to tell them apart"
         )
-    told = f"a law of travel and velocity explains at most {_percent(memory.r2_at_most)} of this force"
+    of_laws = f"a law of travel and velocity explains at most {_percent(memory.r2_at_most)} of this force"
     if remembering:
-        told += f", with what {remembering} remembers {_percent(memory.r2_with_law)}"
+        of_laws += f", with what {remembering} remembers {_percent(memory.r2_with_law)}"
     if memory.cause is not None:
         what = {
             "hysteresis": "remembers the past (hysteresis or backlash)",
@@ -280,23 +280,23 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
             ),
         }[memory.cause]
         return (
-            f"{told}; {_percent(memory.r2_with_past - memory.r2_with_law)} {what}, which no law that was tried "
+            f"{of_laws}; {_percent(memory.r2_with_past - memory.r2_with_law)} {what}, which no law that was tried "
             f"explains; {_percent(1 - memory.r2_with_past)} is neither (noise, or what was not recorded)"
         )
     if is_noise:
-        return f"{told}; the past does not explain the rest either"
+        return f"{of_laws}; the past does not explain the rest either"
     if remembering:
-        return f"{told}; no other memory is seen"
-    return f"no memory is seen: {told}, and the past explains none of the rest"
+        return f"{of_laws}; no other memory is seen"
+    return f"no memory is seen: {of_laws}, and the past explains none of the rest"
 
 
-def _percent(share: float) -> str:
+def _percent(fraction: float) -> str:
     """Return a share in per cent, with the digits that count towards nought and a hundred.
 
     >>> _percent(0.93), _percent(0.99973), _percent(0.0002), _percent(1.0)
     ('93 %', '99.97 %', '0.02 %', '100 %')
     """
-    percent = 100 * max(0.0, share)
+    percent = 100 * max(0.0, fraction)
     edge = min(percent, 100 - percent)
     decimals = 0 if edge >= 10 or edge < 1e-9 else 1 if edge >= 1 else min(6, -int(np.floor(np.log10(edge))))
     return f"{percent:.{decimals}f} %".replace(".0 %", " %")

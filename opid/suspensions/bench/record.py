@@ -184,8 +184,8 @@ def quasi_static_bench(
     last = np.append(moves, raw.size - 1)
     z, y = (np.interp(along, way[last], each[last]) for each in (raw - zero, recorded_y))
     names: dict[str, str | None] = {"force": force, "travel": travel, "velocity": None}
-    told = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(doubts))
-    return replace(told, counted=counted, is_quasi_static=True)
+    bench = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(doubts))
+    return replace(bench, counted=counted, is_quasi_static=True)
 
 
 def _force_and_travel(

@@ -274,8 +274,8 @@ def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSetti
     # the median of so many |normal deviates| (Filliben 1975)
     usual = float(ndtri((1 + (rank + 1 - 0.3175) / (n + 0.365)) / 2))
 
-    def above(share: float) -> float:
-        return float(np.sort(np.abs(step) / np.sqrt(stated + size * share**2))[rank]) - usual
+    def above(fraction: float) -> float:
+        return float(np.sort(np.abs(step) / np.sqrt(stated + size * fraction**2))[rank]) - usual
 
     explained = above(0.0) <= 0 or above(settings.largest_scatter) >= 0
     scatter = 0.0 if explained else float(brentq(above, 0.0, settings.largest_scatter))

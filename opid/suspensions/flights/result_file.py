@@ -115,8 +115,8 @@ def read_result(path: Path) -> ResultRecord:
     faults = list(dict.fromkeys(faults))
     if faults:
         more = [f"and {len(faults) - MOST_FAULTS} more"] if len(faults) > MOST_FAULTS else []
-        told = "; ".join([*faults[:MOST_FAULTS], *more])
-        raise InputError(f"{path} is no sound result: {told}: write it anew with `opid identify`")
+        listed = "; ".join([*faults[:MOST_FAULTS], *more])
+        raise InputError(f"{path} is no sound result: {listed}: write it anew with `opid identify`")
     return record
 
 
@@ -250,14 +250,14 @@ def _gas(interface: _Table) -> Estimate:
 
 def _gears(document: _Table) -> tuple[GearRecord, ...]:
     gears: list[GearRecord] = []
-    told: set[str] = set()
+    seen: set[str] = set()
     for interface in document.tables("interfaces"):
         name = interface.text("name")
-        if name in told:
+        if name in seen:
             continue
         # those that share one estimate are one series
         alike = [name, *(other for other in interface.texts("shared_with") if other != name)]
-        told.update(alike)
+        seen.update(alike)
         per_mass = interface.table("stiffness").text("unit") != "N/m"
         stiffness, damping = interface.estimate("stiffness"), interface.estimate("damping")
         amplitudes = interface.amplitudes("law")
@@ -269,8 +269,8 @@ def _gears(document: _Table) -> tuple[GearRecord, ...]:
 def _structure(document: _Table, structure: _Table) -> StructureRecord:
     kind = structure.text("kind")
     candidates = document.tables("candidates", is_needed=False)
-    told = [structure.number("residual_over_noise")]
-    told += [each.number("left_out_over_noise") for each in candidates if each.text("kind") == kind]
+    left = [structure.number("residual_over_noise")]
+    left += [each.number("left_out_over_noise") for each in candidates if each.text("kind") == kind]
     # null says that none is recommended; results of old say nothing
     is_recommended = "recommended" not in structure.content or structure.content["recommended"] is not None
-    return StructureRecord(kind, is_recommended, tuple(each for each in told if each is not None))
+    return StructureRecord(kind, is_recommended, tuple(each for each in left if each is not None))

@@ -139,8 +139,8 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
         if folder.resolve().name not in names
     ]
     if len(files) < 2:
-        told = "".join(f"; {each.sentence}" for each in without_result)
-        raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{told}")
+        others = "".join(f"; {each.sentence}" for each in without_result)
+        raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{others}")
     flights = [_flight(read_result(file), name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
     kept, left_out = _comparable(flights)
@@ -321,9 +321,9 @@ def _refuse_copies(flights: Sequence[Flight]) -> None:
 def _refuse_unlike(flights: Sequence[Flight]) -> None:
     kinds = {flight.structure: flight.name for flight in reversed(flights)}
     if len(kinds) > 1:
-        told = ", ".join(f"{kind!r} (as {name!r})" for kind, name in kinds.items())
+        listing = ", ".join(f"{kind!r} (as {name!r})" for kind, name in kinds.items())
         raise InputError(
-            f"the results are of different structures, {told}: their numbers mean different things; identify all "
+            f"the results are of different structures, {listing}: their numbers mean different things; identify all "
             "flights with one kind in [structure]"
         )
     gears = Counter(gear for flight in flights for gear in flight.laws)
