@@ -41,7 +41,7 @@ class Rest:
 
     Args:
         travel: (n_slots,) from where they rest in the reference run, m.
-        push: (n_slots, n_slots) what a force on each slot moves, m/N.
+        compliance: (n_slots, n_slots) what a force on each slot moves, m/N.
         by_load: (n_slots,) what the load moves, times one over the reference mass, m kg.
     """
 

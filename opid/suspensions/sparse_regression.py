@@ -9,7 +9,6 @@ are proposed are then fitted by the driven model, as those of the pursuit are.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -147,17 +146,13 @@ def _supports(columns: FloatArray, target: FloatArray, known: RegressionSettings
     """Sets of columns that the optimisers choose."""
     # two seconds to import, so only here
     from pysindy.optimizers import FROLS, SR3, SSR, STLSQ
-    from sklearn.exceptions import ConvergenceWarning
 
     paths = []
     for limit in known.thresholds:
         # the weight of the L0 penalty that cuts at the limit
         weight = limit**2 / (2 * known.relaxation)
-        sr3 = SR3(reg_weight_lam=weight, regularizer="L0", relax_coeff_nu=known.relaxation, max_iter=5000, tol=1e-4)
-        with warnings.catch_warnings():
-            # what it chooses is judged by a fit, wherever it ended
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            relaxed = sr3.fit(columns, target).coef_
+        sr3 = SR3(reg_weight_lam=weight, regularizer="L0", relax_coeff_nu=known.relaxation, max_iter=50_000, tol=1e-4)
+        relaxed = sr3.fit(columns, target).coef_
         paths += [[_thresholded(STLSQ, columns, target, limit)], [relaxed]]
     for optimiser in (SSR(max_iter=columns.shape[1]), FROLS(max_iter=known.most_terms + 1)):
         paths.append(optimiser.fit(columns, target).history_)
