@@ -104,6 +104,18 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert np.mean(held) > 0.88
 
 
+def test_a_stop_is_found_where_it_was_reached_and_else_withheld():
+    kinds = (*LIBRARY, "bump_stop", "rebound_stop")
+    stop = law("rebound_stop", stiffness_n_per_m=3e5, gap_m=0.015)
+    found = law_of_bench(simulated(stop), candidates=kinds)
+    assert found.law.name == "rebound_stop"
+    gap, stiffness = (found.law_estimates["rebound_stop"][name] for name in ("gap_m", "stiffness_n_per_m"))
+    assert gap.holds(0.015)
+    assert stiffness.holds(3e5)
+    far = simulated(law("rebound_stop", stiffness_n_per_m=3e5, gap_m=0.06))
+    assert law_of_bench(far, candidates=kinds).law.name == "linear"
+
+
 def gas_bench(seed, stroke_m, length_m=0.1, n=2500):
     """A gas spring of 18 kN under a sine and a sweep, read with noise of 1 % of the force."""
     rng = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from opid.mechanics.laws import LAWS, LINEAR, Law, default_law, law
 from opid.mechanics.own_kinds import register_kind, unregister_kind
 from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.fit import fit_model, refit
+from opid.suspensions.law_parameters import faint_terms, pulls_at_a_stop
 from opid.suspensions.law_search import (
     LawStep,
     _limits,
@@ -221,3 +222,44 @@ def test_what_a_law_contains_as_a_limit_is_tried_in_its_place():
         np.testing.assert_allclose(by_velocity.force(z, v), mixed.force(z, v), atol=2.0)
         assert by_travel.name == "arctan_displacement+cubic_stiffness"
     assert not list(_limits(law("arctan_mixed", amplitude_n=400.0, scale_m=0.4, lag_s=1.0), ["arctan_mixed"]))
+
+
+@pytest.mark.parametrize("stiffness", [2e6, -2e6])
+@pytest.mark.parametrize("rest_m", [0.0, 0.01, -0.01])
+def test_a_stop_is_tried_in_the_place_of_a_dead_zone(stiffness, rest_m):
+    """As far as the motion does not visit its other corner both are the same, but for a straight line."""
+    zone = law("dead_zone_stiffness", stiffness_n_per_m=stiffness, gap_m=0.006).resting_at(rest_m)
+    stops = list(_limits(DEFAULT_LAW.resting_at(rest_m) + zone, library()))
+    corner = np.copysign(0.006, stiffness)
+    ways = {"rebound_stop": corner - rest_m, "bump_stop": corner + rest_m}
+    assert {each.name for each in stops} == {f"arctan_velocity+{name}" for name, way in ways.items() if way > 0.0}
+    for stop in stops:
+        (name,) = set(stop.parameters) - {"arctan_velocity"}
+        side = 1.0 if name == "rebound_stop" else -1.0
+        # beyond this corner and before it, on the way there from rest
+        before, beyond = side * ways[name] * np.array([0.9, 1.1])
+        bend = [float(np.diff(each.gradient([before, beyond], 0.0)[0])[0]) for each in (zone, stop)]
+        np.testing.assert_allclose(bend, 2e6)
+    assert not list(_limits(zone, ["dead_zone_stiffness"]))
+
+
+def test_stops_beyond_the_travel_are_not_offered(friction):
+    far, near = (friction.motion(0)[0].max() * factor for factor in (2.0, 0.2))
+    settings = replace(SETTINGS, scale_fractions=(0.0, 1.0))
+    travel, velocity = friction.motion(0)
+    terms = faint_terms(
+        "rebound_stop",
+        travel,
+        velocity,
+        travel_rms=float(travel.std()),
+        velocity_rms=1.0,
+        noise=5e-3,
+        settings=settings,
+    )
+    gaps = [term.inner[0] for term in terms]
+    assert 0 < len(gaps) < settings.n_scales
+    assert near < max(gaps) < far
+    rms = [float(np.sqrt(np.mean(Law((term,)).force(travel, velocity) ** 2))) for term in terms]
+    np.testing.assert_allclose(rms, settings.faint * 5e-3)
+    assert pulls_at_a_stop(law("bump_stop", stiffness_n_per_m=-1e5, gap_m=0.01))
+    assert not pulls_at_a_stop(DEFAULT_LAW.scaled(-1.0))

@@ -58,7 +58,15 @@ def test_the_compiled_force_is_the_numpy_force(name):
     np.testing.assert_allclose(compiled, subject.force(Z, V).ravel(), rtol=1e-12, atol=1e-12)
 
 
-ONE_SIDED = ["asymmetric_damping", "asymmetric_stiffness", "even_quadratic_stiffness", "gas_column", "orifice_damping"]
+ONE_SIDED = [
+    "asymmetric_damping",
+    "asymmetric_stiffness",
+    "bump_stop",
+    "even_quadratic_stiffness",
+    "gas_column",
+    "orifice_damping",
+    "rebound_stop",
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -93,6 +101,17 @@ def test_a_gap_and_a_relief_valve_act_beyond_their_scale():
     valve = law("blow_off_damping", damping_n_s_per_m=-4e3, scale_m_per_s=0.1)
     slope = 6e3 + valve.gradient(0.0, [-0.2, -0.05, 0.05, 0.2])[1]
     np.testing.assert_allclose(slope, [2e3, 6e3, 6e3, 2e3])
+
+
+def test_a_stop_pushes_back_on_its_side_and_comes_in_smoothly():
+    """Nothing on the way to it, a force that grows as if it began at the gap, and no corner."""
+    rebound, bump = (law(name, stiffness_n_per_m=2e6, gap_m=0.01) for name in ("rebound_stop", "bump_stop"))
+    np.testing.assert_allclose(rebound.force([-0.03, 0.0, 0.0094, 0.011, 0.02], 0.0), [0.0, 0.0, 0.0, 2e3, 2e4])
+    np.testing.assert_allclose(bump.force(Z, V), -rebound.force(-Z, V))
+    z = np.linspace(0.009, 0.011, 20001)
+    slope = rebound.gradient(z, 0.0)[0]
+    assert np.abs(np.diff(slope)).max() < 2e6 * 1e-3
+    np.testing.assert_allclose(slope[[0, -1]], [0.0, 2e6])
 
 
 def test_the_gas_column_is_the_polytropic_law_about_rest():

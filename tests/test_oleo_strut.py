@@ -185,6 +185,37 @@ def test_gas_of_any_strut_is_doubted_and_once_where_struts_share_it():
 # ---- identification --------------------------------------------------------------------------------
 
 
+def gear_with_stop(gap_m):
+    """A strut that runs into a buffer in compression where the gap is within its travel of 9 mm."""
+    stop = law("bump_stop", stiffness_n_per_m=2e6, gap_m=gap_m)
+    return LandingGear(suspension_stiffness_n_per_m=0.0, suspension_damping_n_s_per_m=2e3, law=LAW + stop)
+
+
+def test_a_strut_that_hits_its_bump_stop_tells_mass_and_gap():
+    found = identify(strut_study(gear_with_stop(0.006)))
+    assert set(found.law.name.split("+")) == {*VALUES, "bump_stop"}
+    stop, mass = found.law_estimates["bump_stop"], found.parameters.sprung_mass_kg
+    assert mass.holds(MASS_KG)
+    assert mass.std < 0.01 * MASS_KG
+    assert stop["gap_m"].holds(0.006)
+    assert stop["gap_m"].std < 0.05 * 0.006
+    assert stop["stiffness_n_per_m"].value == pytest.approx(2e6, rel=0.02)
+
+
+def test_a_stop_that_was_not_reached_is_not_chosen_and_where_it_is_asked_for_withheld():
+    study = strut_study(gear_with_stop(0.03))
+    searched, asked = identify(study), identify(study, law=f"{LAW.name}+bump_stop")
+    assert "bump_stop" not in searched.law.name
+    assert not any("stop" in warning for warning in searched.warnings)
+    assert [estimate.value for estimate in asked.law_estimates["bump_stop"].values()] == [None, None]
+    assert any(warning.startswith("bump_stop was not reached") for warning in asked.warnings)
+    # the rest is told as without it
+    for found in (searched, asked):
+        assert found.parameters.sprung_mass_kg.holds(MASS_KG)
+        assert found.law_estimates["gas_column"]["exponent"].holds(1.27)
+    assert "bump_stop was not reached" in result_text(asked)
+
+
 def test_a_strut_of_gas_oil_and_a_seal_is_found_without_being_named(struts):
     """Integrated by the benchmark itself: none of what found it made it."""
     strut = struts.random_strut(4, "plain")

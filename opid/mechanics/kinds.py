@@ -22,6 +22,8 @@ TWO_OVER_PI = 2.0 / math.pi
 TINY = 1e-30
 # share of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
 BOTTOM = 0.95
+# width over which the stiffness of a stop grows, over its gap: beyond, the force is that of a stop that begins at once
+ROUNDING = 0.1
 # fractions of the force of a joint, each in the middle of what one of its elements carries
 ELEMENTS = tuple((k + 0.5) / 6 for k in range(6))
 
@@ -68,6 +70,7 @@ class Kind:
             where all are. The amplitude of such a kind is the force that it carries at its origin, and 1 less its force
             for unit amplitude the fraction that is left elsewhere. Loaded slowly it comes to rest on one curve, and
             moves from there on another.
+        is_stop: whether it is a stop: there is no force on the way to it, and it never pulls.
         is_friction: whether it is friction or yielding, whose force grows and falls by itself from run to run.
         memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
             (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
@@ -86,6 +89,7 @@ class Kind:
     bench_only: bool = False
     is_about_rest: bool = False
     quasi_static: tuple[float | None, ...] = ()
+    is_stop: bool = False
     is_friction: bool = False
     memory: Callable[..., RateAndDerivatives] | None = field(default=None, repr=False)
     elements: tuple[float, ...] = (1.0,)
@@ -199,6 +203,22 @@ def _dead_zone_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
     beyond = np.maximum(np.abs(z) - s, 0.0)
     touching_side = np.sign(z) * np.sign(beyond)
     return np.sign(z) * beyond, np.sign(beyond), 0.0, -touching_side, 0.0
+
+
+def _bump_stop(z: Any, v: Any, g: Any, _: Any) -> ForceAndDerivatives:
+    width, beyond = ROUNDING * g, np.maximum((0.5 * ROUNDING - 1.0) * g - z, 0.0)
+    bent = np.minimum(beyond, width)
+    slope = bent / width
+    by_gap = slope * (1.0 - 0.5 * ROUNDING * (1.0 - slope))
+    return bent - beyond - 0.5 * bent * slope, slope, 0.0, by_gap, 0.0
+
+
+def _rebound_stop(z: Any, v: Any, g: Any, _: Any) -> ForceAndDerivatives:
+    width, beyond = ROUNDING * g, np.maximum((0.5 * ROUNDING - 1.0) * g + z, 0.0)
+    bent = np.minimum(beyond, width)
+    slope = bent / width
+    by_gap = slope * (1.0 - 0.5 * ROUNDING * (1.0 - slope))
+    return beyond - bent + 0.5 * bent * slope, slope, 0.0, -by_gap, 0.0
 
 
 def _gas_column(z: Any, v: Any, h: Any, n: Any) -> ForceAndDerivatives:
@@ -371,7 +391,7 @@ BUILT_IN = (
     Kind(
         "even_quadratic_stiffness",
         r"k\, z^2",
-        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 1e7),),
+        (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 5e6),),
         _even_quadratic_stiffness,
         is_about_rest=True,
     ),
@@ -421,6 +441,30 @@ BUILT_IN = (
         r"k\, (|z| - s)_+ \operatorname{sgn} z",
         (Parameter("stiffness_n_per_m", "N/m", "amplitude", 3e5), Parameter("gap_m", "m", "scale", 0.004)),
         _dead_zone_stiffness,
+    ),
+    # what a strut runs into at the end of its stroke, a gap away from where it rests: a buffer in compression ...
+    Kind(
+        "bump_stop",
+        r"-k\, (-z - g)_+",
+        (
+            Parameter("stiffness_n_per_m", "N/m", "amplitude", 1e6),
+            Parameter("gap_m", "m", "scale", 0.004, over_rms=(0.3, 5.0)),
+        ),
+        _bump_stop,
+        is_about_rest=True,
+        is_stop=True,
+    ),
+    # ... and one in extension
+    Kind(
+        "rebound_stop",
+        r"k\, (z - g)_+",
+        (
+            Parameter("stiffness_n_per_m", "N/m", "amplitude", 1e6),
+            Parameter("gap_m", "m", "scale", 0.004, over_rms=(0.3, 5.0)),
+        ),
+        _rebound_stop,
+        is_about_rest=True,
+        is_stop=True,
     ),
     # gas compressed in an oleo strut, F0 carried at rest, h its volume over the piston area. Moving it is polytropic,
     # with an exponent of 1.1 where oil and gas mix to 1.35 where they are apart (Currey 1988, Aircraft Landing Gear

@@ -13,7 +13,7 @@ from opid.mechanics.repeatability import part_of
 from opid.signals.recording import FloatArray
 from opid.suspensions.fit import Fit, carrying, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
-from opid.suspensions.law_parameters import faint_terms, has_slope
+from opid.suspensions.law_parameters import faint_terms, has_slope, pulls_at_a_stop
 from opid.suspensions.residual import is_noise, measure_whiteness
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.unknowns import Group
@@ -67,7 +67,9 @@ class DrivenLaws:
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
         """Fit other laws from where a fit stands; None where they make no suspension."""
         found = refit(fit, dict(laws), least_promise=self.least_promise)
-        return None if found is None or feeds_energy(found) else found
+        if found is None or feeds_energy(found) or any(map(pulls_at_a_stop, found.laws.values())):
+            return None
+        return found
 
     def left_out(self, fit: Fit) -> float | None:
         """Return what is left of each run as a fit of the others predicts it, m/s^2."""
@@ -105,7 +107,7 @@ def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator
     if is_noise(fit) and measure_whiteness(fit).white:
         # a fit of a column of gas is long, and there is nothing left to explain
         return
-    springs = tuple(term for term in law.terms if part_of(term.kind) == "spring")
+    springs = tuple(term for term in law.terms if part_of(term.kind) == "spring" and not term.kind.is_stop)
     travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, model.groups[number].slots), strict=True))
     stiffness = float(fit.theta[model.first_of_group[number]])
     stiffness += float(np.mean(Law(springs, law.rest_m).gradient(travel, velocity)[0]))

@@ -109,7 +109,7 @@ def faint_terms(
     settings: SearchSettings,
     rest_m: float = 0.0,
 ) -> list[Term]:
-    """Return the terms of `offered_terms` with amplitudes too weak to move anything.
+    """Return the terms of `offered_terms` with amplitudes too weak to move anything, without stops beyond the travel.
 
     Args:
         kind: name in `opid.mechanics.laws.LAWS`.
@@ -121,7 +121,7 @@ def faint_terms(
         settings: of the search.
         rest_m: from where on the terms the travel is measured, m.
     """
-    found, every = [], settings.every_sample
+    found = []
     for term in offered_terms(
         kind,
         travel_rms=travel_rms,
@@ -130,10 +130,45 @@ def faint_terms(
         fractions=settings.scale_fractions,
         lags=settings.lags,
     ):
+        every = 1 if term.kind.is_stop else settings.every_sample
         force = Law((term,), rest_m).force(travel[::every], velocity[::every])
+        if term.kind.is_stop and not force.any():
+            continue
         amplitude = settings.faint * noise / max(float(np.sqrt(np.mean(force**2))), 1e-300)
         found.append(Term(kind, (amplitude, *term.inner)))
     return found
+
+
+def pulls_at_a_stop(law: Law) -> bool:
+    """Return whether a stop of a law pulls where it should push: something else gives way, and no stop is there.
+
+    Args:
+        law: any law.
+    """
+    return any(term.kind.is_stop and term.amplitude < 0.0 for term in law.terms)
+
+
+def not_reached(way_m: float) -> str:
+    """Return what is said of a stop that was not reached, the sentence that begins with its name.
+
+    Args:
+        way_m: how far the motion went towards it, m.
+    """
+    return (
+        f"was not reached, for the motion went only {1e3 * way_m:.3g} mm towards it: its gap and its stiffness are "
+        "withheld; leave it out, or record a motion that runs into it"
+    )
+
+
+def way_to_stop(term: Term, travel: FloatArray) -> float:
+    """Return how far a motion goes towards a stop, m.
+
+    Args:
+        term: the stop.
+        travel: (n,) from the origin of the law, m.
+    """
+    is_compressed = float(term.evaluate(np.array(-1e3 * term.inner[0]), np.array(0.0))[1]) > 0.0
+    return float(np.max(-travel if is_compressed else travel))
 
 
 def offered_terms(

@@ -9,13 +9,14 @@ criterion, by the error and by the prediction of what was left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from opid.mechanics.laws import LAWS, LINEAR, Law, Term
+from opid.mechanics.weight import depends_on_travel
 from opid.suspensions.law_dictionary import LawDictionary
 from opid.suspensions.settings import SearchSettings
 
@@ -308,15 +309,34 @@ def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
         if term.kind.quasi_static:
             # what is known of the weight holds straight springs at none beside it
             yield Law(others, law.rest_m)
-        if term.name != "arctan_mixed" or term.values[2] == 0.0:
-            continue
-        amplitude, scale_m, lag_s = term.values
-        for limit in (
-            Term("arctan_velocity", (math.copysign(amplitude, amplitude * lag_s), scale_m / abs(lag_s))),
-            Term("arctan_displacement", (amplitude, scale_m)),
-        ):
-            if limit.name in kinds and limit.name not in law.parameters:
-                yield Law((*others, limit), law.rest_m)
+        if term.name == "arctan_mixed" and term.values[2] != 0.0:
+            amplitude, scale_m, lag_s = term.values
+            limits = [
+                Term("arctan_velocity", (math.copysign(amplitude, amplitude * lag_s), scale_m / abs(lag_s))),
+                Term("arctan_displacement", (amplitude, scale_m)),
+            ]
+            yield from _with_one_of(limits, Law(others, law.rest_m), kinds)
+        elif term.name == "dead_zone_stiffness":
+            # the other corner may not be visited
+            about = 0.0 if any(map(depends_on_travel, (Law((each,)) for each in others))) else law.rest_m
+            yield from _with_one_of(_one_sided(term, about), Law(others, law.rest_m - about), kinds)
+
+
+def _with_one_of(terms: Iterable[Term], law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+    """Laws with one more of some terms, as far as their kinds may enter and are not there yet."""
+    for term in terms:
+        if term.name in kinds and term.name not in law.parameters:
+            yield Law((*law.terms, term), law.rest_m)
+
+
+def _one_sided(zone: Term, rest_m: float) -> Iterator[Term]:
+    """Stops with one of the corners of a dead zone: what is stiff beyond it is the stop, and the spring what is not."""
+    stiffness, gap_m = zone.values
+    # where on the travel from rest it becomes stiffer, and in which direction
+    corner = math.copysign(gap_m, stiffness)
+    for name, way in (("rebound_stop", corner - rest_m), ("bump_stop", corner + rest_m)):
+        if way > 0.0:
+            yield Term(name, (abs(stiffness), way))
 
 
 def _relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:

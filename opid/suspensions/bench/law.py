@@ -8,7 +8,7 @@ correlated over time or not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
 from opid.suspensions.covariance import clustered_covariance
+from opid.suspensions.law_parameters import not_reached, way_to_stop
 from opid.suspensions.law_search import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
 from opid.suspensions.separable import SeparableFit, independent_samples
 
@@ -230,7 +231,7 @@ def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, resul
     result = replace(
         result,
         parameters=_straight_part(bench, estimates[:n_straight]),
-        law_estimates=_law_estimates(fit, estimates[of_law]),
+        law_estimates=_law_estimates(fit, estimates[of_law], without=_ways_to_stops(bench, fit.law)),
         loop=loop_of(fit.law, of_cycle[1:, 1:], bench, student=spread.student),
         cycle=cycle_of(fit.law, damping, of_cycle, bench, student=spread.student),
         interval_cell_s=spread.cell_s,
@@ -559,9 +560,19 @@ def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
     return [Estimate(each.value, each.std, ends) for each, ends in zip(estimates, intervals, strict=True)]
 
 
-def _law_estimates(fit: SeparableFit, estimates: list[Estimate]) -> dict[str, dict[str, Estimate]]:
+def _law_estimates(
+    fit: SeparableFit, estimates: list[Estimate], *, without: Collection[str]
+) -> dict[str, dict[str, Estimate]]:
     rest = iter(estimates)
-    return {term.name: {p.name: next(rest) for p in LAWS[term.name].parameters} for term in fit.law.terms}
+    found = {term.name: {p.name: next(rest) for p in LAWS[term.name].parameters} for term in fit.law.terms}
+    return found | {name: dict.fromkeys(found[name], Estimate()) for name in without}
+
+
+def _ways_to_stops(bench: Bench, law: Law) -> dict[str, float]:
+    """Return the stops that the motion does not reach, and how far it goes towards them, m."""
+    travel = bench.travel[bench.samples]
+    stops = [term for term in law.terms if term.kind.is_stop]
+    return {term.name: way_to_stop(term, travel) for term in stops if not Law((term,)).force(travel, 0.0).any()}
 
 
 def _reason(result: BenchLaw) -> str | None:
@@ -612,9 +623,11 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
                 f"{amplitude.name} / {inner[0].name}^2 = {term.amplitude / term.inner[0] ** 2:.3g} is determined, and "
                 "neither has an interval; record larger strokes"
             )
+    unreached = _ways_to_stops(result.bench, fit.law)
+    found += [f"{name} {not_reached(way_m)}" for name, way_m in unreached.items()]
     names = [(term.name, p.name) for term in fit.law.terms for p in LAWS[term.name].parameters]
     for (kind, parameter), at_bound in zip(names, fit.at_bound, strict=True):
-        if at_bound and not _has_long_scale(kind):
+        if at_bound and not _has_long_scale(kind) and kind not in unreached:
             found.append(f"{parameter} of {kind} stands at the end of what this motion can show: it has no interval")
     return tuple(found)
 

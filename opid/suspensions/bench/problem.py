@@ -20,7 +20,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary, orthonormal
-from opid.suspensions.law_parameters import has_slope, offered_terms
+from opid.suspensions.law_parameters import has_slope, offered_terms, pulls_at_a_stop
 from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
 from opid.suspensions.settings import SearchSettings
 
@@ -204,14 +204,15 @@ class BenchLaws:
     def refit(self, fit: BenchFit, laws: Mapping[str, Law]) -> BenchFit | None:
         """Fit another law, its inner parameters searched from the values that it has.
 
-        None where what remembers would feed energy in: beside a damping it imitates an acceleration.
+        None where what remembers would feed energy in: beside a damping it imitates an acceleration. None, too, where a
+        stop would pull.
 
         Args:
             fit: of another law.
             laws: the law, by the empty name.
         """
         found = self._fitted(laws[""])
-        return found if _feeds_nothing_in(found) else None
+        return found if _is_mechanics(found) else None
 
     def restarted(self, fit: BenchFit) -> BenchFit:
         """Return the best of a fit and of some that begin near its scales, with what remembers shaped as by default.
@@ -231,7 +232,7 @@ class BenchLaws:
                 elif remembers and parameter.role == "scale":
                     vector[k] *= factor
             fits.append(self._fitted(fit.separable.law.with_vector(vector)))
-        return min((each for each in fits if _feeds_nothing_in(each)), key=lambda each: each.error_rms, default=fit)
+        return min((each for each in fits if _is_mechanics(each)), key=lambda each: each.error_rms, default=fit)
 
     def left_out(self, fit: BenchFit) -> float:
         """Return what is left of stretches of time as fits to the others predict them, N, rms.
@@ -260,8 +261,10 @@ class BenchLaws:
         return BenchFit(self.points, _fit(self.points, law, n_independent, self.known), n_independent, self.known)
 
 
-def _feeds_nothing_in(fit: BenchFit) -> bool:
-    return all(term.amplitude >= 0 for term in fit.separable.law.terms if term.kind.memory is not None)
+def _is_mechanics(fit: BenchFit) -> bool:
+    law = fit.separable.law
+    remembers = [term for term in law.terms if term.kind.memory is not None]
+    return all(term.amplitude >= 0 for term in remembers) and not pulls_at_a_stop(law)
 
 
 def _owned_parameters(law: Law) -> tuple[list[Parameter], list[bool]]:
