@@ -48,16 +48,16 @@ def doubts_of_gas(
     """Yield what to doubt of the gas that carries suspensions, one sentence each, once for those that share a law.
 
     Args:
-        interfaces: as they are told.
-        measured: the same as they were stated, with the area of the piston.
+        interfaces: as they are told; those that cannot be fitted are not among them.
+        measured: all of them as they were stated, with the area of the piston.
         settings: what gas in a strut is like.
     """
-    done = set[str]()
-    for each, stated in zip(interfaces, measured, strict=True):
+    done, areas = set[str](), {stated.name: stated.piston_area_m2 for stated in measured}
+    for each in interfaces:
         if done.isdisjoint(each.shared_with):
             names = ", ".join((each.name, *each.shared_with))
-            where = f"at {names!r}: " if len(interfaces) > 1 else ""
-            for doubt in _doubts(each, stated.piston_area_m2, settings):
+            where = f"at {names!r}: " if len(measured) > 1 else ""
+            for doubt in _doubts(each, areas[each.name], settings):
                 yield where + doubt
         done.add(each.name)
 
