@@ -100,7 +100,10 @@ def test_a_directory_stands_for_the_study_in_it(tmp_path, monkeypatch):
     Path("runs").mkdir()
     Path("runs/study.toml").write_text('tittle = "x"\n')
     refused(opid("identify", "runs"), str(Path("runs/study.toml")), "did you mean 'title'")
-    refused(opid("identify", "runs", *CHANNELS), f"{Path('runs/study.toml')} names the channels")
+    refused(
+        opid("identify", "runs", *CHANNELS),
+        f"{Path('runs/study.toml')} is a study, which says that itself: leave out --sprung and --unsprung",
+    )
 
 
 @pytest.mark.usefixtures("few_figures")
