@@ -33,10 +33,13 @@ ALL_KINDS = (
     "asymmetric_damping",
     "blow_off_damping",
     "quadratic_stiffness",
+    "even_quadratic_stiffness",
     "cubic_stiffness",
     "quintic_stiffness",
     "asymmetric_stiffness",
     "dead_zone_stiffness",
+    "bump_stop",
+    "rebound_stop",
     "gas_column",
 )
 """The built-in kinds that are searched by their scales, and the paper's own equation (3)."""
@@ -102,6 +105,12 @@ def law_of_kind(kind: str, gear: LandingGear, motion: Motion, rng: np.random.Gen
     if kind == "quadratic_stiffness":
         # a decade about the default: at 4 mm (road B) it adds 0.04 to 0.4 MN/m to a spring of 0.15 to 1 MN/m
         return law(kind, stiffness_n_per_m2=log_uniform(rng, 1e7, 1e8))
+    if kind == "even_quadratic_stiffness":
+        # a spring that hardens as it is compressed, as a curve about another point than the rest does: at three times
+        # the rms travel its tangent has changed by 5 to 35 %, so that it stays positive at seven
+        return law(
+            kind, stiffness_n_per_m2=either_side(rng) * k2 * log_uniform(rng, 0.05, 0.35) / (6.0 * motion.travel_m)
+        )
     if kind == "asymmetric_damping":
         # rebound over compression damping (C + c) / (C - c) of 1.2 to 4, as valves have it, or the inverse; |c| < C
         return law(kind, damping_n_s_per_m=either_side(rng) * c2 * log_uniform(rng, 0.1, 0.6))
@@ -126,6 +135,13 @@ def law_of_kind(kind: str, gear: LandingGear, motion: Motion, rng: np.random.Gen
             kind,
             stiffness_n_per_m=k2 * log_uniform(rng, 0.25, 2.5),
             gap_m=motion.travel_m * log_uniform(rng, 0.3, 1.5),
+        )
+    if kind in ("bump_stop", "rebound_stop"):
+        # a rubber as stiff as the spring to ten times as stiff, which the motion meets now and then
+        return law(
+            kind,
+            stiffness_n_per_m=k2 * log_uniform(rng, 1.0, 10.0),
+            gap_m=motion.travel_m * log_uniform(rng, 0.7, 2.0),
         )
     if kind == "gas_column":
         # the gas carries the weight, and its tangent n F0 / h is the spring's: there is none beside it
