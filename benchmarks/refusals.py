@@ -99,7 +99,8 @@ def summary(outcomes: list[Outcome]) -> str:
 def main() -> None:
     """Print a line for each seed, then one for each world."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--worlds", help=f"names joined by commas, of {', '.join(WORLDS)}; all where left out")
+    names = ", ".join(WORLDS).replace("%", "%%")
+    parser.add_argument("--worlds", help=f"names joined by commas, of {names}; all where left out")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
