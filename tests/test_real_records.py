@@ -1,15 +1,20 @@
-"""Real records of structures measured on both sides, as `examples/real_records.py` makes studies of them.
+"""Real records of structures measured on both sides, by the study files in `examples/real_records`.
 
 What is asked holds of every record of a set; other records of the same sets are kept elsewhere.
 """
 
+import re
+import tomllib
+
 import numpy as np
 import pytest
-from measured_data import measured
+from measured_data import DATA, measured
 from scripts import script
 
 from opid.signals.health import check_pair
 from opid.suspensions.identification import identify
+from opid.suspensions.study_file import read_study
+from opid.suspensions.study_tables import document_faults
 
 
 @pytest.fixture(scope="module")
@@ -17,20 +22,34 @@ def records():
     return script("examples/real_records.py")
 
 
-def found(records, name, chosen=None, **options):
-    """The identification of some records of a set."""
-    each = records.SETS[name]
-    study = each.study(measured(name), chosen or each.records)
-    return identify(study, band_hz=each.band_hz, **options)
+@pytest.fixture
+def found(records, tmp_path):
+    """The identification of some records of a set, those that its study names where none are given."""
+
+    def of(name, chosen=(), **options):
+        measured(name)
+        study = read_study(records.write_logs(name, DATA, tmp_path, chosen))
+        return identify(study, band_hz=records.SETS[name].band_hz, **options)
+
+    return of
 
 
-def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(records):
+def test_each_set_has_a_sound_study_that_names_the_band_of_its_script(records):
+    files = {path.stem: path.read_text() for path in records.STUDIES.glob("*.toml")}
+    assert files.keys() == records.SETS.keys()
+    for name, text in files.items():
+        assert not list(document_faults(tomllib.loads(text)))
+        (command,) = re.findall(rf"opid identify records/{name}\.toml --band (\S+) (\S+)", text)
+        assert tuple(map(float, command)) == records.SETS[name].band_hz
+
+
+def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(found):
     """Its floors bend and its rubber remembers: the model is the limit, and the other quakes predict each of them."""
-    result = found(records, "isolated_building", law="dahl_friction")
+    result = found("isolated_building", law="dahl_friction")
     assert result.limited_by == "model"
     assert not result.is_refused
     assert result.parameters.sprung_mass_kg.value is None
-    linear = found(records, "isolated_building", law="linear")
+    linear = found("isolated_building", law="linear")
     straight, bent = (np.mean([run.unexplained for run in each.runs]) for each in (linear, result))
     assert bent < 0.8 * straight
     for left_out in result.evidence[0].error.left_out:
@@ -42,11 +61,10 @@ def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(reco
         assert frequency.std > 0.02 * frequency.value
 
 
-def test_a_stiff_frame_has_one_frequency_and_one_delay_in_all_records(records):
+def test_a_stiff_frame_has_one_frequency_and_one_delay_in_all_records(records, found):
     """Two records of an earthquake: frequency to half a per cent, delay to 0.3 ms; it passes for no exchanged pair."""
     results = [
-        found(records, "shake_table_frame", (name,), law="linear")
-        for name in records.SETS["shake_table_frame"].records[:2]
+        found("shake_table_frame", (name,), law="linear") for name in records.records_of("shake_table_frame")[:2]
     ]
     frequencies = [each.ratios.natural_frequency_hz.value for each in results]
     lags = [each.evidence[0].fit.value("lag_s") for each in results]
