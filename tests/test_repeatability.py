@@ -159,6 +159,21 @@ def test_levels_are_those_of_fits_at_each_of_them():
         assert std == pytest.approx(other.std[place], rel=0.1)
 
 
+def test_a_number_that_no_run_depends_on_leaves_the_levels_as_they_are():
+    """As the stiffness of a stop that is never reached."""
+    fit = identify(gear_study(*runs_that_differ(), repeatability=0.01), law=LAW).evidence[0].fit
+    place = fit.model.names.index("law[1]")
+    found = []
+    for factor in (1e-4, 0.0):  # next to nothing, and nothing
+        jacobian = fit.errors.jacobian.copy()
+        jacobian[:, place] *= factor
+        found.append(levels(replace(fit, errors=replace(fit.errors, jacobian=jacobian)), 0.01))
+    hardly, idle = found
+    assert idle.weight.sum() == pytest.approx(1.0)
+    assert 0.3 < idle.median / hardly.median < 3.0
+    assert np.abs(idle.moved[:, place]).max() < 1e-6 * fit.std[place]
+
+
 def test_one_run_has_nothing_to_differ_from():
     result = identify(gear_study(runs_that_differ()[0], repeatability=None), law=LAW)
     assert result.evidence[0].repeatability.estimated is None

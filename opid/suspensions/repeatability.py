@@ -158,11 +158,14 @@ def levels(fit: Fit, stated: float) -> Levels:
     for level, log in zip(repeatability, log_level, strict=True):
         prior = np.where(free, 1 / (level * size), 0.0) ** 2
         inside = gram + np.diag(prior)
-        inverse = np.linalg.pinv(inside, rcond=1e-13, hermitian=True)
+        sizes, directions = np.linalg.eigh(inside)
+        # a direction that nothing depends on, as a stop that is never reached, weighs the same at each level
+        seen = sizes > 1e-13 * sizes[-1]
+        inverse = (directions[:, seen] / sizes[seen]) @ directions[:, seen].T
         slope = along - prior * scaled
         step = inverse @ slope
         likely = 0.5 * float(slope @ step) - 0.5 * float(np.sum(prior * scaled**2))
-        likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.linalg.slogdet(inside)[1])
+        likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.sum(np.log(sizes[seen])))
         log_weight.append(likely - 0.5 * log**2)
         moved.append(step / size)
         covariance.append(inverse / np.outer(size, size))
