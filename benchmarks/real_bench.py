@@ -109,10 +109,11 @@ def row_of(name: str, found: BenchLaw, seconds: float) -> str:
     """Return a line of the table."""
     energy, friction = found.cycle.area_j, found.cycle.friction_n
     ends = "" if energy.interval95 is None else f" ({energy.interval95[0]:.4g} to {energy.interval95[1]:.4g})"
+    taken = ("-", "-") if energy.value is None else (f"{energy.value:.4g}{ends}", f"{friction.value:.4g}")
     without = 100 * found.memory.r2_at_most
     return (
-        f"| {name} | `{found.law.name}` | {100 * found.r2_left_out:.1f} | {without:.1f} | {energy.value:.4g}{ends} | "
-        f"{friction.value:.4g} | {seconds:.1f} |"
+        f"| {name} | `{found.law.name}` | {100 * found.r2_left_out:.1f} | {without:.1f} | "
+        f"{taken[0]} | {taken[1]} | {seconds:.1f} |"
     )
 
 

@@ -1,15 +1,19 @@
 """Laws that remember on a test bench: found from forces of solve_ivp, told in words, and static laws still static."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured_data import measured
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from opid.mechanics.laws import default_law, law
+from opid.estimate import Estimate
+from opid.mechanics.laws import Law, default_law, law
 from opid.mechanics.memory import Motion, gradient_along, recorded_motion
 from opid.report import bench_json, bench_text
 from opid.suspensions.bench.law import law_of_bench
+from opid.suspensions.bench.loop import cycle_of
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.separable import separable_fit, start_laws
 
@@ -243,3 +247,17 @@ def test_a_friction_damper_is_a_joint_that_yields():
     found = law_of_bench(bench, candidates=("coulomb_friction", "arctan_mixed", "dahl_friction", "bouc_wen"))
     assert found.law.has_memory
     assert found.r2_left_out > 0.96 > found.memory.r2_at_most
+
+
+def test_an_energy_that_the_force_could_not_take_is_not_told():
+    """A standard deviation of C far beyond what this force over this travel allows."""
+    _, z, v = motion(4)
+    names = {"force": "F", "travel": "z", "velocity": "v"}
+    bench = Bench(z, v, DAMPING * v + STIFFNESS * z, FS, 0.0, "recorded", None, names, ())
+    found = law_of_bench(bench, candidates=("cubic_stiffness",))
+    sharp, vague = (cycle_of(Law(()), DAMPING, np.array([[std**2]]), bench, student=2.0) for std in (3.0, 3e6))
+    assert sharp.area_j.holds(2 * np.pi * DAMPING * z.std() * v.std())
+    assert vague.area_j == Estimate()
+    told = replace(found, cycle=vague)
+    assert "does not tell what energy a cycle takes" in " ".join(bench_text(told).split())
+    assert bench_json(told)["cycle"]["area_j"]["value"] is None

@@ -120,3 +120,13 @@ def test_one_stroke_tells_neither_friction_nor_memory(real_bench):
     found = law_of_bench(bench, candidates=REMEMBERING)
     assert not found.memory.testable
     assert any("turns round less than twice" in warning for warning in found.warnings)
+
+
+@needs_data("rack_and_pinion")
+def test_no_energy_is_told_that_is_larger_than_the_force_could_take(real_bench):
+    """Of one stroke the law of all kinds, whose offset and friction stand for each other."""
+    (bench,) = real_bench.rack_records(DATA).values()
+    found = law_of_bench(bench)
+    ends = found.cycle.area_j.interval95
+    most_j = 4 * found.cycle.travel_amplitude_m * np.abs(bench.force).max()
+    assert ends is None or ends[1] - ends[0] < 2 * most_j

@@ -249,6 +249,8 @@ def _mass_words(result: BenchLaw) -> str:
 def _loop_words(result: BenchLaw) -> str:
     cycle, friction = result.cycle, result.cycle.friction_n
     of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
+    if cycle.area_j.value is None:
+        return " The record does not tell what energy a cycle takes."
     words = (
         f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
     )

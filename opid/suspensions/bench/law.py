@@ -613,6 +613,11 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
                 f"{symbol} is below zero: it is the slope that is left beside the terms of the law, no property of its "
                 "own; what the whole force takes a cycle is"
             )
+    if result.cycle.area_j.value is None:
+        found.append(
+            "the energy that a cycle takes is not told: its interval reaches farther than the force that was measured "
+            "could take at all; record a motion that turns round several times, at several speeds"
+        )
     for name, others in _rivals(result).items():
         found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")
     for term in fit.law.terms:

@@ -20,7 +20,8 @@ class Loop(Estimates):
         travel_amplitude_m: of the sine, sqrt(2) times the rms travel.
         frequency_hz: of the sine, its rms velocity over its rms travel that of the record; None where time means
             nothing.
-        area_j: what the loop encloses, the energy that is taken per cycle.
+        area_j: what the loop encloses, the energy that is taken per cycle; empty where its interval reaches farther
+            than the energy of a dry friction as strong as the rms force, which says nothing about it.
     """
 
     travel_amplitude_m: float
@@ -78,7 +79,10 @@ def _loop(law: Law, damping: float, covariance: FloatArray, bench: Bench, studen
     std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
     interval = (area - student * std, area + student * std)
     frequency_hz = None if bench.is_quasi_static else fs / n
-    return Loop(float(z.max()), frequency_hz, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
+    amplitude_m = float(z.max())
+    if student * std > 4.0 * amplitude_m * float(bench.force[bench.samples].std()):
+        return Loop(amplitude_m, frequency_hz, Estimate())
+    return Loop(amplitude_m, frequency_hz, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
 
 
 def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
