@@ -73,3 +73,15 @@ def test_a_stiff_frame_has_one_frequency_and_one_delay_in_all_records(records, f
     for result in results:
         log = result.study.runs[0].recording
         assert not check_pair(log.channel("ground"), log.channel("top"), fs=log.fs, names=("ground", "top"))
+
+
+def test_a_bench_of_a_quarter_car_is_answered_and_its_runs_predict_each_other(found):
+    """Plates that rub on their rails are forces that nobody measured; the line through them is the suspension."""
+    result = found("quarter_car_bench", law="linear")
+    assert not result.is_refused
+    assert result.parameters.sprung_mass_kg.value is None
+    for left_out in result.evidence[0].error.left_out:
+        assert left_out.unexplained < 0.5
+        assert left_out.inside > 0.8
+    frequencies = [each.natural_frequency_hz.value for each in result.equivalents]
+    np.testing.assert_allclose(frequencies, frequencies[0], rtol=0.01)
