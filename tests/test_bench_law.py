@@ -8,7 +8,7 @@ from measured_data import measured
 from scipy import signal
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.laws import LINEAR, law
+from opid.mechanics.laws import LAWS, LINEAR, law
 from opid.report import bench_json, bench_text
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
@@ -126,6 +126,15 @@ def gas_bench(seed, stroke_m, length_m=0.1, n=2500):
     gas = law("gas_column", static_force_n=1.8e4, gas_length_m=length_m, exponent=1.27)
     force = 2e4 * z + 2e3 * v + gas.force(z, v)
     return bench_of(z, v, force + 0.01 * force.std() * rng.standard_normal(n))
+
+
+def test_on_a_bench_gas_has_a_usual_exponent_before_any_measurement():
+    """A stroke of 4 mm of a column of 100 mm tells no exponent: what is told is what was known of it."""
+    mean, std = LAWS["gas_column"].parameters[2].known
+    found = law_of_bench(gas_bench(1, 0.004), candidates=("gas_column",))
+    exponent = found.law_estimates["gas_column"]["exponent"]
+    assert exponent.value == pytest.approx(mean, abs=0.5 * std)
+    assert exponent.std == pytest.approx(std, rel=0.25)
 
 
 @pytest.mark.parametrize(("stroke_m", "within"), [(0.01, 0.4), (0.02, 0.15), (0.03, 0.08), (0.04, 0.08)])

@@ -3,17 +3,23 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import opid.mechanics
 from opid.errors import InputError
+from opid.mechanics.driven import Interface
 from opid.mechanics.kernels import force_kernel, law_arrays
+from opid.mechanics.landing_gear import LandingGear, gear_structure
 from opid.mechanics.laws import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
+from opid.mechanics.response import time_response
+from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
 from opid.suspensions.law_search import library
 
 NAMES = list(LAWS)
@@ -64,6 +70,7 @@ ONE_SIDED = [
     "bump_stop",
     "even_quadratic_stiffness",
     "gas_column",
+    "loaded_friction",
     "orifice_damping",
     "rebound_stop",
 ]
@@ -81,7 +88,14 @@ def test_every_law_rests_at_rest_and_is_odd_unless_it_is_one_sided(name):
 
 @pytest.mark.parametrize(
     "name",
-    ["arctan_velocity", "coulomb_friction", "quadratic_damping", "cubic_damping", "signed_power_damping"],
+    [
+        "arctan_velocity",
+        "coulomb_friction",
+        "loaded_friction",
+        "quadratic_damping",
+        "cubic_damping",
+        "signed_power_damping",
+    ],
 )
 def test_a_damper_takes_energy(name):
     assert (V * default_law(name).force(Z, V) > 0.0).all()
@@ -244,7 +258,7 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     (package / "mechanics").mkdir(parents=True)
     (package / "__init__.py").touch()
     shutil.copy(source.parent / "errors.py", package / "errors.py")
-    for name in ("__init__.py", "kinds.py", "laws.py"):
+    for name in ("__init__.py", "kind.py", "kinds.py", "laws.py", "memory_kinds.py"):
         shutil.copy(source / name, package / "mechanics" / name)
     shutil.copytree(source / "kernels", package / "mechanics" / "kernels", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
@@ -287,3 +301,55 @@ def test_an_unknown_law_names_those_that_are_searched_apart_from_those_that_are_
     searched, others = str(caught.value).split("; fitted only where they are named are ")
     assert {name for name in LAWS if f"'{name}'" in searched} == set(library())
     assert {name for name in LAWS if f"'{name}'" in others} == set(LAWS) - set(library())
+
+
+# ---- friction in proportion to the spring force ----------------------------------------------------
+
+
+def test_loaded_friction_is_proportional_to_the_force_of_a_straight_spring():
+    mu, stiffness, static_n = 0.05, 3e5, 1.8e4
+    seal = law("loaded_friction", amplitude_n=mu * static_n, scale_m_per_s=0.01, deflection_m=static_n / stiffness)
+    pressed = np.maximum(static_n - stiffness * Z, 0.0)
+    np.testing.assert_allclose(seal.force(Z, V), mu * pressed * 2.0 / np.pi * np.arctan(V / 0.01))
+    assert float(seal.force(static_n / stiffness + 0.01, 0.2)) == 0.0
+
+
+def test_a_lighter_run_rubs_less_where_its_friction_is_loaded():
+    """12 % less weight presses with 12 % less, though no spring of the law carries it."""
+    mass, stiffness = 1850.0, 3e5
+    weight = mass * GRAVITY_M_PER_S2
+    seal = law("loaded_friction", amplitude_n=900.0, scale_m_per_s=0.01, deflection_m=weight / stiffness)
+    slot = Interface(stiffness, 0.0, law=seal)
+    (light,) = laws_at_rest([slot], np.eye(1), np.array([0.12 * weight]))
+    np.testing.assert_allclose(light.force(0.0, V), 0.88 * seal.force(0.0, V))
+
+
+def test_loaded_friction_moves_a_gear_as_an_integrator_of_its_own_says():
+    seal = law("loaded_friction", amplitude_n=900.0, scale_m_per_s=0.05, deflection_m=0.06)
+    gear = LandingGear(law=seal)
+    fs, n = 4096.0, 2049
+    time_s = np.arange(2 * n - 1) / (2.0 * fs)
+    push = 4e3 * np.sin(2 * np.pi * 3.0 * time_s) + 2e3 * np.sin(2 * np.pi * 7.0 * time_s)
+    forces = np.stack([push, 0.1 * push], axis=1)
+    found = time_response(gear_structure(gear), forces, fs=fs, duration_s=n / fs)
+
+    def rates(t, x):
+        z, v = x[1] - x[0], x[3] - x[2]
+        under = 4e3 * np.sin(6 * np.pi * t) + 2e3 * np.sin(14 * np.pi * t)
+        rubbed = 900.0 * max(1.0 - z / 0.06, 0.0) * 2.0 / np.pi * np.arctan(v / 0.05)
+        force = gear.suspension_stiffness_n_per_m * z + gear.suspension_damping_n_s_per_m * v + rubbed
+        tyre = gear.tyre_stiffness_n_per_m * x[0] + gear.tyre_damping_n_s_per_m * x[2]
+        return [
+            x[2],
+            x[3],
+            (under - tyre + force) / gear.unsprung_mass_kg,
+            (0.1 * under - force) / gear.sprung_mass_kg,
+        ]
+
+    at = time_s[::2]
+    own = solve_ivp(rates, (0.0, float(at[-1])), np.zeros(4), t_eval=at, rtol=1e-9, atol=1e-12)
+    acceleration = np.array([rates(t, x)[2:] for t, x in zip(at, own.y.T, strict=True)])
+    np.testing.assert_allclose(found.acceleration, acceleration, atol=1e-5 * np.abs(acceleration).max())
+    constant = law("arctan_velocity", amplitude_n=900.0, scale_m_per_s=0.05)
+    other = time_response(gear_structure(replace(gear, law=constant)), forces, fs=fs, duration_s=n / fs)
+    assert np.abs(other.acceleration - acceleration).max() > 1e-3 * np.abs(acceleration).max()

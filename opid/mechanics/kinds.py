@@ -1,100 +1,28 @@
 """The kinds of restoring-force law: what a term of a law can be, one function each.
 
 A kind is a force for unit amplitude together with its derivatives. The first entry of every kind says what the force
-is, the comment above it what it stands for in a suspension.
+is, the comment above it what it stands for in a suspension. Kinds that remember are in `memory_kinds`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-ForceAndDerivatives = tuple[Any, Any, Any, Any, Any]
-RateAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
+from opid.mechanics.kind import TINY, ForceAndDerivatives, Kind, Parameter
+from opid.mechanics.memory_kinds import MEMORY_KINDS
+
+__all__ = ["BUILT_IN", "KNOWN", "LAWS", "ForceAndDerivatives", "Kind", "Parameter"]
 
 TWO_OVER_PI = 2.0 / math.pi
-# keeps log(|z|) and |z|^(n-1) finite at z = 0
-TINY = 1e-30
 # share of the gas length that a strut can be compressed by: beyond, the force goes on along its tangent
 BOTTOM = 0.95
 # width over which the stiffness of a stop grows, over its gap: beyond, the force is that of a stop that begins at once
 ROUNDING = 0.1
-# fractions of the force of a joint, each in the middle of what one of its elements carries
-ELEMENTS = tuple((k + 0.5) / 6 for k in range(6))
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
-
-    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` or a `shape` any
-    number; a search tries several lags, and a shape from its default on. Outside of `over_rms`, in rms motions, a scale
-    cannot be seen: below, friction is a step, above, a straight line. A scale in seconds is compared with the ratio of
-    rms travel and velocity. `within` is where an exponent is searched; `known` are the value and the standard deviation
-    that are known of an exponent before any measurement.
-    """
-
-    name: str
-    unit: str
-    role: Literal["amplitude", "scale", "exponent", "lag", "shape"]
-    default: float
-    over_rms: tuple[float, float] = (0.01, 3.0)
-    within: tuple[float, float] = (0.0, math.inf)
-    known: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One kind of law: an amplitude times a force of unit amplitude.
-
-    Args:
-        name: the name in files, options and results.
-        latex: the force as a formula, with r"\\dot z" for the rate.
-        parameters: the amplitude first, then at most two inner ones, a and b; four with a memory.
-        function: (z, v, a, b) -> the force for unit amplitude and its derivatives by z, v, a and b. It is pure and
-            written with numpy, works on arrays and, compiled by numba, on numbers; a parameter that the kind does not
-            have is passed all the same, and its derivative is 0.0. Squares and products are twenty times faster than
-            z**3.
-        searched: whether a search for the law of a suspension tries it; the others are terms of a series, for which
-            their neighbours would be taken, and only laws that are asked for have them.
-        bench_only: whether only the search on a test bench tries it, where the force is measured. From runs a free
-            power is not told from the kinds that it contains as special cases.
-        is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
-            same curve about another position is the same kind with other parameters, and needs no origin.
-        quasi_static: inner values with which it is loaded slowly, None for those that are as in quick motion; empty
-            where all are. The amplitude of such a kind is the force that it carries at its origin, and 1 less its force
-            for unit amplitude the fraction that is left elsewhere. Loaded slowly it comes to rest on one curve, and
-            moves from there on another.
-        is_stop: whether it is a stop: there is no force on the way to it, and it never pulls.
-        is_friction: whether it is friction or yielding, whose force grows and falls by itself from run to run.
-        memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
-            (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
-            its inner parameters are a, b, c and d in this order, d = 0 where there is none, and `function` is the force
-            of a slow motion that goes on in one direction.
-        elements: values of u, one for each of several memories that stand side by side: the force is their mean.
-        limit: what |h| does not pass: where it would, something slips.
-        memory_start: standard deviation of h where a record begins, in the unit of h.
-    """
-
-    name: str
-    latex: str
-    parameters: tuple[Parameter, ...]
-    function: Callable[..., ForceAndDerivatives] = field(repr=False)
-    searched: bool = True
-    bench_only: bool = False
-    is_about_rest: bool = False
-    quasi_static: tuple[float | None, ...] = ()
-    is_stop: bool = False
-    is_friction: bool = False
-    memory: Callable[..., RateAndDerivatives] | None = field(default=None, repr=False)
-    elements: tuple[float, ...] = (1.0,)
-    limit: float = math.inf
-    memory_start: float = 0.0
 
 
 def _arctan_velocity(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
@@ -118,6 +46,14 @@ def _coulomb_friction(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
     shape = np.tanh(v / s)
     by_v = (1.0 - shape**2) / s
     return shape, 0.0, by_v, -by_v * v / s, 0.0
+
+
+def _loaded_friction(z: Any, v: Any, s: Any, d: Any) -> ForceAndDerivatives:
+    load = np.maximum(1.0 - z / d, 0.0)
+    is_loaded = np.sign(load)
+    by_ratio, turned = TWO_OVER_PI / (s**2 + v**2), TWO_OVER_PI * np.arctan(v / s)
+    by_z = -is_loaded * turned / d
+    return load * turned, by_z, load * by_ratio * s, -load * by_ratio * v, -by_z * z / d
 
 
 def _quadratic_damping(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
@@ -232,52 +168,6 @@ def _gas_column(z: Any, v: Any, h: Any, n: Any) -> ForceAndDerivatives:
     return 1.0 - pressure + by_extension * beyond, by_extension / h, 0.0, -by_extension * extension / h, by_n
 
 
-def _sliding(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
-    return np.sign(v), 0.0, 0.0, 0.0, 0.0
-
-
-def _relaxed(z: Any, v: Any, a: Any, _: Any) -> ForceAndDerivatives:
-    return a * v, 0.0, a, v, 0.0
-
-
-def _dahl(h: Any, v: Any, s: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivatives:
-    speed = np.abs(v)
-    rate = (v - speed * h) / s
-    return rate, -speed / s, (1.0 - np.sign(v) * h) / s, -rate / s, 0.0, 0.0
-
-
-def _bouc_wen(h: Any, v: Any, s: Any, n: Any, c: Any, _u: Any) -> RateAndDerivatives:
-    size = np.maximum(np.abs(h), TINY)
-    power = size**n
-    direction = 0.5 * np.sign(v) * np.sign(h) + c
-    by_v = (1.0 - power * direction) / s
-    by_h = -n * power / size * np.sign(h) * direction * v / s
-    return by_v * v, by_h, by_v, -by_v * v / s, -np.log(size) * power * direction * v / s, -power * v / s
-
-
-def _lugre(h: Any, v: Any, s: Any, b: Any, w: Any, _u: Any) -> RateAndDerivatives:
-    speed, ratio = np.abs(v), v / w
-    bell = np.exp(-ratio * ratio)
-    level = 1.0 + (b - 1.0) * bell
-    rate = (v - speed * h / level) / s
-    by_level = speed * h / (level * level * s)
-    of_bell = 2.0 * (b - 1.0) * bell * ratio / w
-    by_v = (1.0 - np.sign(v) * h / level) / s - by_level * of_bell
-    return rate, -speed / (level * s), by_v, -rate / s, by_level * bell, by_level * of_bell * ratio
-
-
-def _slipping(h: Any, v: Any, s: Any, p: Any, c: Any, u: Any) -> RateAndDerivatives:
-    fraction = np.minimum(u * (1.0 + c), 1.0)
-    by_v = 1.0 / (s * fraction**p)
-    rate = by_v * v
-    by_c = -p * rate / (1.0 + c) * np.sign(1.0 - fraction)
-    return rate, 0.0, by_v, -rate / s, -rate * np.log(fraction), by_c
-
-
-def _maxwell(h: Any, v: Any, t: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivatives:
-    return v - h / t, -1.0 / t, 1.0, h / (t * t), 0.0, 0.0
-
-
 BUILT_IN = (
     # dry friction that turns over within the velocity s
     Kind(
@@ -313,6 +203,22 @@ BUILT_IN = (
         r"A \tanh(\dot z / s)",
         (Parameter("amplitude_n", "N", "amplitude", 400.0), Parameter("scale_m_per_s", "m/s", "scale", 0.02)),
         _coulomb_friction,
+        is_friction=True,
+    ),
+    # friction of seals and bearings that the spring force presses together: A at rest, elsewhere in proportion to that
+    # force, none once the spring has extended by d. Of a straight spring d is the static deflection F0/K, near the rest
+    # of a column of gas h/n. Suspensions of 1 to 4 Hz have deflections of 250 to 15 mm
+    Kind(
+        "loaded_friction",
+        r"A (1 - z / d)_+ \tfrac{2}{\pi} \arctan(\dot z / s)",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m_per_s", "m/s", "scale", 0.02),
+            Parameter("deflection_m", "m", "exponent", 0.06, within=(0.015, 0.5), known=(0.06, 0.04)),
+        ),
+        _loaded_friction,
+        searched=False,
+        is_about_rest=True,
         is_friction=True,
     ),
     # oil pressed through an orifice
@@ -482,81 +388,7 @@ BUILT_IN = (
         is_about_rest=True,
         quasi_static=(None, 1.0),
     ),
-    # dry friction that bends before it slides: A/s is its stiffness, s the travel after which it slides (Dahl 1968)
-    Kind(
-        "dahl_friction",
-        r"A h,\ \dot h = (\dot z - |\dot z| h) / s",
-        (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m", "m", "scale", 5e-4, over_rms=(0.003, 3.0)),
-        ),
-        _sliding,
-        is_friction=True,
-        memory=_dahl,
-        memory_start=0.5,
-    ),
-    # a joint or an isolator that yields (Bouc 1967, Wen 1976): stiffness K + A/s before, K after, sharper with n; with
-    # c = 1/2 it yields at the force A and the travel s, in general at both times (1/2 + c)^(-1/n)
-    Kind(
-        "bouc_wen",
-        r"A h,\ \dot h = \dot z (1 - |h|^n (c + \tfrac12 \operatorname{sgn} \dot z h)) / s",
-        (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m", "m", "scale", 2e-3, over_rms=(0.01, 3.0)),
-            Parameter("exponent", "1", "exponent", 2.0, within=(1.0, 10.0)),
-            Parameter("shape", "1", "shape", 0.5),
-        ),
-        _sliding,
-        is_friction=True,
-        memory=_bouc_wen,
-        memory_start=0.5,
-    ),
-    # friction of bristles that breaks away at b A and falls to A beyond the velocity w (Canudas de Wit et al. 1995)
-    Kind(
-        "lugre_friction",
-        r"A (h + \tau \dot h),\ \dot h = (\dot z - |\dot z| h / (1 + (b - 1) e^{-(\dot z / w)^2})) / s",
-        (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m", "m", "scale", 5e-4, over_rms=(0.003, 3.0)),
-            Parameter("breakaway_ratio", "1", "exponent", 1.4, within=(0.3, 5.0)),
-            Parameter("stribeck_m_per_s", "m/s", "scale", 0.05),
-            Parameter("bristle_lag_s", "s", "shape", 1e-3),
-        ),
-        _sliding,
-        is_friction=True,
-        memory=_lugre,
-        memory_start=0.5,
-    ),
-    # a joint of springs in series with sliders, which slip one after the other until all have at the travel s (Iwan
-    # 1966): what carries the fraction u of the force slips at s ((1 + c) u)^p, or at s; p = 1/2 where the stiffness of
-    # the elements is spread evenly over their travels (Segalman's chi is 1/p - 2), c > 0 where many slip last, at once
-    Kind(
-        "iwan_friction",
-        r"A \overline{h_u},\ \dot h_u = \dot z / (s \min(1, u + c u)^p),\ |h_u| \le 1",
-        (
-            Parameter("amplitude_n", "N", "amplitude", 400.0),
-            Parameter("scale_m", "m", "scale", 2e-3, over_rms=(0.01, 5.0)),
-            Parameter("spread", "1", "exponent", 0.5, within=(0.05, 3.0)),
-            Parameter("jump", "1", "exponent", 0.5, within=(0.01, 10.0)),
-        ),
-        _sliding,
-        is_friction=True,
-        memory=_slipping,
-        elements=ELEMENTS,
-        limit=1.0,
-        memory_start=0.5,
-    ),
-    # a spring and a damper in series, an arm of rubber: stiffness k in quick motion, damping k T in slow motion
-    Kind(
-        "maxwell_arm",
-        r"k h,\ \dot h = \dot z - h / T",
-        (
-            Parameter("stiffness_n_per_m", "N/m", "amplitude", 5e4),
-            Parameter("relaxation_s", "s", "scale", 0.02, over_rms=(0.03, 10.0)),
-        ),
-        _relaxed,
-        memory=_maxwell,
-    ),
+    *MEMORY_KINDS,
 )
 """The kinds that are always there. A new one is one function and one entry above; nothing else changes."""
 

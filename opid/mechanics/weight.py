@@ -101,7 +101,7 @@ def laws_at_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray)
         UnboundedResponseError: no place where springs and weight balance.
     """
     laws = [slot.law for slot in slots if isinstance(slot.law, Law)]
-    if not any(map(depends_on_travel, laws)):
+    if not any(map(depends_on_rest, laws)):
         return laws
     travel = find_rest(slots, rows, load).travel
     return [law.resting_at(law.rest_m + float(z)) for law, z in zip(laws, travel, strict=True)]
@@ -134,6 +134,12 @@ def depends_on_travel(law: TermSet) -> bool:
     """Return whether a law has a force at rest somewhere."""
     travel = np.multiply.outer([-1.0, 1.0], [1e-3, 1e-2, 1e-1, 1.0]).ravel()
     return any(bool(np.any(term.evaluate(travel, np.zeros_like(travel))[0])) for term in law.terms)
+
+
+def depends_on_rest(law: TermSet) -> bool:
+    """Return whether it matters where on a law a run rests: springs, and friction in proportion to their force."""
+    is_loaded = any(term.kind.is_friction and term.kind.is_about_rest for term in law.terms)
+    return is_loaded or depends_on_travel(law)
 
 
 def _springs(slots: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ import numpy as np
 from opid.mechanics.driven import Interface
 from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
 from opid.mechanics.repeatability import PARTS, Departure
-from opid.mechanics.weight import Rest, depends_on_travel, find_rest, resting
+from opid.mechanics.weight import Rest, depends_on_rest, find_rest, resting
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, Mobility, mobility
 from opid.suspensions.law_parameters import free_bounds, from_free, positive
@@ -337,7 +337,7 @@ class Unknowns:
         stiffer = self.stiffer(theta, place)
         if fall is None or not (loading.any() or stiffer):
             return None
-        if not straight and not any(depends_on_travel(slot.law) for slot in slots):
+        if not straight and not any(depends_on_rest(slot.law) for slot in slots):
             return None
         load = self.inverse_mass(theta) * (loading @ fall)
         if not stiffer:

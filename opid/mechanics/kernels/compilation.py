@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from numba import njit
 
-from opid.mechanics import kinds
+from opid.mechanics import kind, kinds, memory_kinds
 
 Freedom = Literal["none", "fused", "any order"]
 # what LLVM may do with sums and products, in its own words
@@ -54,5 +54,6 @@ def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
 @cache
 def _digest() -> str:
     """Short digest of the kinds of law and of all files in this folder."""
-    sources = [Path(kinds.__file__), *sorted(Path(__file__).parent.glob("*.py"))]
+    of_kinds = [Path(str(module.__file__)) for module in (kind, kinds, memory_kinds)]
+    sources = [*of_kinds, *sorted(Path(__file__).parent.glob("*.py"))]
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:12]

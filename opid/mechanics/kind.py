@@ -1,0 +1,83 @@
+"""What a kind of restoring-force law is: a force for unit amplitude, its parameters, and how it may be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+ForceAndDerivatives = tuple[Any, Any, Any, Any, Any]
+RateAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
+
+# keeps log(|z|) and |z|^(n-1) finite at z = 0
+TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a kind of law: its name with the unit in it, unit, role and a gear-sized default.
+
+    The force is proportional to an `amplitude`; a `scale` or an `exponent` is positive, a `lag` or a `shape` any
+    number; a search tries several lags, and a shape from its default on. Outside of `over_rms`, in rms motions, a scale
+    cannot be seen: below, friction is a step, above, a straight line. A scale in seconds is compared with the ratio of
+    rms travel and velocity. `within` is where an exponent is searched; `known` are the value and the standard deviation
+    that are known of an exponent before any measurement.
+    """
+
+    name: str
+    unit: str
+    role: Literal["amplitude", "scale", "exponent", "lag", "shape"]
+    default: float
+    over_rms: tuple[float, float] = (0.01, 3.0)
+    within: tuple[float, float] = (0.0, math.inf)
+    known: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of law: an amplitude times a force of unit amplitude.
+
+    Args:
+        name: the name in files, options and results.
+        latex: the force as a formula, with r"\\dot z" for the rate.
+        parameters: the amplitude first, then at most two inner ones, a and b; four with a memory.
+        function: (z, v, a, b) -> the force for unit amplitude and its derivatives by z, v, a and b. It is pure and
+            written with numpy, works on arrays and, compiled by numba, on numbers; a parameter that the kind does not
+            have is passed all the same, and its derivative is 0.0. Squares and products are twenty times faster than
+            z**3.
+        searched: whether a search for the law of a suspension tries it; the others are terms of a series, for which
+            their neighbours would be taken, and only laws that are asked for have them.
+        bench_only: whether only the search on a test bench tries it, where the force is measured. From runs a free
+            power is not told from the kinds that it contains as special cases.
+        is_about_rest: whether it is written about the position at rest, wherever that is on the spring's curve: the
+            same curve about another position is the same kind with other parameters, and needs no origin.
+        quasi_static: inner values with which it is loaded slowly, None for those that are as in quick motion; empty
+            where all are. The amplitude of such a kind is the force that it carries at its origin, and 1 less its force
+            for unit amplitude the fraction that is left elsewhere. Loaded slowly it comes to rest on one curve, and
+            moves from there on another.
+        is_stop: whether it is a stop: there is no force on the way to it, and it never pulls.
+        is_friction: whether it is friction or yielding, whose force grows and falls by itself from run to run.
+        memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
+            (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
+            its inner parameters are a, b, c and d in this order, d = 0 where there is none, and `function` is the force
+            of a slow motion that goes on in one direction.
+        elements: values of u, one for each of several memories that stand side by side: the force is their mean.
+        limit: what |h| does not pass: where it would, something slips.
+        memory_start: standard deviation of h where a record begins, in the unit of h.
+    """
+
+    name: str
+    latex: str
+    parameters: tuple[Parameter, ...]
+    function: Callable[..., ForceAndDerivatives] = field(repr=False)
+    searched: bool = True
+    bench_only: bool = False
+    is_about_rest: bool = False
+    quasi_static: tuple[float | None, ...] = ()
+    is_stop: bool = False
+    is_friction: bool = False
+    memory: Callable[..., RateAndDerivatives] | None = field(default=None, repr=False)
+    elements: tuple[float, ...] = (1.0,)
+    limit: float = math.inf
+    memory_start: float = 0.0
