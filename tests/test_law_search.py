@@ -10,7 +10,7 @@ from opid.mechanics.kinds import Kind, Parameter
 from opid.mechanics.landing_gear import DEFAULT_LAW
 from opid.mechanics.laws import LAWS, LINEAR, Law, default_law, law
 from opid.mechanics.own_kinds import register_kind, unregister_kind
-from opid.suspensions.driven_laws import DrivenLaws
+from opid.suspensions.driven_laws import DrivenLaws, cannot_be
 from opid.suspensions.fit import fit_model, refit
 from opid.suspensions.law_parameters import faint_terms, pulls_at_a_stop
 from opid.suspensions.law_search import (
@@ -63,6 +63,21 @@ def test_the_true_law_is_found(start, truth):
     assert ladder[0].law_name == start
     assert chosen(ladder).method == ("equation" if start == truth else "pursuit")
     np.testing.assert_array_less(np.abs(shared(best) - true_values(best, law)), 4.5 * best.std)
+
+
+def test_no_law_leaves_the_body_without_a_place_to_rest(friction):
+    """A spring that gives way at rest and holds elsewhere, against ones that soften, or hold nothing but noise."""
+    model, stiffness = friction.model, friction.value("stiffness_per_mass")
+    travel = friction.motion(0)[0]
+    for fraction, force_scale, expected in ((-0.5, 2.0, True), (0.5, 2.0, False), (-0.5, 0.0, False)):
+        theta = friction.theta.copy()
+        theta[model.names.index("stiffness_per_mass")] = fraction * stiffness
+        # over the motion it adds that many times the stiffness on the mean
+        cube = law("cubic_stiffness", stiffness_n_per_m3=force_scale * stiffness / (3.0 * float(np.mean(travel**2))))
+        other = replace(model, groups=(replace(model.groups[0], law=cube),))
+        shared_part = [theta[model.names.index(name)] for name in ("stiffness_per_mass", "damping_per_mass")]
+        vector = np.concatenate([shared_part, [cube.terms[0].amplitude], theta[model.names.index("inverse_mass") :]])
+        assert cannot_be(replace(friction, model=other, theta=vector)) is expected
 
 
 class SeenLaws:

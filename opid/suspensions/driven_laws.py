@@ -67,9 +67,7 @@ class DrivenLaws:
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
         """Fit other laws from where a fit stands; None where they make no suspension."""
         found = refit(fit, dict(laws), least_promise=self.least_promise)
-        if found is None or feeds_energy(found) or any(map(pulls_at_a_stop, found.laws.values())):
-            return None
-        return found
+        return None if found is None or cannot_be(found) else found
 
     def left_out(self, fit: Fit) -> float | None:
         """Return what is left of each run as a fit of the others predicts it, m/s^2."""
@@ -121,6 +119,34 @@ def _node(term: Term, columns: FloatArray) -> Node:
     # by the logarithm of the inner parameter, for unit amplitude
     slope = columns[:, 1] * term.inner[0] / term.amplitude if has_slope(term.kind) else None
     return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)
+
+
+def cannot_be(fit: Fit) -> bool:
+    """Return whether no strut has the laws of a fit: they feed energy in, pull at a stop, or leave no place to rest.
+
+    Args:
+        fit: of any laws.
+    """
+    return feeds_energy(fit) or any(map(pulls_at_a_stop, fit.laws.values())) or gives_way_at_rest(fit)
+
+
+def gives_way_at_rest(fit: Fit) -> bool:
+    """Return whether the suspensions push the body away from where it rests: nothing rests there.
+
+    The tangent stiffness of all of them, at rest in the first run, is compared with its mean over the motion of the
+    runs: in a gap it may be near zero, on either side. Where the mean is negative, too, the noise is larger than the
+    springs, and nothing is said.
+
+    Args:
+        fit: of any laws.
+    """
+    at_rest, over_motion = 0.0, 0.0
+    for slot, each in enumerate(fit.model.resting_interfaces(fit.theta, 0)):
+        travel, velocity = fit.motion(slot)
+        straight = each.stiffness + each.ground_stiffness
+        at_rest += straight + float(each.law.gradient(0.0, 0.0)[0])
+        over_motion += straight + float(np.mean(each.law.gradient(travel, velocity)[0]))
+    return over_motion > 0.0 and at_rest < -fit.model.settings.search.rest_fraction * over_motion
 
 
 def feeds_energy(fit: Fit) -> bool:

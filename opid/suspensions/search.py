@@ -14,7 +14,7 @@ from scipy import fft
 
 from opid.mechanics.laws import LINEAR
 from opid.signals.recording import FloatArray
-from opid.suspensions.driven_laws import DrivenLaws, feeds_energy
+from opid.suspensions.driven_laws import DrivenLaws, cannot_be
 from opid.suspensions.faults import Demand, let_in
 from opid.suspensions.first_seconds import look_for_start
 from opid.suspensions.fit import (
@@ -212,7 +212,7 @@ class _Search:
             except NO_FIT as error:
                 failed = failed or error
                 continue
-            if searched and feeds_energy(found.fit):
+            if searched and cannot_be(found.fit):
                 # such a law no search would take; the start values had it
                 last = last or found
                 continue

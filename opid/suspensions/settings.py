@@ -203,6 +203,8 @@ class SearchSettings:
         most_measured_rms: scales are laid out over the predicted motion, and over this many times the measured one at
             the most: while a model is wrong, its slow travel may be far off.
         least_damping_std: beside a law that remembers damping must not be negative by more standard deviations.
+        rest_fraction: a tangent stiffness at rest below zero by more than this fraction of its mean over the motion is
+            that of no suspension: what rests there would fall away.
         every_sample: the rms force of a candidate is taken of every sample but so many: it need be known roughly.
         least_shared: no law is searched for a gear of which less than this fraction of the body's power goes along
             with what is measured below it. Two channels of noise share 0.00 +- 0.02, gears that stick and slip most of
@@ -230,6 +232,7 @@ class SearchSettings:
     lags: tuple[float, ...] = (0.3, 1.0, 3.0)
     most_measured_rms: float = 3.0
     least_damping_std: float = 2.0
+    rest_fraction: float = 0.1
     every_sample: int = 7
     least_shared: float = 0.05
 
