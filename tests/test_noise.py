@@ -95,6 +95,17 @@ def test_noise_is_no_larger_in_the_band_than_what_the_two_sides_do_not_share():
     assert known.most == 1.0
 
 
+def test_motion_that_the_two_sides_do_not_share_is_no_noise_of_a_filtered_log():
+    """As of a frame that swings above its isolators."""
+    rng = np.random.default_rng(2)
+    low_pass = signal.butter(4, 20.0, fs=256.0, output="sos")
+    sides = [signal.sosfilt(low_pass, rng.standard_normal((20000, 1)), axis=0) for _ in range(2)]
+    known = known_noise(ideal_sensors(1, 1), [tuple(sides)], fs=256.0, settings=RunSettings())
+    assert known.most > 1.0
+    largest = known.most * known.levels[0]
+    np.testing.assert_allclose(largest, 0.1 * min(side.std() for side in sides), rtol=1e-6)
+
+
 @pytest.fixture(scope="module", params=range(2))
 def of_filtered_logs(request):
     """Two runs whose logs end at 100 Hz, identified with the law searched."""

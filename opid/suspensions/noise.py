@@ -54,16 +54,18 @@ def known_noise(
                 [noise_floor(channel, fs=fs) for channel in run[own].T],
                 incoherent_noise(run[own], run[other], fs=fs, band_hz=band_hz),
                 settings.least_noise_fraction * run[own].std(axis=0),
+                settings.most_noise_fraction * run[own].std(axis=0),
             )
             for run in arrays
         ]
-        floor, bound, least = np.moveaxis(np.array(rows), 1, 0).reshape(3, -1)
+        floor, bound, least, largest = np.moveaxis(np.array(rows), 1, 0).reshape(4, -1)
         credible = np.maximum(np.minimum(floor, bound), least)
         # over runs and channels of a side
-        sides.append(tuple(mean_level(each.tolist()) for each in (credible, np.maximum(bound, credible), floor, least)))
-    level, most, quietest, believed = min(sides)
+        most = np.maximum(np.minimum(bound, largest), credible)
+        sides.append(tuple(mean_level(each.tolist()) for each in (credible, most, floor, least)))
+    level, highest, quietest, believed = min(sides)
     levels = [np.where(np.isnan(side), level, side) for side in stated]
-    return KnownNoise((levels[0], levels[1]), most / level if quietest < believed else 1.0)
+    return KnownNoise((levels[0], levels[1]), highest / level if quietest < believed else 1.0)
 
 
 def with_noise_of_the_band(fit: Fit) -> Fit:

@@ -44,6 +44,8 @@ class RunSettings:
         least_lines: a band of fewer lines tells nothing.
         stop_db: what the steps of a coarse run would fold into the band is weakened by this.
         least_noise_fraction: no model of a strut is better than this fraction of the motion, however quiet the sensor.
+        most_noise_fraction: what a model leaves of a low-pass filtered log may be the noise of its sensor up to this
+            fraction of the motion; sensors that read no more than ten times their noise are not taken to such tests.
         offset_m_per_s2: offset that is left in an acceleration once its mean is removed.
         offset_ac_m_per_s2: the same of an AC-coupled sensor, which forgets more.
         start_rms: a record may begin this many rms motions from rest, one standard deviation.
@@ -67,6 +69,7 @@ class RunSettings:
     least_lines: int = 20
     stop_db: float = 60.0
     least_noise_fraction: float = 0.003
+    most_noise_fraction: float = 0.1
     offset_m_per_s2: float = 0.03
     offset_ac_m_per_s2: float = 0.1
     start_rms: float = 2.0
