@@ -25,6 +25,7 @@ from opid.suspensions.law_search import (
     search_laws,
 )
 from opid.suspensions.run import driven_run
+from opid.suspensions.search import Found, with_simpler_laws
 from opid.suspensions.settings import SearchSettings
 
 SETTINGS = SearchSettings()
@@ -78,6 +79,22 @@ def test_no_law_leaves_the_body_without_a_place_to_rest(friction):
         shared_part = [theta[model.names.index(name)] for name in ("stiffness_per_mass", "damping_per_mass")]
         vector = np.concatenate([shared_part, [cube.terms[0].amplitude], theta[model.names.index("inverse_mass") :]])
         assert cannot_be(replace(friction, model=other, theta=vector)) is expected
+
+
+def test_simpler_laws_are_those_with_a_term_less_and_their_relatives():
+    truth = law("dahl_friction", amplitude_n=400.0, scale_m=1e-3)
+    beside = truth + law("cubic_stiffness", stiffness_n_per_m3=1e7)
+    fit = fitted(runs_of(truth, duration_s=10.0), beside)
+    found = Found(fit, (LawStep(fit, True, "pursuit"),))
+    simpler = list(with_simpler_laws(found, library()))
+    names = [each.fit.law_name for each in simpler]
+    # without the friction much more is left; a cube that is not there may go, and other memories are alike
+    assert names[0] == "dahl_friction"
+    assert "cubic_stiffness" not in names
+    assert set(names[1:]) <= {"lugre_friction", "bouc_wen", "iwan_friction"}
+    for each in simpler:
+        assert chosen(each.ladder).fit is each.fit
+        assert [step.kept for step in each.ladder] == [False, True]
 
 
 class SeenLaws:

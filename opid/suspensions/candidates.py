@@ -33,7 +33,16 @@ from opid.suspensions.repeatability import (
 )
 from opid.suspensions.residual import is_noise, mean_level
 from opid.suspensions.run import DrivenRun, driven_run
-from opid.suspensions.search import Found, Ladder, Question, find_from_reference, find_model, is_hopeless, judged
+from opid.suspensions.search import (
+    Found,
+    Ladder,
+    Question,
+    find_from_reference,
+    find_model,
+    is_hopeless,
+    judged,
+    with_simpler_laws,
+)
 from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start, start_values
@@ -428,6 +437,13 @@ def _with_error(part: Fitted) -> Fitted:
             # the search took the runs as alike, for there seemed to be no number to tell
             found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))
             error = measure_model_error(found.fit)
+        if error.limit == "model" and part.task.law is None:
+            # a term that takes up what the model lacks bends the others; without it they may stand
+            for simpler in with_simpler_laws(found, part.task.question.kinds):
+                of_simpler = measure_model_error(simpler.fit)
+                if of_simpler.limit != "model":
+                    found, error = simpler, of_simpler
+                    break
     except NO_FIT as failed:
         return replace(part, found=None, reason=str(failed))
     return replace(part, found=found, error=error)

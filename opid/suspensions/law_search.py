@@ -295,7 +295,7 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             total = sum(each.bic for each in joint.values())
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
     for group, law in fit.laws.items():
-        moves += [_Move({group: other}, 0.0, 0) for other in (*_limits(law, kinds), *_relatives(law, kinds))]
+        moves += [_Move({group: other}, 0.0, 0) for other in (*_limits(law, kinds), *relatives(law, kinds))]
         # no column tells what they promise
         dictionary = dictionaries.get(group)
         moves += [] if dictionary is None else [_Move({group: other}, -math.inf, 0) for other in dictionary.further]
@@ -339,8 +339,13 @@ def _one_sided(zone: Term, rest_m: float) -> Iterator[Term]:
             yield Term(name, (abs(stiffness), way))
 
 
-def _relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
-    """Laws with another friction that remembers, of the same force and travel: their columns alone look much alike."""
+def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+    """Yield laws with another friction that remembers, of the same force and travel: their columns look much alike.
+
+    Args:
+        law: with or without memory.
+        kinds: that may take its place.
+    """
     for term in law.terms:
         if term.kind.memory is None or not term.kind.is_friction:
             continue

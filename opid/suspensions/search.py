@@ -6,13 +6,13 @@ not predict would fold into the band. Where neither laws nor faults promise to m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
 
-from opid.mechanics.laws import LINEAR
+from opid.mechanics.laws import LINEAR, Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.driven_laws import DrivenLaws, cannot_be
 from opid.suspensions.faults import Demand, let_in
@@ -37,6 +37,7 @@ from opid.suspensions.law_search import (
     judge_by_left_out,
     library,
     n_terms,
+    relatives,
     search_laws,
 )
 from opid.suspensions.model import Model
@@ -434,8 +435,34 @@ def _with_fewer_terms(found: Found) -> Found:
     again = refit(fit, best.fit.laws)
     if again is None or again.error_rms > (1 + known.overfit_fraction) * fit.error_rms:
         return found
-    ladder = (*(replace(step, kept=False) for step in found.ladder if step is not best), replace(best, kept=True))
-    return replace(found, fit=again, ladder=ladder)
+    return _ended_with(found, best, again)
+
+
+def with_simpler_laws(found: Found, kinds: Sequence[str]) -> Iterator[Found]:
+    """Yield what was found with a term less in its laws, or with a relative of what then remembers.
+
+    Args:
+        found: whose law takes up what the model lacks.
+        kinds: of which a relative may be.
+    """
+    fit, known = found.fit, found.fit.model.settings.process
+    simpler = [
+        (name, Law(tuple(each for each in law.terms if each is not term), law.rest_m))
+        for name, law in fit.laws.items()
+        for term in law.terms
+        if len(law.terms) > 1
+    ]
+    simpler += [(name, each) for name, law in simpler for each in relatives(law, kinds)]
+    for name, law in simpler:
+        again = refit(fit, {name: law})
+        if again is not None and not cannot_be(again) and again.error_rms < known.most_left_by_simpler * fit.error_rms:
+            yield _ended_with(found, LawStep(again, False, "pursuit"), again)
+
+
+def _ended_with(found: Found, last: LawStep[Fit], fit: Fit) -> Found:
+    """What was found, as if its search had ended with another step, and a fit of its laws."""
+    ladder = (*(replace(step, kept=False) for step in found.ladder if step is not last), replace(last, kept=True))
+    return replace(found, fit=fit, ladder=ladder)
 
 
 def _says_why_it_is_uneven(fit: Fit, than: Fit, known: SearchSettings) -> bool:
