@@ -9,7 +9,7 @@ criterion, by the error and by the prediction of what was left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
@@ -116,6 +116,7 @@ def search_laws(
     *,
     kinds: Sequence[str] | None = None,
     method: str = "equation",
+    rejected: Collection[tuple[str, ...]] = (),
     progress: Say | None = None,
 ) -> tuple[LawStep[F], ...]:
     """Return the ladder of fitted laws; the last one with `kept` is the choice.
@@ -125,12 +126,13 @@ def search_laws(
         start: a fit to grow from.
         kinds: that may enter; those of `library` where left out.
         method: what led to the start.
+        rejected: names of the laws of all groups that are not tried again, see `far_behind`.
         progress: called with the name of each law before it is fitted.
     """
     say = progress or (lambda step: None)
     kinds = library() if kinds is None else tuple(kinds)
     ladder, current = [LawStep(start, True, method)], start
-    tried = {_names(start)}
+    tried = {_names(start), *rejected}
     for _ in range(problem.settings.n_rounds):
         fits = _fitted(problem, current, kinds, tried, say)
         best = current
@@ -150,6 +152,20 @@ def chosen(ladder: Sequence[LawStep[F]]) -> LawStep[F]:
         ladder: of `search_laws`.
     """
     return [step for step in ladder if step.kept][-1]
+
+
+def far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
+    """Return the names of laws, of all groups, that leave so much more than the choice that no other rate mends it.
+
+    Args:
+        ladder: of `search_laws`, of one rate.
+        settings: what counts as so much more.
+    """
+    most = (1 + settings.far_fraction) * chosen(ladder).fit.error_rms
+    least: dict[tuple[str, ...], float] = {}
+    for step in ladder:
+        least[_names(step.fit)] = min(step.fit.error_rms, least.get(_names(step.fit), math.inf))
+    return {names for names, error_rms in least.items() if error_rms > most}
 
 
 def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:

@@ -6,7 +6,7 @@ not predict would fold into the band. Where neither laws nor faults promise to m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,7 @@ from opid.suspensions.law_search import (
     LawStep,
     add_neighbours,
     chosen,
+    far_behind,
     is_better,
     judge_by_left_out,
     library,
@@ -274,13 +275,14 @@ class _Search:
         bare = self._laws(linear)
         return (*ladder, *bare) if chosen(bare).fit.bic < chosen(ladder).fit.bic else (*bare, *ladder)
 
-    def _laws(self, fit: Fit, method: str = "equation") -> Ladder:
+    def _laws(self, fit: Fit, method: str = "equation", rejected: Collection[tuple[str, ...]] = ()) -> Ladder:
         if self.question.law_is_given:
             return (LawStep(fit, True, "given"),)
         problem = DrivenLaws(fit.model.settings.search, fit.model.settings.fit.promise_in_search)
         ladder: Ladder = ()
         if self.question.method_of_law != "sparse regression":
-            ladder = search_laws(problem, fit, kinds=self.question.kinds, method=method, progress=self.say)
+            kinds = self.question.kinds
+            ladder = search_laws(problem, fit, kinds=kinds, method=method, rejected=rejected, progress=self.say)
         if self.question.method_of_law != "pursuit":
             # two seconds to import, so only here
             from opid.suspensions.sparse_regression import search_by_regression
@@ -347,22 +349,24 @@ class _Search:
             most, promise = known.most_hopeless_evaluations, known.promise_from_afar
             near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
             return replace(found, fit=near)
+        rejected = _rejected(ladder) if is_coarse else set()
         fit = fit_model(whole, fit.theta)
         finer = _with_more_steps(fit, demands)
         if finer is not fit:
             # laws and faults may have made up for steps that were too long
-            fit, demands, is_coarse = finer, (), True
+            fit, demands, is_coarse, rejected = finer, (), True, set()
         late = bool(demands)
         for _ in range(2):
             # what only all readings together show
             if not self.question.law_is_given and (is_coarse or late):
-                more = self._laws(fit, "pursuit")
+                more = self._laws(fit, "pursuit", rejected)
                 ladder = (*ladder, *more)
                 fit = chosen(more).fit
                 fit = fit if fit is more[0].fit else fit_model(fit.model, fit.theta)
             before = demands
             fit, demands = self._let_in(fit, demands)
             late = {demand.name for demand in demands} != {demand.name for demand in before}
+            rejected = set() if late else rejected
             if not late:
                 break
         return replace(found, fit=fit, ladder=ladder, demands=demands)
@@ -496,6 +500,13 @@ def _thinned(fit: Fit) -> Fit:
         return fit_model(model, fit.theta, least_promise=known.promise_in_search)
     except NO_FIT:
         return fit
+
+
+def _rejected(ladder: Ladder) -> set[tuple[str, ...]]:
+    """Names of the laws that need not be tried again at the full rate, with the sensors that were taken at last."""
+    model = chosen(ladder).fit.model
+    alike = [step for step in ladder if step.fit.model.runs is model.runs and step.fit.model.sensors == model.sensors]
+    return far_behind(alike, model.settings.search)
 
 
 def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:

@@ -93,7 +93,10 @@ def _predictions(  # type: ignore[no-untyped-def]
     first_measured = n_own + n_mass + n_drive
     n_known = first_measured + n_measured
     n_parameters = n_known + by_start.shape[1] if differentiate else 0
-    state, covariance = small_zeros(several, (n_states,)), small_zeros(several, (n_states, n_states))
+    state, covariance = (
+        small_zeros(several, remembered, (n_states,)),
+        small_zeros(several, remembered, (n_states, n_states)),
+    )
     for s in range(n_states):
         state[s] = start[s]
         for q in range(n_states):
@@ -111,34 +114,44 @@ def _predictions(  # type: ignore[no-untyped-def]
     # of the rows of the stages the last is that of the prediction, which is the first stage where nothing is corrected
     seen = 4 if correct else 0
     force, by_z, by_v, by_own = (
-        small_zeros(several, (5, n)),
-        small_zeros(several, (5, n)),
-        small_zeros(several, (5, n)),
+        small_zeros(several, remembered, (5, n)),
+        small_zeros(several, remembered, (5, n)),
+        small_zeros(several, remembered, (5, n)),
         np.zeros((5, n_own)),
     )
-    evolution = small_zeros(several, (5, n_moving - 2 * n, 8))
+    evolution = small_zeros(several, remembered, (5, n_moving - 2 * n, 8))
     of_acceleration, of_force, of_drive, of_memory = (
-        small_zeros(several, (4, n_moving, n)),
-        small_zeros(several, (4, n_moving, n)),
-        small_zeros(several, (3, n_moving, n)),
-        small_zeros(several, (4, n_moving, n_moving - 2 * n)),
+        small_zeros(several, remembered, (4, n_moving, n)),
+        small_zeros(several, remembered, (4, n_moving, n)),
+        small_zeros(several, remembered, (3, n_moving, n)),
+        small_zeros(several, remembered, (4, n_moving, n_moving - 2 * n)),
     )
-    transition, work = small_zeros(several, (n_moving, n_states)), small_zeros(several, (n_moving,))
-    product = small_zeros(several, (n_moving, n_states))
+    transition, work = (
+        small_zeros(several, remembered, (n_moving, n_states)),
+        small_zeros(several, remembered, (n_moving,)),
+    )
+    product = small_zeros(several, remembered, (n_moving, n_states))
     by_state, gain, scale = (
-        small_zeros(several, (n, n_states)),
-        small_zeros(several, (n, n_states)),
-        small_zeros(several, (n, n)),
+        small_zeros(several, remembered, (n, n_states)),
+        small_zeros(several, remembered, (n, n_states)),
+        small_zeros(several, remembered, (n, n)),
     )
-    white, change = small_zeros(several, (n,)), np.zeros((n, width))
-    here, following = small_zeros(several, (4, n)), small_zeros(several, (4, n))
-    memory, memory_next = small_zeros(several, (n_moving - 2 * n,)), small_zeros(several, (n_moving - 2 * n,))
+    white, change = small_zeros(several, remembered, (n,)), np.zeros((n, width))
+    here, following = small_zeros(several, remembered, (4, n)), small_zeros(several, remembered, (4, n))
+    memory, memory_next = (
+        small_zeros(several, remembered, (n_moving - 2 * n,)),
+        small_zeros(several, remembered, (n_moving - 2 * n,)),
+    )
     part_drive, part_by_drive = np.zeros((3, 1, n)), np.zeros((3, n_drive, n))
     whole_drive = drive.reshape(drive.shape[0], 1, n)
     # what faint terms remember, and v where a step begins and ends
     n_followed = len(joints[7])
     followed, pace = np.zeros((3, n_followed, 4)), np.zeros((2, n))
-    tied, decay, of_push = small_zeros(several, (n,)), small_zeros(several, (n,)), small_zeros(several, (n_moving, n))
+    tied, decay, of_push = (
+        small_zeros(several, remembered, (n,)),
+        small_zeros(several, remembered, (n,)),
+        small_zeros(several, remembered, (n_moving, n)),
+    )
     for i in range(n):
         by_state[i, n_moving + n + i], scale[i, i] = 1.0, noise[1, i]
         if unmeasured:
