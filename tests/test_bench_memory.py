@@ -111,7 +111,7 @@ def test_a_record_may_begin_in_the_middle_of_a_motion(name):
     ids=lambda each: each.name,
 )
 def test_intervals_hold_whatever_was_remembered_at_first(truth, begin):
-    """Six sliders are each somewhere; what is held fades, or no interval is told."""
+    """The sliders of a joint are each somewhere; what is held fades, or no interval is told."""
     held = []
     for seed in range(5):
         _, z, v = motion(seed, 3000)

@@ -93,11 +93,11 @@ def test_a_motion_is_that_of_solve_ivp(name, scale):
 
 
 def test_an_iwan_joint_is_its_sliders():
-    """Six elements whose slip travels are those of the law, as the sliders of a structure."""
+    """Elements whose slip travels are those of the law, as the sliders of a structure."""
     subject = law("iwan_friction", amplitude_n=900.0, scale_m=4e-3, spread=0.6, jump=0.4)
     u = np.array(subject.terms[0].kind.elements)
     reach = 4e-3 * np.minimum(1.4 * u, 1.0) ** 0.6
-    sliders = Sliders(150.0 / reach, np.full(6, 150.0))
+    sliders = Sliders(900.0 / u.size / reach, np.full(u.size, 900.0 / u.size))
     given = _drive(HALF_STEPS)[:, np.newaxis]
     motions = []
     for joint in (Joint("strut", (1.0,), 5e4, 1500.0, subject), Joint("strut", (1.0,), 5e4, 1500.0, sliders=sliders)):

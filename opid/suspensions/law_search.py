@@ -95,11 +95,19 @@ class LawStep(Generic[F]):
 
 @dataclass(frozen=True)
 class _Move:
-    """Other laws for some groups, and the criterion they would reach less that of the fit."""
+    """Other laws for some groups, and the criterion they would reach less that of the fit.
+
+    Args:
+        laws: of the groups that change, by their names.
+        bic: the criterion, less that of the fit; to first order.
+        n_more: terms more than the fit has.
+        always: whether it is fitted besides the number of moves that a round allows.
+    """
 
     laws: dict[str, Law]
     bic: float
     n_more: int
+    always: bool = False
 
     def name(self, fit: LawFit) -> tuple[str, ...]:
         return tuple(self.laws.get(group, law).name for group, law in fit.laws.items())
@@ -311,8 +319,9 @@ def _moves(problem: LawProblem[F], fit: F, kinds: Sequence[str]) -> list[_Move]:
             total = sum(each.bic for each in joint.values())
             moves.append(_Move(laws, total, sum(each.n_more for each in joint.values())))
     for group, law in fit.laws.items():
-        moves += [_Move({group: other}, 0.0, 0) for other in (*_limits(law, kinds), *relatives(law, kinds))]
-        # no column tells what they promise
+        moves += [_Move({group: other}, 0.0, 0) for other in _limits(law, kinds)]
+        # no column tells what these promise
+        moves += [_Move({group: other}, 0.0, 0, always=True) for other in relatives(law, kinds)]
         dictionary = dictionaries.get(group)
         moves += [] if dictionary is None else [_Move({group: other}, -math.inf, 0) for other in dictionary.further]
     return sorted(moves, key=lambda move: move.bic)
@@ -388,13 +397,15 @@ def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set
                 in_error if move.n_more < 0 else known.bic_margin if move.n_more == 0 else -known.bic_margin
             )
             name = move.name(current)
-            if (move.n_more > 0) != grow or name in tried or move.bic > allowed or n_fitted == known.n_refitted:
+            if (move.n_more > 0) != grow or name in tried or move.bic > allowed:
+                continue
+            if n_fitted == known.n_refitted and not move.always:
                 continue
             tried.add(name)
             say("; ".join(dict.fromkeys(name)))
             fit = problem.refit(current, move.laws)
             fits += [fit] if fit is not None else []
-            n_fitted += 1
+            n_fitted += not move.always
         if any(_replaces(problem, fit, current) for fit in fits):
             break
     return fits

@@ -195,12 +195,14 @@ class _Search:
             ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
         n_sure = len(ways)
         ways += [lambda each=each: self.way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
+        n_without_faults = len(ways)
         ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
         best: Found | None = None
         last: Found | None = None
         failed: Exception | None = None
         n_starts = 0
-        for way in ways:
+        is_confirmed = False
+        for number, way in enumerate(ways):
             if best is not None and (_explains(best.fit) or (n_starts >= n_sure and is_hopeless(best.fit))):
                 break
             if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
@@ -208,6 +210,9 @@ class _Search:
             if n_starts == 1 and best is not None and self._are_unlike(best.fit):
                 # other ways would make up for what is not the same in all runs
                 return replace(best, n_starts=1, is_unlike=True)
+            if best is not None and is_confirmed and (number < n_without_faults or best.demands):
+                # two ways ended at one place; one that let faults in searched its laws anew, as a way with faults first
+                continue
             n_starts += 1
             try:
                 found = way()
@@ -218,6 +223,7 @@ class _Search:
                 # such a law no search would take; the start values had it
                 last = last or found
                 continue
+            is_confirmed = is_confirmed or (best is not None and _is_same(found.fit, best.fit))
             best = found if best is None or found.fit.bic < best.fit.bic else best
         best = best or last
         if best is None:
