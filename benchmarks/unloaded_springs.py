@@ -2,8 +2,8 @@
 
 Run `python benchmarks/unloaded_springs.py --seeds 60 --repeatability 0`. Each seed draws a strut that carries its body
 on a straight spring and a cubic or softening one beside it, both about the unloaded length: the static deflection is 20
-to 50 mm, of which the law carries 20 to 60 %. Two runs of 40 s at 512 Hz, 12 % less mass in the second, 5 mm/s^2 of noise.
-The strut is the same in both; with the usual repeatability the answer does not rely on that. No seed is dropped.
+to 50 mm, of which the law carries 20 to 60 %. Two runs of 40 s at 512 Hz, 12 % less mass in the second, 5 mm/s^2 of
+noise. The strut is the same in both; with the usual repeatability the answer does not rely on that.
 """
 
 import argparse
