@@ -175,7 +175,10 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
         raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")
     sprung, unsprung = of_logs["--sprung"], of_logs["--unsprung"]
     if not (sprung and unsprung):
-        raise click.UsageError("name the channels of the logs: --sprung NAME --unsprung NAME, or give a study file")
+        raise click.UsageError(
+            "name the channels of the logs: --sprung NAME --unsprung NAME (`opid inspect LOG` lists them), or give a "
+            "study file"
+        )
     title = " and ".join(path.name for path in paths)
     return study_from_logs(
         paths,
