@@ -377,7 +377,10 @@ def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
         others = tuple(each for each in law.terms if each is not term)
         for name in kinds:
             kind = LAWS[name]
-            if kind.memory is not None and kind.is_friction and name not in law.parameters:
+            # many states are long to follow: sliders that slip one after the other are tried where a law fits that
+            # bends as gradually, with as many parameters
+            is_short = len(kind.elements) == 1 or len(term.values) == len(kind.parameters)
+            if kind.memory is not None and kind.is_friction and is_short and name not in law.parameters:
                 values = (*term.values[:2], *(parameter.default for parameter in kind.parameters[2:]))
                 yield Law((*others, Term(name, values)), law.rest_m)
 

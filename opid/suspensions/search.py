@@ -223,7 +223,7 @@ class _Search:
                 # such a law no search would take; the start values had it
                 last = last or found
                 continue
-            is_confirmed = is_confirmed or (best is not None and _is_same(found.fit, best.fit))
+            is_confirmed = is_confirmed or (best is not None and _is_as_likely(found.fit, best.fit))
             best = found if best is None or found.fit.bic < best.fit.bic else best
         best = best or last
         if best is None:
@@ -491,6 +491,12 @@ def _is_same(fit: Fit, other: Fit) -> bool:
         return False
     moved = np.abs(fit.theta - other.theta)[: fit.model.n_shared]
     return bool((moved <= fit.model.settings.fit.same_std * other.std).all())
+
+
+def _is_as_likely(fit: Fit, other: Fit) -> bool:
+    """Whether two fits have the same laws, sensors and criterion: two minima as deep as each other are hardly met."""
+    is_alike = fit.model.names == other.model.names and fit.law_name == other.law_name
+    return is_alike and abs(fit.bic - other.bic) < fit.model.settings.search.alike_bic
 
 
 def _thinned(fit: Fit) -> Fit:
