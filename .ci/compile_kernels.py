@@ -15,7 +15,8 @@ one_mass = JointedModes([400.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
 backbone(one_mass, law("cubic_stiffness", stiffness_n_per_m3=4e9), mode=1, sensor="mass", amplitude=np.array([1e-4]))
 force_along(default_law("dahl_friction"), np.zeros(9), np.ones(9), 100.0)
 friction = default_law("dahl_friction")
-for n, ground, own in ((1, False, LINEAR), (1, True, LINEAR), (1, False, friction), (1, True, friction), (2, False, LINEAR)):
+singles = [(1, ground, own) for ground in (False, True) for own in (LINEAR, friction)]
+for n, ground, own in (*singles, (2, False, LINEAR)):
     rows = 6 if ground else 4
     predict(
         [Interface(400.0, 4.0, law=own)] * n,
