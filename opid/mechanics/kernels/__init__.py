@@ -175,7 +175,7 @@ def predictions(
         memory_start**2 if correct else 0.0
     )
     # what is compiled for one interface has room for few states
-    single = n == 1 and memory_start.size + unmeasured <= (1 if ground else 2) and memory_start.size <= 1
+    single = n == 1 and memory_start.size <= 1 and not (ground and unmeasured)
     # directions last: the innermost loops go over them
     ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
     innovation, spread, changes, motion = _predictions(
