@@ -15,7 +15,7 @@ from opid.report import bench_json, bench_text
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.loop import cycle_of
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.separable import separable_fit, start_laws
+from opid.suspensions.least_squares import separable_fit, start_laws
 
 FS, N = 500.0, 4000
 STIFFNESS, DAMPING = 2e4, 500.0

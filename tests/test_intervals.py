@@ -14,7 +14,7 @@ from opid.suspensions.intervals import (
     honest_covariance,
     std_over_white,
 )
-from opid.suspensions.residual import measure_whiteness
+from opid.suspensions.noise import measure_whiteness
 from opid.suspensions.run import driven_run
 
 

@@ -8,7 +8,7 @@ from law_runs import fitted, logs_of
 from scipy import signal, stats
 
 from opid.mechanics.landing_gear import DEFAULT_LAW
-from opid.suspensions.residual import mean_level, measure_whiteness, motion_over_noise, sensor_ratio
+from opid.suspensions.noise import mean_level, measure_whiteness, motion_over_noise, sensor_ratio
 from opid.suspensions.run import driven_run
 from opid.suspensions.settings import IntervalSettings, Settings
 

@@ -21,6 +21,7 @@ from opid.report.body_text import reason, recommended, units_of
 from opid.report.gear_text import alternatives_of
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import Demand
+from opid.suspensions.force_surface import VisitedForce
 from opid.suspensions.law_search import LawStep, chosen
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
@@ -34,7 +35,6 @@ from opid.suspensions.result import (
     InterfaceEstimate,
 )
 from opid.suspensions.study import Run, Study
-from opid.suspensions.visited_force import VisitedForce
 
 Json = dict[str, Any]
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.suspensions.candidates import Choice, Fitted
-from opid.suspensions.confounded_terms import ConfoundedTerm
 from opid.suspensions.gas import gas_of
-from opid.suspensions.residual import sensor_ratio, thinned
+from opid.suspensions.noise import sensor_ratio, thinned
+from opid.suspensions.refusals import ConfoundedTerm
 from opid.suspensions.result import (
     AtRest,
     BodyParameters,

@@ -23,7 +23,7 @@ from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Model, noise_level
 from opid.suspensions.model_error import ModelError, measure_model_error, unexplained
-from opid.suspensions.noise import KnownNoise, with_noise_of_the_band, with_own_noise
+from opid.suspensions.noise import KnownNoise, is_noise, mean_level, with_noise_of_the_band, with_own_noise
 from opid.suspensions.repeatability import (
     Repeatability,
     mends_much,
@@ -31,7 +31,6 @@ from opid.suspensions.repeatability import (
     with_departures,
     with_own_repeatability,
 )
-from opid.suspensions.residual import is_noise, mean_level
 from opid.suspensions.run import DrivenRun, driven_run
 from opid.suspensions.search import (
     Found,

@@ -14,7 +14,7 @@ from opid.mechanics.laws import LAWS, Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import ImpossibleBodyError
 from opid.suspensions.law_parameters import to_free
-from opid.suspensions.levenberg_marquardt import least_squares
+from opid.suspensions.least_squares import least_squares
 from opid.suspensions.model import Errors, Model
 from opid.suspensions.start import Start
 from opid.suspensions.unknowns import Group

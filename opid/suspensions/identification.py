@@ -16,15 +16,13 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
 from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
 from opid.suspensions.channel_checks import check_channels
-from opid.suspensions.confounded_terms import find_confounded_terms
 from opid.suspensions.force_surface import force_surface
 from opid.suspensions.intervals import bootstrap_over_white, std_over_white
 from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.limits import ground_imitations, limits
 from opid.suspensions.model import noise_level
-from opid.suspensions.noise import known_noise
-from opid.suspensions.refusals import loose_motions, why_no_mass, why_refused
-from opid.suspensions.residual import measure_whiteness, over_noise
+from opid.suspensions.noise import known_noise, measure_whiteness, over_noise
+from opid.suspensions.refusals import find_confounded_terms, loose_motions, why_no_mass, why_refused
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings

@@ -13,11 +13,11 @@ from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS
 from opid.mechanics.memory import force_along
 from opid.signals.recording import FloatArray
-from opid.suspensions.covariance import score_products
 from opid.suspensions.equivalents import straight_equivalent
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
+from opid.suspensions.least_squares import score_products
 from opid.suspensions.repeatability import Levels, levels
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 

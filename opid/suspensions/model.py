@@ -20,12 +20,17 @@ from opid.mechanics.laws import Term
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.chain_rule import add_departures, add_rest, sort_out
-from opid.suspensions.mean_slopes import straighten, transmissibility
-from opid.suspensions.priors import known_before, state_at_start
-from opid.suspensions.process_noise import NO_PROCESS_NOISE, ProcessNoise, spectral_density
+from opid.suspensions.mean_slopes import NO_PROCESS_NOISE, ProcessNoise, spectral_density, straighten, transmissibility
 from opid.suspensions.run import DrivenRun
-from opid.suspensions.unknowns import Unknowns, put_at_rest
+from opid.suspensions.unknowns import (
+    Unknowns,
+    add_departures,
+    add_rest,
+    known_before,
+    put_at_rest,
+    sort_out,
+    state_at_start,
+)
 
 # the reading of a slot that has no sensor: nothing is learnt from it
 _NO_SENSOR_M_PER_S2 = 1e6

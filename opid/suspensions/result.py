@@ -15,14 +15,13 @@ from opid.mechanics.laws import LINEAR, Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import Demand
 from opid.suspensions.fit import Fit
-from opid.suspensions.force_surface import ForceSurface
+from opid.suspensions.force_surface import ForceSurface, VisitedForce, visited_force
 from opid.suspensions.law_search import LawStep
 from opid.suspensions.limits import GroundImitations
+from opid.suspensions.noise import Whiteness
 from opid.suspensions.repeatability import Repeatability
-from opid.suspensions.residual import Whiteness
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
-from opid.suspensions.visited_force import VisitedForce, visited_force
 
 if TYPE_CHECKING:
     from opid.suspensions.model_error import Limit, ModelError

@@ -14,9 +14,8 @@ from scipy import fft
 
 from opid.mechanics.laws import LINEAR, Law
 from opid.signals.recording import FloatArray
-from opid.suspensions.driven_laws import DrivenLaws, cannot_be
+from opid.suspensions.driven_laws import DrivenLaws, cannot_be, search_origins
 from opid.suspensions.faults import Demand, let_in
-from opid.suspensions.first_seconds import look_for_start
 from opid.suspensions.fit import (
     NO_FIT,
     Fit,
@@ -42,13 +41,12 @@ from opid.suspensions.law_search import (
     search_laws,
 )
 from opid.suspensions.model import Model
-from opid.suspensions.origins import search_origins
+from opid.suspensions.noise import is_noise, measure_whiteness
 from opid.suspensions.repeatability import mends_much, with_departures
-from opid.suspensions.residual import is_noise, measure_whiteness
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SIDES
 from opid.suspensions.settings import SearchSettings
-from opid.suspensions.start import Start
+from opid.suspensions.start import Start, look_for_start
 
 Say = Callable[[str], None]
 Ladder = tuple[LawStep[Fit], ...]

@@ -21,7 +21,7 @@ from opid.suspensions.driven_laws import DrivenLaws
 from opid.suspensions.fit import Fit
 from opid.suspensions.force_surface import ForcePoints, force_points
 from opid.suspensions.law_search import LawStep, is_better
-from opid.suspensions.separable import separable_fit, start_laws
+from opid.suspensions.least_squares import separable_fit, start_laws
 from opid.suspensions.settings import RegressionSettings
 
 

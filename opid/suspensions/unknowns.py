@@ -11,11 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
-from opid.mechanics.driven import Interface
+from opid.mechanics.driven import N_HEAD, Interface
 from opid.mechanics.laws import LINEAR, Law, Term, WithCandidates
-from opid.mechanics.repeatability import PARTS, Departure
-from opid.mechanics.weight import Rest, depends_on_rest, find_rest, resting
+from opid.mechanics.repeatability import PARTS, Departure, part_rows
+from opid.mechanics.weight import ATMOSPHERE_PA, Rest, by_parameters, depends_on_rest, find_rest, resting
 from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
 from opid.suspensions.body import Body, Mobility, mobility
 from opid.suspensions.law_parameters import free_bounds, from_free, positive
 from opid.suspensions.run import Corrected, DrivenRun
@@ -381,3 +382,197 @@ def put_at_rest(slots: list[Interface], rest: Rest | None) -> list[Interface]:
     if rest is None:
         return slots
     return [resting(slot, float(travel)) for slot, travel in zip(slots, rest.travel, strict=True)]
+
+
+def known_before(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the departures from what was known before the data, each over its standard deviation, and their Jacobian.
+
+    First those of faults of sensors, of places, and of roughly how a run begins, then those of the laws.
+    """
+    known = [(fault.nominal, fault.std) for fault in unknowns.faults]
+    known += [(0.0, coordinate.std) for coordinate in unknowns.body.coordinates]
+    start_rms = unknowns.settings.runs.start_rms
+    of_run = [(0.0, start_rms * float(rms)) for rms in unknowns.motion_rms.ravel()]
+    of_run += [(0.0, unknowns.repeatability)] * unknowns.n_departures
+    known += of_run * len(unknowns.runs)
+    nominal, std = np.array(known).reshape(-1, 2).T
+    first = theta.size - std.size
+    jacobian = np.zeros((std.size, theta.size))
+    jacobian[np.arange(std.size), first + np.arange(std.size)] = 1 / std
+    of_laws, by_laws = _known_of_laws(unknowns, theta, is_held=is_held)
+    return np.concatenate([(theta[first:] - nominal) / std, of_laws]), np.concatenate([jacobian, by_laws])
+
+
+def _known_of_laws(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
+    """How far exponents are from what is known of them, and what carries the weight from a column of gas alone."""
+    left, rows = [], []
+
+    def add(value: float, slopes: dict[int, float], std: float, *, is_loose: bool = False) -> None:
+        size, slope_factor = value / std, 1.0 / std
+        if is_loose:
+            # Student's t of one degree of freedom: what the runs contradict is given up
+            size, slope_factor = _loosely(size, slope_factor)
+        left.append(size)
+        rows.append(np.zeros(theta.size))
+        for place, slope in slopes.items():
+            rows[-1][place] = slope_factor * slope
+
+    for number, group in enumerate(unknowns.groups):
+        for place, parameter in enumerate(group.law.parameter_list, start=unknowns.law_places(number).start):
+            if parameter.known:
+                mean, std = parameter.known
+                add(float(theta[place]) - float(np.log(mean)), {place: 1.0}, std / mean)
+    for number, place in unknowns.carriers:
+        first, is_loose, gas = unknowns.first_of_group[number], not is_held, unknowns.settings.gas
+        std = gas.carried if unknowns.body.piston_area_m2 else gas.carried_unstated
+        std *= unknowns.settings.fit.held_fraction if is_held else 1.0
+        weight, by_mass = _carried(unknowns, theta)
+        length, exponent = np.exp(theta[place + 1 : place + 3]).tolist()
+        slopes = {place: 1.0 / weight}
+        if unknowns.mass_free:
+            slopes[unknowns.first_fault - 1] = -float(theta[place]) * by_mass / weight**2
+        add(float(theta[place]) / weight - 1.0, slopes, std, is_loose=is_loose)
+        of_gas = length / (exponent * weight)
+        beside = float(theta[first]) * of_gas
+        slopes = {first: of_gas, place + 1: beside, place + 2: -beside}
+        if unknowns.mass_free:
+            slopes[unknowns.first_fault - 1] = -beside * by_mass / weight
+        add(beside, slopes, std, is_loose=is_loose)
+    return np.array(left), np.array(rows).reshape(-1, theta.size)
+
+
+def _carried(unknowns: Unknowns, theta: FloatArray) -> tuple[float, float]:
+    """What gas that carries all of the weight pushes with, and the derivative by one over the mass.
+
+    The air outside pushes back on the piston: per unit of the reference mass, m/s^2 and N.
+    """
+    air_n = ATMOSPHERE_PA * unknowns.body.piston_area_m2
+    mu = unknowns.inverse_mass(theta)
+    return unknowns.weight + air_n * mu, air_n
+
+
+def _loosely(size: float, slope_factor: float) -> tuple[float, float]:
+    """Return the root of minus twice a log density with long tails, sqrt(2 log(1 + x^2/2)), and its derivative."""
+    cost = float(np.sqrt(2.0 * np.log1p(0.5 * size**2)))
+    return float(np.copysign(cost, size)), slope_factor * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
+
+
+def state_at_start(unknowns: Unknowns, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
+    """Return the state of all slots at a run's first sample, and its covariance: what is fitted is known exactly."""
+    body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[place]
+    n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
+    start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
+    start[:2, :n] = theta[unknowns.places_of_run(place)[0]].reshape(-1, 2).T
+    std[:2, :n] = 1e-9
+    springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
+    std[:2, n:] = springs * known.start_rms * unknowns.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
+    for row, facts in ((-2, unknowns.sensors.unsprung), (-1, unknowns.sensors.sprung)):
+        offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
+        std[row, : n if row == -2 else n_sensors] = offsets
+    covariance = np.diag(std.ravel() ** 2)
+    if unknowns.ground:
+        below, near = run.ground_at_start
+        for k, sensor in enumerate(unknowns.sensors.unsprung):
+            rows = np.arange(2, 5) * body.n_slots + k
+            if sensor.corner_hz:
+                # what an AC coupling took from the path is not known
+                far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
+                covariance[rows, rows] = np.square(far)
+            else:
+                start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
+    return start, covariance
+
+
+def add_rest(
+    unknowns: Unknowns,
+    change: ComplexArray,
+    rest: Rest,
+    slots: Sequence[Interface],
+    theta: FloatArray,
+    place: int,
+    by: ComplexArray,
+) -> None:
+    """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
+    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
+    stiffer = unknowns.stiffer(theta, place)
+    for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
+        moved = np.tensordot(-rest.compliance[:, number], by_travel, axes=1)
+        force = (1.0 + stiffer) * by_parameters(slot, travel)
+        force[2] = travel  # the spring to the ground is none of the strut's
+        change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
+        if unknowns.n_departures and len(slots) == 1:
+            own = slot.stiffness * travel + float(slot.law.static_force(travel)[0])
+            by[unknowns.places_of_run(place)[1].start] += (own + unknowns.own_load) * moved
+    if unknowns.mass_free:
+        row = firsts[-1] + len(unknowns.body.names)
+        change[row] += np.tensordot(rest.by_load / unknowns.inverse_mass(theta), by_travel, axes=1)
+
+
+def add_departures(
+    unknowns: Unknowns,
+    change: ComplexArray,
+    slots: Sequence[Interface],
+    theta: FloatArray,
+    place: int,
+    by: ComplexArray,
+) -> None:
+    """Turn derivatives by what suspensions have in a run into those by what they have in all, and by departures."""
+    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    row = unknowns.places_of_run(place)[1].start
+    for group, departure in zip(unknowns.groups, unknowns.departures(theta, place), strict=True):
+        for part, factor in enumerate(departure.values):
+            for slot in group.slots:
+                for entry, value in part_rows(slots[slot])[part]:
+                    own = change[firsts[slot] + entry]
+                    by[row + part] += value * own
+                    own *= 1.0 + factor
+        row += len(PARTS)
+
+
+def sort_out(
+    unknowns: Unknowns,
+    change: ComplexArray,
+    slots: Sequence[Interface],
+    slopes: Sequence[FloatArray],
+    by_fault: Sequence[tuple[str, int, FloatArray]],
+    place: int,
+    by: ComplexArray,
+    candidates: Mapping[int, Sequence[Term]],
+) -> ComplexArray:
+    """Add the derivatives by what the slots have to those by the entries of the vector; return the candidates'."""
+    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    further: list[ComplexArray] = []
+    for number, (group, first) in enumerate(zip(unknowns.groups, unknowns.first_of_group, strict=True)):
+        n_law = group.law.vector.size
+        n_more = sum(len(term.values) for term in candidates.get(number, ()))
+        more = np.zeros((n_more, *change.shape[1:]), dtype=np.complex128)
+        for slot in group.slots:
+            own = change[firsts[slot] : firsts[slot + 1]]
+            head = [k for k, has_it in enumerate((True, True, group.ground, group.has_origin)) if has_it]
+            by[first : first + group.n_head] += own[head]
+            by[unknowns.law_places(number)] += own[N_HEAD : N_HEAD + n_law] * slopes[number][:, np.newaxis, np.newaxis]
+            more += own[N_HEAD + n_law :]
+        further.append(more)
+    for k, (slot, _) in enumerate(unknowns.searched):
+        row = unknowns.first_inside + 2 * k
+        by[row : row + 2] += change[firsts[slot] : firsts[slot] + 2]
+    body, n_coordinates = unknowns.body, len(unknowns.body.coordinates)
+    n_factors = len(body.names) + unknowns.mass_free
+    rest = change[firsts[-1] :]
+    by[unknowns.first_factor : unknowns.first_factor + n_factors] += rest[:n_factors]
+    by[unknowns.first_coordinate : unknowns.n_shared] += rest[n_factors : n_factors + n_coordinates]
+    if unknowns.mass_free:
+        row = unknowns.first_fault - 1
+        for slot, spring in enumerate(body.inside, start=body.n_interfaces):
+            by[row] += (spring.stiffness_n_per_m or 0.0) * change[firsts[slot]]
+            by[row] += (spring.damping_n_s_per_m or 0.0) * change[firsts[slot] + 1]
+    rest = rest[n_factors + n_coordinates :]
+    names = [fault.name for fault in unknowns.faults]
+    for row, (name, _, _) in enumerate(by_fault):
+        by[unknowns.first_fault + names.index(name)] += rest[row]
+    starts, row = rest[len(by_fault) :], unknowns.places_of_run(place)[0].start
+    for interface in range(body.n_interfaces):
+        by[row + 2 * interface] = starts[interface]
+        by[row + 2 * interface + 1] = starts[body.n_slots + interface]
+    return np.concatenate(further)

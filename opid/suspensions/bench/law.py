@@ -31,10 +31,9 @@ from opid.suspensions.bench.problem import (
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
-from opid.suspensions.covariance import clustered_covariance
 from opid.suspensions.law_parameters import not_reached, way_to_stop
 from opid.suspensions.law_search import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
-from opid.suspensions.separable import SeparableFit, independent_samples
+from opid.suspensions.least_squares import SeparableFit, clustered_covariance, independent_samples
 
 SCHEMA = "opid.law/1"
 Ladder = tuple[LawStep[BenchFit], ...]

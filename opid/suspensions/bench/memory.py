@@ -25,7 +25,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.bench.problem import Points
 from opid.suspensions.bench.record import Bench, rate_of
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, MemorySettings
-from opid.suspensions.separable import independent_samples
+from opid.suspensions.least_squares import independent_samples
 
 Past = Literal["hysteresis", "relaxation", "inertia"]
 Cause = Literal["hysteresis", "relaxation", "inertia", "vibration"]

@@ -21,7 +21,7 @@ from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary, orthonormal
 from opid.suspensions.law_parameters import has_slope, offered_terms, pulls_at_a_stop
-from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit
+from opid.suspensions.least_squares import SeparableFit, independent_samples, separable_fit
 from opid.suspensions.settings import SearchSettings
 
 

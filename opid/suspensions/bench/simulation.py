@@ -24,7 +24,7 @@ from opid.signals.resampling import resampled
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import SimulationSettings
 from opid.suspensions.law_parameters import from_free, positive, to_free
-from opid.suspensions.separable import SeparableFit, independent_samples
+from opid.suspensions.least_squares import SeparableFit, independent_samples
 
 
 @dataclass(frozen=True, eq=False)

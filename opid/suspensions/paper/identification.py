@@ -9,6 +9,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
+from opid.suspensions.force_surface import VisitedForce, visited_force
 from opid.suspensions.law_search import LawStep, chosen
 from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
 from opid.suspensions.paper.chain import PaperChain, chain_of
@@ -28,7 +29,6 @@ from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.warnings import warnings_of, warnings_of_the_logs
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.study import Study
-from opid.suspensions.visited_force import VisitedForce, visited_force
 
 
 def identify_by_paper(

@@ -14,10 +14,15 @@ import numpy as np
 from opid.mechanics.laws import LAWS, Law, default_law
 from opid.mechanics.memory import Motion, recorded_motion
 from opid.signals.recording import FloatArray
-from opid.suspensions.covariance import clustered_covariance
+from opid.suspensions.least_squares import (
+    SeparableFit,
+    clustered_covariance,
+    independent_samples,
+    separable_fit,
+    unit_law,
+)
 from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
-from opid.suspensions.separable import SeparableFit, independent_samples, separable_fit, unit_law
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import Literal
 
 from opid.estimate import Estimate
 from opid.mechanics.laws import Law
+from opid.suspensions.force_surface import VisitedForce
 from opid.suspensions.law_search import LawStep, alternatives
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
@@ -17,7 +18,6 @@ from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.result import GearParameters, GearRatios, Identification
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
-from opid.suspensions.visited_force import VisitedForce
 
 PaperMethod = Literal["classical", "paper"]
 METHODS: tuple[PaperMethod, ...] = ("classical", "paper")

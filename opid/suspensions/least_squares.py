@@ -9,8 +9,9 @@ the derivative of Kaufman (1975).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,103 @@ from opid.mechanics.laws import Law, Parameter, Term
 from opid.mechanics.memory import Motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.law_parameters import positive, reference
+
+
+class Residual(Protocol):
+    """Errors, (n,), and their derivatives, (n, n_unknowns)."""
+
+    @property
+    def stacked(self) -> FloatArray:
+        """(n,) errors."""
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """(n, n_unknowns) derivatives."""
+
+
+def least_squares(
+    evaluate: Callable[[FloatArray], Residual | None],
+    theta: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    caps: FloatArray,
+    *,
+    free: slice = slice(None),
+    most_evaluations: int,
+    least_promise: float,
+    first_damping: float,
+    least_damping: float,
+    first: Callable[[FloatArray], Residual] | None = None,
+) -> tuple[FloatArray, int]:
+    """Return the vector of least squared error near `theta` and the evaluations spent.
+
+    The last step is taken on its promise, without a look.
+
+    Args:
+        evaluate: errors at a vector; None where there are none.
+        theta: (n_unknowns,) where to start.
+        lower: (n_unknowns,) bounds.
+        upper: (n_unknowns,) bounds.
+        caps: (n_unknowns,) how far each entry may move in a step.
+        free: the entries that may move.
+        most_evaluations: at the most.
+        least_promise: the search ends when the next step promises less of the squared error over its variance.
+        first_damping: of the step after one that failed, over the squared size of each column.
+        least_damping: a smaller one is none.
+        first: takes the place of `evaluate` at the start, and may raise.
+    """
+    lower, upper, caps = lower[free], upper[free], caps[free]
+    best = theta.copy()
+    best[free] = np.clip(best[free], lower, upper)
+    errors = (first or evaluate)(best)
+    if errors is None:
+        return best, 1
+    cost, damping, n_data, failed = _cost(errors), 0.0, errors.stacked.size, False
+    for spent in range(1, most_evaluations):
+        step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
+        trial = best.copy()
+        trial[free] = np.clip(best[free] + step, lower, upper)
+        if promise * n_data < least_promise * cost:
+            return trial, spent
+        new = evaluate(trial)
+        if new is not None and _cost(new) < cost:
+            # where a longer step has just failed the next may as well
+            eased = damping if failed else damping / 10 if damping > least_damping else 0.0
+            best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
+        else:
+            damping, failed = max(10 * damping, first_damping), True
+    return best, most_evaluations
+
+
+def _cost(errors: Residual) -> float:
+    return float(errors.stacked @ errors.stacked)
+
+
+def _step(
+    errors: Residual,
+    free: slice,
+    damping: float,
+    at: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    caps: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return the next step of the free entries and how far the linear model says it lowers the squared error."""
+    jacobian, residual = errors.jacobian[:, free], errors.stacked
+    gradient = jacobian.T @ residual
+    # an entry at its bound that would go beyond stays there
+    moving = ~(((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0)))
+    columns = jacobian[:, moving]
+    size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
+    scaled = columns / size
+    if damping:
+        scaled = np.concatenate([scaled, np.sqrt(damping) * np.eye(size.size)])
+        residual = np.concatenate([residual, np.zeros(size.size)])
+    step = np.zeros(at.size)
+    step[moving] = -np.linalg.lstsq(scaled, residual, rcond=1e-12)[0] / size
+    step /= max(1.0, float(np.max(np.abs(step) / caps)))
+    ahead = errors.stacked + jacobian @ step
+    return step, _cost(errors) - float(ahead @ ahead)
 
 
 @dataclass(frozen=True)
@@ -317,3 +415,47 @@ def _amplitudes(law: Law) -> list[int]:
 def _reference(parameter: Parameter, motion: Motion) -> float:
     """Return the rms motion that an inner parameter is to be compared with."""
     return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (motion.z, motion.v)))
+
+
+def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> FloatArray:
+    """Return the sandwich covariance with scores added up over cells (Liang & Zeger 1986, small-sample factor).
+
+    Within a cell (a stretch of time, a few neighbouring lines) residuals may be correlated as they like.
+
+    Args:
+        jacobian: (n_data, n_parameters).
+        residual: (n_data,).
+        cells: (n_data,) the cell of each residual.
+
+    >>> rng = np.random.default_rng(0)
+    >>> covariance = clustered_covariance(np.ones((4000, 1)), rng.standard_normal(4000), np.arange(4000) // 4)
+    >>> round(float(4000 * covariance[0, 0]), 1)
+    1.0
+    """
+    scale = np.sqrt(np.sum(jacobian**2, axis=0))
+    # what moves nothing is left as it is
+    scale = np.where(scale > 0.0, scale, 1.0)
+    scaled = jacobian / scale
+    # of the columns, not of their products: what is told a million times less well is told all the same
+    root = np.linalg.pinv(np.linalg.qr(scaled)[1], rcond=1e-13)
+    inverse = root @ root.T
+    factor, products = score_products(scaled, residual, cells)
+    return factor * inverse @ products @ inverse / np.outer(scale, scale)
+
+
+def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
+    """Return the small-sample factor and the products of the scores added up over cells: the inside of the sandwich.
+
+    Args:
+        jacobian: (n_data, n_parameters).
+        residual: (n_data,).
+        cells: (n_data,) the cell of each residual.
+
+    >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
+    (2.0, array([[4.]]))
+    """
+    _, place = np.unique(cells, return_inverse=True)
+    n_cells, n_parameters = int(place.max()) + 1, jacobian.shape[1]
+    scores = np.zeros((n_cells, n_parameters))
+    np.add.at(scores, place, jacobian * residual[:, np.newaxis])
+    return n_cells / max(n_cells - n_parameters, 1), scores.T @ scores
