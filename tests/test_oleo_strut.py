@@ -21,7 +21,6 @@ from opid.suspensions.candidates import gear_body
 from opid.suspensions.fit import carrying
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
-from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.law_parameters import to_free
 from opid.suspensions.model import Model
 from opid.suspensions.run import driven_run
@@ -29,6 +28,7 @@ from opid.suspensions.sensor_facts import ideal_sensors
 from opid.suspensions.settings import GasSettings, Settings
 from opid.suspensions.study import Run, study_of_gear
 from opid.suspensions.unknowns import Group, known_before
+from opid.suspensions.warnings import doubts_of_gas
 
 MASS_KG = 1850.0
 WEIGHT_N = MASS_KG * GRAVITY_M_PER_S2

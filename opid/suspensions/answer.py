@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
+from opid.mechanics.weight import ATMOSPHERE_PA
+from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, Fitted
-from opid.suspensions.gas import gas_of
+from opid.suspensions.intervals import Parameters
 from opid.suspensions.noise import sensor_ratio, thinned
 from opid.suspensions.refusals import ConfoundedTerm
 from opid.suspensions.result import (
@@ -17,6 +19,7 @@ from opid.suspensions.result import (
     BodyParameters,
     BodyRatios,
     Evidence,
+    GasColumn,
     GearParameters,
     GearRatios,
     InterfaceEstimate,
@@ -170,3 +173,30 @@ def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:
             k = part.fit.model.names.index(coordinate.name)
             found[coordinate.name] = Estimate.normal(float(part.fit.theta[k]), part.known.std(k))
     return found
+
+
+def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasColumn | None:
+    """Return the gas that carries a group of interfaces in the reference run; None where none is found.
+
+    Its force at rest is (p - p0) A with the pressure p, that of the air p0 and the area A of the piston; the amplitude
+    of the law is p A, and the length of the column V/A.
+
+    Args:
+        known: parameters of a fit whose mass is determined.
+        number: of the group.
+        piston_area_m2: what the gas pushes on; None where it is not stated.
+    """
+    model, theta = known.fit.model, known.fit.theta
+    terms = model.laws(theta)[number].terms
+    place = next((k for k, term in enumerate(terms) if term.kind.quasi_static), None)
+    if place is None or model.inverse_mass(theta) <= 0.0:
+        return None
+    area = piston_area_m2 or 1.0
+
+    def read(vector: FloatArray) -> FloatArray:
+        term = model.laws(vector)[number].terms[place]
+        force = term.amplitude / model.inverse_mass(vector)
+        return np.array([force * term.inner[0], force / area - ATMOSPHERE_PA, area * term.inner[0]])
+
+    content, pressure, volume = known.of_function(read)
+    return GasColumn(content) if piston_area_m2 is None else GasColumn(content, pressure, volume)

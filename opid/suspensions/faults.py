@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from opid.mechanics.driven import UnboundedResponseError
 from opid.signals.recording import FloatArray
 from opid.suspensions.fit import NO_FIT, Fit, carried_over, fit_model, rows_with_departures
 from opid.suspensions.model import Model
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SensorFacts, Sensors, Side
-from opid.suspensions.settings import FaultSettings
+from opid.suspensions.settings import FaultSettings, IntervalSettings
 from opid.suspensions.start import Start
 
 GROUND = "ground_stiffness_per_mass"
@@ -327,3 +328,96 @@ def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
         return fit_model(model, theta, noisier=noisier, most_evaluations=most)
     except NO_FIT:
         return None
+
+
+@dataclass(frozen=True)
+class GroundImitations:
+    """How well a spring to the ground is told from nothing, and from faults of the sensors.
+
+    Args:
+        std_per_mass: standard deviation that K3/M2 has, or would have if it were free, 1/s^2, of each group; None where
+            it cannot be said.
+        sentences: the faults that pass for a ground spring, one sentence each.
+    """
+
+    std_per_mass: tuple[float | None, ...]
+    sentences: tuple[str, ...]
+
+
+def ground_imitations(fit: Fit) -> GroundImitations:
+    """Return how well springs to the ground are told from nothing and, of one gear, from faults of the sensors.
+
+    The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
+    fitted is taken out of both.
+    """
+    model = replace(fit.model, groups=tuple(replace(group, ground=True) for group in fit.model.groups))
+    is_one = len(fit.model.sensors.sprung) == 1
+    values: dict[str, float] = {}
+    if is_one:
+        model, values = _with_usual_faults(model, fit)
+    try:
+        errors = model.evaluate(carried_over(fit, model, values))
+    except UnboundedResponseError:
+        return GroundImitations((None,) * len(model.groups), ())
+    jacobian = errors.jacobian[rows_with_departures(fit, model)]
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    gram = (jacobian / size).T @ (jacobian / size)
+    names = list(model.names)
+    springs = [names.index(group.called(GROUND)) for group in model.groups]
+    kept = [names.index(name) for name in fit.model.names if name in names]
+    fitted = [*kept, *range(len(names), size.size)]
+    std = []
+    for spring in springs:
+        beside = [k for k in fitted if k != spring]
+        alone = _schur(gram, beside, [spring])[0, 0]
+        std.append(float(np.sqrt(fit.variance / max(alone, 1e-300))) / float(size[spring]))
+    sentences = tuple(_sentences(gram, size, names, springs[0], fit)) if is_one else ()
+    return GroundImitations(tuple(std), sentences)
+
+
+def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]:
+    """The model of one gear in which all usual faults are free, and values of those that cannot stay as they are."""
+    settings, sensors, values = model.settings, model.sensors, dict[str, float]()
+    for side in ("unsprung", "sprung"):
+        corner_hz = sensors.facts(side)[0].corner_hz or settings.intervals.imitating_slight_hz
+        tolerance = settings.faults.corner_tolerance
+        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=tolerance)
+    sensors = sensors.changed("unsprung", 0, gain_tolerance=0.0)
+    gain, lag_s = settings.intervals.imitating_gain, settings.intervals.imitating_lag_s
+    sensors = sensors.changed("sprung", 0, gain_tolerance=gain, lag_tolerance_s=lag_s)
+    if "gain_unsprung" in fit.model.names:
+        # only the ratio of the gains is seen
+        values["gain_sprung"] = (fit.value("gain_sprung") or 1.0) / fit.value("gain_unsprung")
+    return replace(model, sensors=sensors), values
+
+
+def _schur(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
+    """Products of columns once what others do is taken out of them."""
+    cross = gram[np.ix_(kept, others)]
+    inverse = np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
+    return np.asarray(gram[np.ix_(kept, kept)] - cross @ inverse @ cross.T)
+
+
+def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], ...]:
+    """Faults of the sensors of the first interface: name, how it is said, size."""
+    gain, corner_hz, lag_s = settings.imitating_gain, settings.imitating_corner_hz, settings.imitating_lag_s
+    return (
+        ("gain_sprung", f"{100 * gain:g} % of gain error between the sensors", gain),
+        ("corner_sprung_hz", f"an AC coupling at {corner_hz:g} Hz of the sprung sensor alone", corner_hz),
+        ("corner_unsprung_hz", f"an AC coupling at {corner_hz:g} Hz of the unsprung sensor alone", corner_hz),
+        ("lag_s", f"a lag of {1e3 * lag_s:g} ms between the channels", lag_s),
+    )
+
+
+def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
+    settings = fit.model.settings.intervals
+    faults = _usual_faults(settings)
+    places = [spring, *(names.index(name) for name, _, _ in faults)]
+    others = [k for k in range(size.size) if k not in places]
+    left = _schur(gram, others, places) * np.outer(size[places], size[places])
+    stiffness = float(fit.theta[0])
+    for k, (_, words, usual) in enumerate(faults, start=1):
+        cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)
+        feigned = usual * left[0, k] / max(left[0, 0], 1e-300) / stiffness
+        if abs(cosine) > settings.alike_cosine:
+            yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"

@@ -11,15 +11,14 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.laws import default_law
-from opid.signals.health import without_spikes
+from opid.signals.health import check_channels, without_spikes
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer import found_numbers
 from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
-from opid.suspensions.channel_checks import check_channels
+from opid.suspensions.faults import ground_imitations
 from opid.suspensions.force_surface import force_surface
-from opid.suspensions.intervals import bootstrap_over_white, std_over_white
+from opid.suspensions.intervals import bootstrap_over_white, limits, std_over_white
 from opid.suspensions.law_search import alternatives, library
-from opid.suspensions.limits import ground_imitations, limits
 from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise, measure_whiteness, over_noise
 from opid.suspensions.refusals import find_confounded_terms, loose_motions, why_no_mass, why_refused

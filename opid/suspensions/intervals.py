@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +18,10 @@ from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
 from opid.suspensions.least_squares import score_products
-from opid.suspensions.repeatability import Levels, levels
+from opid.suspensions.repeatability import Levels, Repeatability, levels
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
+
+_WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
 
 
 def honest_covariance(fit: Fit) -> FloatArray:
@@ -332,3 +334,117 @@ class Parameters:
         mu = model.inverse_mass(self.fit.theta)
         gradient: dict[str | int, float] = {about: 1 / mu, offset: -2 * away / mu, "inverse_mass": -square / mu**2}
         return radius, self.estimate(square / mu, gradient)
+
+
+def limits(known: Parameters, alike: Repeatability, mass: Estimate) -> Iterator[str]:
+    """Yield what limits the mass and the laws, one sentence each.
+
+    Args:
+        known: parameters of a fit.
+        alike: how much alike its runs are.
+        mass: as it is told; nothing where it is not.
+    """
+    fit, covariance = known.fit, known.covariance
+    yield from limits_of_mass(alike, fit, mass)
+    if mass.std is not None:
+        yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
+    for number in range(len(fit.model.groups)):
+        places = fit.model.law_places(number)
+        for place in range(places.start, places.stop):
+            sentences = list(_named(fit, covariance, place, "the law"))
+            if sentences:
+                yield sentences[0]
+                return
+
+
+def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[str]:
+    """Yield which part of the interval of the mass is noise and which repeatability, and what would help most.
+
+    Args:
+        alike: how much alike the runs of a fit are.
+        fit: of them.
+        mass: as it is told; nothing where it is not.
+    """
+    if mass.value is not None and mass.std is not None:
+        yield _interval_in_words(alike, 196 * mass.std / mass.value)
+    if len(fit.model.runs) > 1:
+        yield from _repeatability_in_words(alike)
+    if mass.value is not None and mass.std is not None:
+        yield from _what_would_help(alike, fit, mass.value)
+
+
+def _interval_in_words(alike: Repeatability, percent: float) -> str:
+    if alike.mass_if_alike is None:
+        return f"the mass is known to +-{percent:.2g} %, all of it from the sensors' noise"
+    noise = percent * alike.mass_if_alike
+    return (
+        f"the mass is known to +-{percent:.2g} %: +-{noise:.2g} % from the sensors' noise, "
+        f"+-{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
+    )
+
+
+def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
+    if alike.estimated is not None:
+        source = "the usual value, for the study states no `repeatability`" if alike.is_usual else "the stated value"
+        yield (
+            "the repeatability, by which stiffness, damping and friction differ from run to run, is taken to be "
+            f"{100 * alike.stated:.2g} % ({source}); these runs show {100 * alike.estimated:.1g} %"
+            f"{', and are too few to prove it' * alike.rules_mass}"
+        )
+    elif alike.stated == 0:
+        yield "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`)"
+
+
+def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
+    runs = fit.model.runs
+    # of several suspensions no single number says how much of the body a loading is
+    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_slots == 1 else [0.0]
+    fraction = (max(changes) - min(changes)) / mass
+    if fraction > 0:
+        yield (
+            f"the mass change is {100 * fraction:.0f} % of the mass, so that 1 % of stiffness in one run looks like "
+            f"{1 / fraction:.0f} % of mass"
+        )
+    double = "twice the mass change" if fraction > 0 else "twice the loading"
+    if alike.rules_mass:
+        flown_twice = len({run.loading.tobytes() for run in runs}) < len(runs)
+        again = "further runs with the masses in turn" if flown_twice else "each mass flown once more, in turn"
+        yield (
+            f"what would help most: {again}, for the runs then show how much alike they are; {double} would halve the "
+            "interval"
+        )
+    else:
+        duration_s = sum(len(run.sprung) / run.recorded_fs for run in runs)
+        yield (
+            f"what would help most: {double}, or four times the {duration_s:.0f} s of running; either would halve the "
+            "interval"
+        )
+    if alike.mass_if_alike is not None:
+        yield (
+            "a run whose stiffness, damping and friction have all changed by one ratio cannot be told from one with "
+            "another mass change: weigh what is added or taken off"
+        )
+
+
+def _named(fit: Fit, covariance: FloatArray, place: int, what: str) -> Iterator[str]:
+    """The fault of the sensors without which the interval would be narrower by most."""
+    faults, own = fit.model.faults, covariance[place, place]
+    if not faults or own <= 0:
+        return
+    # the variance that is left once a fault is known: Schur complement
+    left = []
+    for fault in faults:
+        k = fit.model.names.index(fault.name)
+        left.append(own - covariance[place, k] ** 2 / max(covariance[k, k], 1e-300))
+    best = int(np.argmin(left))
+    widening = float(np.sqrt(own / max(left[best], 1e-300)))
+    if widening > fit.model.settings.intervals.widening_named:
+        fault = faults[best]
+        side = "" if fault.kind in ("lag", "leak") else f" of the {fault.side} sensor"
+        name = fit.model.sensors.names[fault.channel]
+        where = f" at {name!r}" if name else ""
+        times = f"{widening:.1f} times" if widening < 10 else "more than ten times"
+        yield (
+            f"{what} is limited by the {_WORDS[fault.kind]}{side}{where}, which widens its interval {times}: calibrate "
+            "it and state a smaller tolerance"
+        )

@@ -17,19 +17,16 @@ from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LINEAR, default_law
 from opid.mechanics.structure import Structure
 from opid.mechanics.weight import depends_on_travel
-from opid.signals.health import without_spikes
+from opid.signals.health import check_channels, findings_in_words, without_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.tables import refuse
 from opid.suspensions.answer import at_rest
 from opid.suspensions.body import Body, own_body
 from opid.suspensions.candidates import Arrays, Fitted, Task, fall_of, fitted, is_mass_free
-from opid.suspensions.channel_checks import check_channels, findings_in_words
 from opid.suspensions.fit import Fit, fastest_rate, first_vector
-from opid.suspensions.gas import doubts_of_exponents
-from opid.suspensions.intervals import Parameters
+from opid.suspensions.intervals import Parameters, limits_of_mass
 from opid.suspensions.law_search import library
-from opid.suspensions.limits import limits_of_mass
 from opid.suspensions.model import Model
 from opid.suspensions.noise import known_noise, measure_whiteness, sensor_ratio, thinned
 from opid.suspensions.repeatability import Repeatability
@@ -41,7 +38,7 @@ from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.start import Start
 from opid.suspensions.study import SAME_RATE, Axis, repeatability_faults
 from opid.suspensions.unknowns import Group
-from opid.suspensions.warnings import WITHOUT_INTERVALS, run_differences
+from opid.suspensions.warnings import WITHOUT_INTERVALS, doubts_of_exponents, run_differences
 
 NEGATIVE = (
     "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "

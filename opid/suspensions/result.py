@@ -13,11 +13,10 @@ import numpy as np
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LINEAR, Law
 from opid.signals.recording import FloatArray
-from opid.suspensions.faults import Demand
+from opid.suspensions.faults import Demand, GroundImitations
 from opid.suspensions.fit import Fit
 from opid.suspensions.force_surface import ForceSurface, VisitedForce, visited_force
 from opid.suspensions.law_search import LawStep
-from opid.suspensions.limits import GroundImitations
 from opid.suspensions.noise import Whiteness
 from opid.suspensions.repeatability import Repeatability
 from opid.suspensions.settings import Settings

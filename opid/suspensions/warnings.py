@@ -9,20 +9,21 @@ from itertools import combinations
 import numpy as np
 
 from opid.estimate import Estimate
+from opid.mechanics.laws import LAWS
 from opid.mechanics.repeatability import PARTS, part_of
 from opid.signals.across_channels import units_apart
+from opid.signals.health import findings_in_words
 from opid.suspensions.candidates import Choice, Fitted
-from opid.suspensions.channel_checks import findings_in_words
 from opid.suspensions.faults import GROUND
-from opid.suspensions.gas import doubts_of_gas
 from opid.suspensions.noise import over_noise
 from opid.suspensions.refusals import ConfoundedTerm, worst_sensor
 from opid.suspensions.result import (
     Evidence,
     InterfaceEstimate,
+    SpringEstimate,
 )
-from opid.suspensions.settings import WarningSettings
-from opid.suspensions.study import Study, rigid_faults
+from opid.suspensions.settings import GasSettings, WarningSettings
+from opid.suspensions.study import MeasuredInterface, Study, rigid_faults
 
 WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
 
@@ -433,3 +434,59 @@ def _of_another_mass(part: Fitted, change: _Change) -> Iterator[str]:
         f"stiffness, damping and friction in run {names[change.place]!r} are all {100 * abs(common):.2g} % "
         f"{'more' if common > 0 else 'less'} than in run {names[0]!r}{wrong}: check the {key} of all runs"
     )
+
+
+def doubts_of_gas(
+    interfaces: Sequence[InterfaceEstimate], measured: Sequence[MeasuredInterface], settings: GasSettings
+) -> Iterator[str]:
+    """Yield what to doubt of the gas that carries suspensions, one sentence each, once for those that share a law.
+
+    Args:
+        interfaces: as they are told; those that cannot be fitted are not among them.
+        measured: all of them as they were stated, with the area of the piston.
+        settings: what gas in a strut is like.
+    """
+    done, areas = set[str](), {stated.name: stated.piston_area_m2 for stated in measured}
+    for each in interfaces:
+        if done.isdisjoint(each.shared_with):
+            names = ", ".join((each.name, *each.shared_with))
+            where = f"at {names!r}: " if len(measured) > 1 else ""
+            for doubt in _doubts_of_column(each, areas[each.name], settings):
+                yield where + doubt
+        done.add(each.name)
+
+
+def _doubts_of_column(
+    interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings
+) -> Iterator[str]:
+    pressure, (low, high) = None if interface.gas is None else interface.gas.pressure_pa.value, settings.pressures_pa
+    if pressure is not None and not low <= pressure <= high:
+        yield (
+            f"the stated piston_area_m2 of {piston_area_m2:g} contradicts the static pressure: the weight would make "
+            f"it {1e-6 * pressure:.2g} MPa, and struts are serviced with {1e-6 * low:g} to {1e-6 * high:g} MPa; check "
+            "the area and the unit of the mass changes"
+        )
+    yield from doubts_of_exponents(interface, settings)
+
+
+def doubts_of_exponents(suspension: SpringEstimate, settings: GasSettings) -> Iterator[str]:
+    """Yield the exponents of a suspension that gas in a strut does not have, one sentence each.
+
+    Args:
+        suspension: as it is told.
+        settings: what gas in a strut is like.
+    """
+    for kind, estimates in suspension.law_estimates.items():
+        if not LAWS[kind].quasi_static:
+            continue
+        for parameter in LAWS[kind].parameters:
+            value = estimates[parameter.name].value
+            if parameter.known is None or value is None:
+                continue
+            mean, reach = parameter.known[0], settings.far_std * parameter.known[1]
+            if abs(value - mean) > reach:
+                yield (
+                    f"the exponent {value:.3g} of {kind} is unusual for gas in a strut ({mean - reach:.3g} to "
+                    f"{mean + reach:.3g}): another spring probably carries a part of the weight, so do not trust "
+                    "static force, length, pressure and volume of the gas; the mass does not depend on them"
+                )

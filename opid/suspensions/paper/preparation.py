@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.signals.health import Finding, without_spikes
+from opid.signals.health import Finding, check_channels, without_spikes
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import noise_floor
-from opid.suspensions.channel_checks import check_channels
 from opid.suspensions.paper.restoring_force import RestoringForce, restoring_force
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
 from opid.suspensions.paper.spectral_equation import EquationLines, equation_lines
