@@ -1,4 +1,4 @@
-"""The numbers of an answer: as fitted, and with what is not to be told taken out."""
+"""The numbers of an answer: as fitted, with what is not to be told taken out, and the gas of a strut as serviced."""
 
 from __future__ import annotations
 
@@ -153,13 +153,7 @@ def _interfaces(
 
 
 def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
-    """Return a suspension where it rests in each run.
-
-    Args:
-        part: a fitted structure.
-        slot: of the suspension.
-        per_mass: whether forces are told per unit of the reference mass.
-    """
+    """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
     return tuple(
         AtRest(name, *part.known.at_rest(slot, place, per_mass=per_mass))
         for place, name in enumerate(part.task.run_names)
@@ -179,12 +173,8 @@ def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasC
     """Return the gas that carries a group of interfaces in the reference run; None where none is found.
 
     Its force at rest is (p - p0) A with the pressure p, that of the air p0 and the area A of the piston; the amplitude
-    of the law is p A, and the length of the column V/A.
-
-    Args:
-        known: parameters of a fit whose mass is determined.
-        number: of the group.
-        piston_area_m2: what the gas pushes on; None where it is not stated.
+    of the law is p A, and the length of the column V/A. The mass must be determined; pressure and volume are told only
+    where the area of the piston is stated.
     """
     model, theta = known.fit.model, known.fit.theta
     terms = model.laws(theta)[number].terms

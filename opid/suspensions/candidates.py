@@ -322,8 +322,7 @@ def _fall(axis: Axis, body: Body) -> FloatArray | None:
 def fall_of(axes: Sequence[Axis]) -> FloatArray | None:
     """Return what a body in free fall accelerates by, (n_dof,) m/s^2; None where no weight acts on it.
 
-    Args:
-        axes: where each degree of freedom counts positive; "horizontal" where no weight moves it.
+    Each axis says where its degree of freedom counts positive; "horizontal" where no weight moves it.
     """
     signs = {"up": -1.0, "down": 1.0, "horizontal": 0.0}
     fall = GRAVITY_M_PER_S2 * np.array([signs[axis] for axis in axes])

@@ -1,4 +1,9 @@
-"""The laws of a driven model as the search takes them: candidates beside a fit, other laws fitted, runs left out."""
+"""The laws of a driven model as the search takes them: candidates beside a fit, other laws fitted, runs left out.
+
+What a fit found stands for a force over the travel, whatever its terms are called. A spring about its unloaded length
+has an origin that is not where the suspension rests: other terms about another origin that make nearly the same force
+are fitted from there, and the origin is one more unknown.
+"""
 
 from __future__ import annotations
 
@@ -124,11 +129,7 @@ def _node(term: Term, columns: FloatArray) -> Node:
 
 
 def cannot_be(fit: Fit) -> bool:
-    """Return whether no strut has the laws of a fit: they feed energy in, pull at a stop, or leave no place to rest.
-
-    Args:
-        fit: of any laws.
-    """
+    """Return whether no strut has the laws of a fit: they feed energy in, pull at a stop, or leave no place to rest."""
     return feeds_energy(fit) or any(map(pulls_at_a_stop, fit.laws.values())) or gives_way_at_rest(fit)
 
 
@@ -138,9 +139,6 @@ def gives_way_at_rest(fit: Fit) -> bool:
     The tangent stiffness of all of them, at rest in the first run, is compared with its mean over the motion of the
     runs: in a gap it may be near zero, on either side. Where the mean is negative, too, the noise is larger than the
     springs, and nothing is said.
-
-    Args:
-        fit: of any laws.
     """
     at_rest, over_motion = 0.0, 0.0
     for slot, each in enumerate(fit.model.resting_interfaces(fit.theta, 0)):
@@ -152,11 +150,7 @@ def gives_way_at_rest(fit: Fit) -> bool:
 
 
 def feeds_energy(fit: Fit) -> bool:
-    """Return whether a damper beside a law that remembers is negative: both then make up for a delay between sensors.
-
-    Args:
-        fit: of any laws.
-    """
+    """Return whether a damper beside a law that remembers is negative: both make up for a delay between sensors."""
     least_std = fit.model.settings.search.least_damping_std
     for group, first in zip(fit.model.groups, fit.model.first_of_group, strict=True):
         remembers = any(term.kind.memory is not None for term in group.law.terms)
@@ -168,10 +162,7 @@ def feeds_energy(fit: Fit) -> bool:
 def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | None = None) -> list[LawStep[Fit]]:
     """Return fits of laws about another origin that make nearly the force of a fit; none is kept yet.
 
-    Args:
-        fit: with laws of the travel, about wherever they rest.
-        kinds: that may take their place.
-        least_promise: of `fit_model`.
+    Terms of the given kinds may take the place of those that depend on the travel.
     """
     settings, steps = fit.model.settings.origin, list[LawStep[Fit]]()
     if not any(map(depends_on_travel, fit.laws.values())):
@@ -199,11 +190,7 @@ def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | Non
 def static_travel(fit: Fit) -> FloatArray | None:
     """Return how far straight springs of the tangent stiffness would give way under the body, (n_slots,) m.
 
-    Args:
-        fit: of any laws.
-
-    Returns:
-        Travel at rest, from the unloaded length; None where no weight acts.
+    From the unloaded length; None where no weight acts.
 
     Raises:
         UnboundedResponseError: springs that cannot carry it.

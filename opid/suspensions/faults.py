@@ -2,7 +2,8 @@
 
 All are first tried by score tests, one simulation together. What would lower the error most is fitted, and kept if the
 information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
-spring, say): all that explain the runs about as well as the one that was let in are named.
+spring, say): all that explain the runs about as well as the one that was let in are named. Which faults pass for a
+ground spring, and how large a one, is said where there is none, too.
 """
 
 from __future__ import annotations
@@ -94,11 +95,7 @@ class Demand:
     hypothesis: Hypothesis
 
     def updated(self, fit: Fit) -> Demand:
-        """Return the demand with its value in a later fit.
-
-        Args:
-            fit: a fit that has it.
-        """
+        """Return the demand with its value in a later fit."""
         std = float(fit.std[fit.model.names.index(self.name)])
         return replace(self, value=fit.value(self.name), std=std, error_after=fit.noise_m_per_s2)
 
@@ -119,12 +116,8 @@ def let_in(
 ) -> tuple[Fit, tuple[Demand, ...]]:
     """Return the fit with what the runs demand beside the suspensions, and what that is.
 
-    Args:
-        fit: the model without it.
-        before: what was let into it already; taken out again where the runs no longer demand it.
-        ground: whether springs to the ground may be let in.
-        start: start values, for those of such springs.
-        progress: called with the name of each step as it begins.
+    What was let in before is taken out again where the runs no longer demand it. The start values are for springs to
+    the ground.
     """
     say, known = progress or (lambda step: None), fit.model.settings.faults
     runs = fit.model.runs
@@ -159,13 +152,8 @@ def let_in(
 def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[float]:
     """Return how far more free parameters would lower the squared whitened error, to first order.
 
-    Args:
-        fit: without them.
-        model: with all of them.
-        groups: names that would be free together.
-
-    Returns:
-        The gain of each group: of the one among its names that gains most, the others of the group being adapted.
+    The larger model has all of them. Each group of names is free together; its gain is that of the one that gains most,
+    the others of the group being adapted.
     """
     errors = model.evaluate(carried_over(fit, model))
     # what was known before is left out, but for the struts of the runs

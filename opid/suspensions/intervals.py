@@ -1,4 +1,4 @@
-"""How well the parameters are known: intervals that hold for a coloured residual, and absolute values."""
+"""How well parameters are known: intervals that hold for a coloured residual, absolute values, and what limits them."""
 
 from __future__ import annotations
 
@@ -39,10 +39,7 @@ def honest_covariance(fit: Fit) -> FloatArray:
 def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 0.0) -> Parameters:
     """Return the parameters of a fit and how well they are known.
 
-    Args:
-        fit: of a model.
-        repeatability: as stated.
-        more: (n_unknowns, n_unknowns) covariance of what else is not known.
+    The repeatability is the stated one; `more` is the covariance of what else is not known, (n_unknowns, n_unknowns).
     """
     if not fit.model.repeatability:
         return Parameters(fit, honest_covariance(fit) + more)
@@ -337,13 +334,7 @@ class Parameters:
 
 
 def limits(known: Parameters, alike: Repeatability, mass: Estimate) -> Iterator[str]:
-    """Yield what limits the mass and the laws, one sentence each.
-
-    Args:
-        known: parameters of a fit.
-        alike: how much alike its runs are.
-        mass: as it is told; nothing where it is not.
-    """
+    """Yield what limits the mass and the laws, one sentence each."""
     fit, covariance = known.fit, known.covariance
     yield from limits_of_mass(alike, fit, mass)
     if mass.std is not None:

@@ -54,9 +54,6 @@ def stand_together(names: Iterable[str]) -> bool:
 
     One term remembers at most, and where that is friction, it is the only one: two of them imitate one another, and a
     sum of large ones that cancel is no mechanics.
-
-    Args:
-        names: of the kinds.
     """
     kinds = [LAWS[name] for name in names]
     remembering = [kind for kind in kinds if kind.memory is not None]

@@ -71,13 +71,7 @@ def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[Fl
 
 
 def reference(parameter: Parameter, travel_rms: float, velocity_rms: float) -> float:
-    """Return the rms motion that an inner parameter is compared with: of travel, of velocity, or their ratio.
-
-    Args:
-        parameter: of a kind of law.
-        travel_rms: m.
-        velocity_rms: m/s.
-    """
+    """Return the rms motion that an inner parameter is compared with: of travel, of velocity, or their ratio."""
     travel, velocity = max(travel_rms, 1e-12), max(velocity_rms, 1e-12)
     return {"m/s": velocity, "s": travel / velocity}.get(parameter.unit, travel)
 

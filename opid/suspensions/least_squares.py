@@ -1,4 +1,7 @@
-"""Separable least squares: only the inner parameters of a law are searched; what enters linearly is solved for.
+"""Least squares that know nothing of runs: bounded steps, laws that are linear in their amplitudes, and covariances.
+
+Steps are those of Levenberg (1944) and Marquardt (1963), in as few evaluations as possible. Of separable least squares
+only the inner parameters of a law are searched; what enters linearly is solved for.
 
     y = sum_j w_j c_j + sum_i A_i g_i(motion; inner parameters of term i)
 
@@ -445,11 +448,6 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
 
 def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
     """Return the small-sample factor and the products of the scores added up over cells: the inside of the sandwich.
-
-    Args:
-        jacobian: (n_data, n_parameters).
-        residual: (n_data,).
-        cells: (n_data,) the cell of each residual.
 
     >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
     (2.0, array([[4.]]))

@@ -69,11 +69,7 @@ class ModelError:
 
 
 def measure_model_error(fit: Fit) -> ModelError:
-    """Return what limits an answer, for a fit that leaves more than the noise of the sensors.
-
-    Args:
-        fit: of a model of one suspension.
-    """
+    """Return what limits an answer, for a fit of one suspension that leaves more than the noise of the sensors."""
     known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
     moved = np.zeros(fit.theta.size)
     departure = np.inf
@@ -222,9 +218,6 @@ def unexplained(fit: Fit) -> tuple[float, ...]:
     """Return of each run the rms of what the free motion of the model leaves over that of the readings, in the band.
 
     Infinite where the free motion grows without bound.
-
-    Args:
-        fit: of any model.
     """
     try:
         errors = _free_errors(fit)
@@ -246,9 +239,6 @@ def left_out(fit: Fit) -> tuple[LeftOut, ...]:
     """Return how well each run is predicted by the others; nothing where there is one, or where they cannot follow it.
 
     The band is as wide, in each band of lines, as what the free motion leaves of the other runs, over their readings.
-
-    Args:
-        fit: of any model.
     """
     fits = predicted_left_out(replace(fit, model=fit.model.coarse))
     if fits is None:

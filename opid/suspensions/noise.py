@@ -1,4 +1,8 @@
-"""How noisy the sensors are: as stated, as their quietest spectra say, and as the errors of the fitted model tell."""
+"""How noisy the sensors are, and whether what a fit leaves is only their noise.
+
+The noise is as stated, as their quietest spectra say, or as the errors of the fitted model tell. What is left is
+compared with it, and where that is more or not white, it is said in which band it stands out.
+"""
 
 from __future__ import annotations
 
@@ -139,12 +143,6 @@ def known_noise(
 
     Spectra tell the noise where they are quietest, and it is no larger than what the two sides do not share in the
     band. A log that was low-pass filtered is as quiet as no sensor is: then only bounds are known.
-
-    Args:
-        sensors: what was stated of them.
-        arrays: (n, n_interfaces) below and (n, n_sensors) on the body of each run, m/s^2.
-        fs: sampling rate, Hz.
-        settings: the band, and how quiet a sensor may be.
     """
     stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in (sensors.unsprung, sensors.sprung)]
     if not any(np.isnan(side).any() for side in stated):

@@ -1,4 +1,7 @@
-"""What the runs do not tell: no number at all, no mass, or no inertia; and why, one sentence each."""
+"""What the runs do not tell, and why: no number at all, no mass, no inertia, or no interval of a term of a law.
+
+A term may be stiffness or damping by another name, and a stop may be one that no run reaches.
+"""
 
 from __future__ import annotations
 
@@ -276,11 +279,7 @@ class ConfoundedTerm:
         )
 
     def without_interval(self, laws: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Mapping[str, Estimate]]:
-        """Return the estimates of laws, the term's without intervals, a stop's that was not reached without values.
-
-        Args:
-            laws: estimates by kind and parameter.
-        """
+        """Return the estimates of laws, the term's without intervals, a stop's that was not reached without values."""
         mine = laws.get(self.kind, {})
         if self.partner is None:
             return {**laws, self.kind: dict.fromkeys(mine, Estimate())}
@@ -314,11 +313,7 @@ def straight_term(group: str, kind: str, unit: str, scale: float, motion_rms: fl
 
 
 def find_confounded_terms(part: Fitted) -> list[ConfoundedTerm]:
-    """Return the terms of a fit that may be stiffness or damping by another name.
-
-    Args:
-        part: a fitted structure.
-    """
+    """Return the terms of a fit that may be stiffness or damping by another name."""
     found: list[ConfoundedTerm] = []
     for number, law in enumerate(part.fit.laws.values()):
         place = part.fit.model.law_places(number).start

@@ -44,19 +44,11 @@ class Levels:
         return float(np.exp(np.interp(0.5, np.cumsum(self.weight), np.log(self.repeatability))))
 
     def widened(self, factors: FloatArray) -> Levels:
-        """Return the levels with wider deviations.
-
-        Args:
-            factors: (n_unknowns,) of the deviation of each entry.
-        """
+        """Return the levels with the deviation of each entry of the vector wider by a factor, (n_unknowns,)."""
         return replace(self, covariance=self.covariance * np.outer(factors, factors))
 
     def with_more(self, covariance: FloatArray) -> Levels:
-        """Return the levels with what else is not known.
-
-        Args:
-            covariance: (n_unknowns, n_unknowns) of it.
-        """
+        """Return the levels with the covariance of what else is not known, (n_unknowns, n_unknowns)."""
         return replace(self, covariance=self.covariance + covariance)
 
     def second_moments(self) -> FloatArray:
@@ -67,11 +59,8 @@ class Levels:
     def deviation(self, slopes: FloatArray) -> float:
         """Return the standard deviation of the normal distribution whose 95 % interval holds 95 % of a mixture.
 
-        It is that of a linear function of the vector over all levels, about its value at the fit; neither tail has
-        more than half of the rest.
-
-        Args:
-            slopes: (n_unknowns,) of the function.
+        It is that of a linear function of the vector with (n_unknowns,) slopes, over all levels, about its value at the
+        fit; neither tail has more than half of the rest.
         """
         mean = self.moved @ slopes
         std = np.sqrt(np.maximum(np.einsum("i,lij,j->l", slopes, self.covariance, slopes), 1e-300))
@@ -111,11 +100,7 @@ class Repeatability:
 def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual: bool) -> Repeatability:
     """Return how much alike the runs of a fit are.
 
-    Args:
-        fit: of a model.
-        found: what the runs say at each level; None where they were fitted as alike.
-        stated: repeatability.
-        is_usual: whether the study left it to what is usual.
+    There are no levels where they were fitted as alike; the repeatability `is_usual` where the study states none.
     """
     if found is None:
         return Repeatability(stated, is_usual)
@@ -132,12 +117,7 @@ def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual:
 
 
 def levels(fit: Fit, stated: float) -> Levels:
-    """Return what the runs say at each level of repeatability, to first order about a fit.
-
-    Args:
-        fit: with departures at some level.
-        stated: repeatability.
-    """
+    """Return what the runs say at each level of repeatability, to first order about a fit that has departures."""
     model, known = fit.model, fit.model.settings.repeatability
     n, errors = fit.n_data, fit.errors
     free = np.zeros(fit.theta.size, dtype=bool)
@@ -174,12 +154,7 @@ def levels(fit: Fit, stated: float) -> Levels:
 
 
 def with_departures(fit: Fit, repeatability: float) -> Fit:
-    """Fit once more with springs, damping and friction of each run let go.
-
-    Args:
-        fit: with the same in all runs.
-        repeatability: relative standard deviation of each.
-    """
+    """Fit once more, springs, damping and friction of each run let go with that relative standard deviation."""
     model = replace(fit.model, repeatability=repeatability)
     theta = np.zeros(model.n_shared + model.n_own * len(model.runs))
     theta[: model.n_shared] = fit.theta[: model.n_shared]
@@ -189,12 +164,7 @@ def with_departures(fit: Fit, repeatability: float) -> Fit:
 
 
 def mends_much(freed: Fit, fit: Fit) -> bool:
-    """Return whether runs that were let go are explained much better.
-
-    Args:
-        freed: of `with_departures`.
-        fit: with the same suspensions in all runs.
-    """
+    """Return whether runs that were let go are explained much better than with the same suspensions in all."""
     return freed.bic < fit.bic - fit.model.settings.repeatability.bic_margin
 
 

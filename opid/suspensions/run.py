@@ -82,22 +82,14 @@ def band_lines(
 
 
 def lowest_rate_hz(highest_hz: float, settings: RunSettings) -> float:
-    """Return how many steps a second the model needs at least, Hz.
-
-    Args:
-        highest_hz: highest line that is compared.
-        settings: how runs are prepared.
-    """
+    """Return how many steps a second the model needs at least for lines up to a highest one, Hz."""
     return min(settings.lowest_rate_hz, settings.rate_over_band * highest_hz)
 
 
 def band_places(omega: FloatArray, per_octave: float, least_lines: int) -> NDArray[np.int64]:
     """Return the number of the band of each line: fractions of octaves that hold some lines at least.
 
-    Args:
-        omega: (n_lines,) rad/s, ascending.
-        per_octave: bands of an octave.
-        least_lines: of a band, but for the last one.
+    The lines ascend; the last band may hold fewer.
 
     >>> band_places(np.arange(1.0, 9.0), 1.0, 2)
     array([0, 0, 1, 1, 2, 2, 2, 3])
@@ -112,12 +104,7 @@ def band_places(omega: FloatArray, per_octave: float, least_lines: int) -> NDArr
 
 
 def sampled_finer(samples: FloatArray, by: int) -> FloatArray:
-    """Return a record with more samples, a band-limited one between the given ones.
-
-    Args:
-        samples: (n, ...).
-        by: how many times as many.
-    """
+    """Return a record with more samples, a band-limited one between the given ones."""
     return np.asarray(signal.resample_poly(samples, by, 1, axis=0, padtype="line"))
 
 
@@ -238,11 +225,7 @@ class DrivenRun:
         return replace(self, omega=lines.omega, stride=2 * by)
 
     def sampled_finer(self, by: int) -> DrivenRun:
-        """Return the run with more steps of the model, for motion that turns over within one of its own.
-
-        Args:
-            by: how many times as many.
-        """
+        """Return the run with more steps of the model, for motion that turns over within one of its own."""
         return replace(
             self,
             unsprung=sampled_finer(self.unsprung, by),
@@ -253,11 +236,7 @@ class DrivenRun:
         )
 
     def split(self, n_pieces: int) -> tuple[DrivenRun, ...]:
-        """Return pieces of the run of about the same length, each with the lines that it has in the band.
-
-        Args:
-            n_pieces: how many.
-        """
+        """Return pieces of the run of about the same length, each with the lines that it has in the band."""
         low_hz, high_hz = (float(self.omega[k]) / (2 * np.pi) for k in (0, -1))
         size, found = len(self.sprung) // n_pieces, []
         for first in range(0, n_pieces * size, size):

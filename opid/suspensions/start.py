@@ -5,7 +5,7 @@ With all sensors on the body q'' is known, and so is the motion of every suspens
     sum_k theta_k part_k q'' + mu (known + loading) q'' + sum_s j_s (k_s z_s + c_s z_s' + f_s(z_s, z_s')) = - unit q''
 
 is linear in everything but the inner parameters of the laws, which are tried on a grid. The noise on both sides biases
-the answer by some per cent: it is a start, no estimate.
+the answer by some per cent: it is a start, no estimate. Where the runs of one gear begin, their first seconds tell.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """One vector of unknowns of all runs: what stands where in it, and what the suspensions and sensors are at its values.
 
+What is known of the entries before the data, and how derivatives by what the interfaces are in one run become those by
+the entries, is said here, too.
+
 A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
 """
 
@@ -321,10 +324,7 @@ class Unknowns:
     def rest(self, theta: FloatArray, place: int, *, straight: bool = False) -> Rest | None:
         """Return where the suspensions of a run rest; None where that is without consequence for the motion.
 
-        Args:
-            theta: the vector.
-            place: of the run.
-            straight: also tell it where no law depends on the travel.
+        With `straight` it is told even where no law depends on the travel.
 
         Raises:
             UnboundedResponseError: springs that cannot carry what the run's loading weighs.

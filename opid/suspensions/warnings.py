@@ -1,4 +1,4 @@
-"""What to doubt of an answer: one sentence each."""
+"""What to doubt of an answer, one sentence each: records, residual, structure, demands, runs that differ, and gas."""
 
 from __future__ import annotations
 
@@ -332,11 +332,7 @@ _PARTS_IN_WORDS = {"spring": "the stiffness", "damper": "the damping", "friction
 
 
 def run_differences(part: Fitted) -> Iterator[str]:
-    """Yield what differs between runs by more than its interval, against the first run, one sentence each.
-
-    Args:
-        part: a fitted structure.
-    """
+    """Yield what differs between runs by more than its interval, against the first run, one sentence each."""
     fit, alike, study = part.fit, part.repeatability, part.task.study
     if part.known.levels is None:
         return
@@ -441,10 +437,7 @@ def doubts_of_gas(
 ) -> Iterator[str]:
     """Yield what to doubt of the gas that carries suspensions, one sentence each, once for those that share a law.
 
-    Args:
-        interfaces: as they are told; those that cannot be fitted are not among them.
-        measured: all of them as they were stated, with the area of the piston.
-        settings: what gas in a strut is like.
+    Suspensions that cannot be fitted are not among the first, but all stand, as stated, among the measured ones.
     """
     done, areas = set[str](), {stated.name: stated.piston_area_m2 for stated in measured}
     for each in interfaces:
@@ -470,12 +463,7 @@ def _doubts_of_column(
 
 
 def doubts_of_exponents(suspension: SpringEstimate, settings: GasSettings) -> Iterator[str]:
-    """Yield the exponents of a suspension that gas in a strut does not have, one sentence each.
-
-    Args:
-        suspension: as it is told.
-        settings: what gas in a strut is like.
-    """
+    """Yield the exponents of a suspension that gas in a strut does not have, one sentence each."""
     for kind, estimates in suspension.law_estimates.items():
         if not LAWS[kind].quasi_static:
             continue
