@@ -186,6 +186,18 @@ def test_import_opid_loads_nothing_heavy():
     assert done.stdout.split() == []
 
 
+def test_the_default_method_loads_no_other_one():
+    """The chain of the paper, pysindy's search, benches and machines with known truth wait until they are asked for."""
+    code = "import sys, opid.suspensions.identification; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.removeprefix("opid.") for name in done.stdout.split() if name.startswith("opid.")}
+    machines = {"landing_gear", "taxiing_aircraft", "virtual_aircraft", "airframe", "road", "wheel_tracks"}
+    others = {"suspensions.own_structure", "suspensions.sparse_regression", *(f"mechanics.{name}" for name in machines)}
+    assert "suspensions.candidates" in loaded
+    assert loaded & others == set()
+    assert [name for name in loaded if name.startswith(("suspensions.paper", "suspensions.bench"))] == []
+
+
 def arguments(node):
     """Return the argument names of a function, or the field names of a dataclass."""
     if isinstance(node, ast.FunctionDef):

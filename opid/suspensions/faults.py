@@ -338,7 +338,7 @@ def ground_imitations(fit: Fit) -> GroundImitations:
     The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
     fitted is taken out of both.
     """
-    model = replace(fit.model, groups=tuple(replace(group, ground=True) for group in fit.model.groups))
+    model = Hypothesis("springs to the ground", ground=True).added_to(fit.model)
     is_one = len(fit.model.sensors.sprung) == 1
     values: dict[str, float] = {}
     if is_one:

@@ -45,9 +45,6 @@ NEGATIVE = (
     "runs are exchanged"
 )
 
-# a joint is told if with so little of its spring and damper the squared error over its variance grows by this much
-_SOFT, _LEAST_HOLD = 0.01, 40.0
-
 
 @dataclass(frozen=True, eq=False)
 class StructureIdentification(Estimates):
@@ -283,15 +280,15 @@ def _untold(
 
 def _not_held(fit: Fit, unknown: Sequence[str]) -> list[str]:
     """Joints that might as well be soft: a resonance of its own always finds some noise to explain."""
-    found, n = [], fit.n_data
+    found, n, known = [], fit.n_data, fit.model.settings.intervals
     cost = float(np.sum(fit.errors.stacked[:n] ** 2))
     behind_laws = fit.model.first_inside
     for name in unknown:
         theta = fit.theta.copy()
         for what in ("stiffness", "damping"):
-            theta[fit.model.names.index(f"{what}_per_mass[{name}]", behind_laws)] *= _SOFT
+            theta[fit.model.names.index(f"{what}_per_mass[{name}]", behind_laws)] *= known.softened
         softer = fit.model.evaluate(theta, sensitivity=False)
-        if float(np.sum(softer.stacked[:n] ** 2)) - cost < _LEAST_HOLD * fit.variance:
+        if float(np.sum(softer.stacked[:n] ** 2)) - cost < known.least_hold * fit.variance:
             found.append(name)
     return found
 

@@ -461,6 +461,9 @@ class IntervalSettings:
         negligible_ground: a ground spring below this fraction of K is not worth a warning.
         same_frequency: runs of one mass whose natural frequencies differ by more than this fraction are unlike.
         least_remainder: a run that keeps less than this fraction of the mass is a slip of the pen.
+        softened: a joint inside of a structure is told if with this fraction of its spring and damper ...
+        least_hold: ... the squared error over its variance grows by this: a resonance of its own always finds some
+            noise to explain.
         imitating_gain: gain error whose likeness to a ground spring is told. This and the next ones are sizes that a
             reader can picture; what a fit may move is in `FaultSettings`.
         imitating_corner_hz: corner of the AC coupling of one sensor alone whose likeness is told.
@@ -484,6 +487,8 @@ class IntervalSettings:
     negligible_ground: float = 0.002
     same_frequency: float = 0.01
     least_remainder: float = 0.2
+    softened: float = 0.01
+    least_hold: float = 40.0
     imitating_gain: float = 0.01
     imitating_corner_hz: float = 0.1
     imitating_lag_s: float = 1e-3
