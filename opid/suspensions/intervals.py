@@ -13,11 +13,11 @@ from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS
 from opid.mechanics.memory import force_along
 from opid.signals.recording import FloatArray
-from opid.suspensions.equivalents import straight_equivalent
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
 from opid.suspensions.law_parameters import from_free
 from opid.suspensions.least_squares import score_products
+from opid.suspensions.model import straight_equivalent
 from opid.suspensions.repeatability import Levels, Repeatability, levels
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
@@ -252,7 +252,7 @@ class Parameters:
     def equivalent(self, run: int) -> list[Estimate]:
         """Return stiffness and damping over mass, frequency and damping ratio of the straight suspension nearest to it.
 
-        Of one gear over the motion of a run, see `opid.suspensions.equivalents`.
+        Of one gear over the motion of a run, see `straight_equivalent`.
         """
         model, motion = self.fit.model, self.fit.errors.predictions[run]
         try:

@@ -4,6 +4,8 @@ The noise below the suspensions drives the model too. Every reading on the body 
 by as much as the noise levels make right (`opid.mechanics.prediction`), so that the errors are white for the true model
 whatever the law. The lines of a band of them are compared: what sensors do below and above does not matter.
 
+How likely they are needs the spectral density of both noises: there a run has the mean slopes of its laws.
+
 A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
 """
 
@@ -16,11 +18,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws import Term
+from opid.mechanics.laws import Law, Term
+from opid.mechanics.memory import force_along
 from opid.mechanics.prediction import Noise, Prediction, predict
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.mean_slopes import NO_PROCESS_NOISE, ProcessNoise, spectral_density, straighten, transmissibility
+from opid.suspensions.body import Mobility
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.unknowns import (
     Unknowns,
@@ -29,13 +32,34 @@ from opid.suspensions.unknowns import (
     known_before,
     put_at_rest,
     sort_out,
-    state_at_start,
 )
 
 # the reading of a slot that has no sensor: nothing is learnt from it
 _NO_SENSOR_M_PER_S2 = 1e6
 # of free motions: so much louder are the sensors on the body, and so much quieter those below
 _DEAF = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessNoise:
+    """What moves the body and no sensor measured: forces of others, and motion that the model does not know.
+
+    Args:
+        fraction: its rms acceleration over that of the readings of a run; 0 for none.
+        corner_hz: above this frequency its spectral density falls, Hz.
+        levels: of each run (n_sensors, n_lines) how large the errors are, band by band; empty where all are 1.
+    """
+
+    fraction: float = 0.0
+    corner_hz: float = 10.0
+    levels: tuple[FloatArray, ...] = ()
+
+    def acceleration_rms(self, run: DrivenRun) -> FloatArray:
+        """Return its rms acceleration at each sensor on the body in a run, m/s^2."""
+        return self.fraction * run.sprung.std(axis=0)
+
+
+NO_PROCESS_NOISE = ProcessNoise()
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,3 +339,132 @@ def _widened(samples: FloatArray, n_slots: int) -> FloatArray:
 def _real_rows(by: ComplexArray) -> list[FloatArray]:
     rows = by.reshape(len(by), by.shape[1] * by.shape[2]).T
     return [rows.real, rows.imag]
+
+
+def state_at_start(unknowns: Unknowns, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
+    """Return the state of all slots at a run's first sample, and its covariance: what is fitted is known exactly."""
+    body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[place]
+    n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
+    start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
+    start[:2, :n] = theta[unknowns.places_of_run(place)[0]].reshape(-1, 2).T
+    std[:2, :n] = 1e-9
+    springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
+    std[:2, n:] = springs * known.start_rms * unknowns.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
+    for row, facts in ((-2, unknowns.sensors.unsprung), (-1, unknowns.sensors.sprung)):
+        offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
+        std[row, : n if row == -2 else n_sensors] = offsets
+    covariance = np.diag(std.ravel() ** 2)
+    if unknowns.ground:
+        below, near = run.ground_at_start
+        for k, sensor in enumerate(unknowns.sensors.unsprung):
+            rows = np.arange(2, 5) * body.n_slots + k
+            if sensor.corner_hz:
+                # what an AC coupling took from the path is not known
+                far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
+                covariance[rows, rows] = np.square(far)
+            else:
+                start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
+    return start, covariance
+
+
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """A run with the mean slopes of its laws, on the lines that are compared.
+
+    Args:
+        omega: of the lines, rad/s.
+        moved: what forces do to the body.
+        spring: (n_lines, n_slots) force on the body by travel, with the mean slopes of the laws.
+        ground: (n_slots,) stiffness of the springs to the ground.
+        system: (n_lines, n_slots, n_slots) what gives the travel from accelerations.
+    """
+
+    omega: FloatArray
+    moved: Mobility
+    spring: ComplexArray
+    ground: FloatArray
+    system: ComplexArray
+
+
+def straighten(unknowns: Unknowns, theta: FloatArray, place: int, prediction: Prediction) -> Straight:
+    """Return a run with the mean slopes of the laws along its predicted motion."""
+    omega = unknowns.runs[place].omega
+    slots = unknowns.resting_interfaces(theta, place)
+    moved = unknowns.mobility(theta, place)
+    spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
+    ground = np.array([slot.ground_stiffness for slot in slots])
+    for k, slot in enumerate(slots):
+        assert isinstance(slot.law, Law)  # without candidates
+        z, v = prediction.travel[:, k], prediction.velocity[:, k]
+        by_z, by_v = slot.law.gradient(z, v)
+        spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
+        if slot.law.has_memory:
+            stiffness, damping = _of_memories(slot.law, z, v, unknowns.runs[place].fs)
+            spring[:, k] += stiffness + 1j * omega * damping
+    square = (omega**2)[:, np.newaxis, np.newaxis]
+    # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
+    system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(slots))
+    return Straight(omega, moved, spring, ground, system)
+
+
+def transmissibility(unknowns: Unknowns, straight: Straight) -> ComplexArray:
+    """Return the acceleration of each sensor over that below each suspension, with the mean slopes of the laws.
+
+    Returns:
+        (n_lines, n_sensors, n_interfaces).
+    """
+    moved, ground, n = straight.moved, straight.ground, unknowns.body.n_interfaces
+    square = (straight.omega**2)[:, np.newaxis, np.newaxis]
+    driven = -np.eye(len(ground)) + moved.accelerance * ground / square
+    travel = np.asarray(np.linalg.solve(straight.system, driven[:, :, :n]), dtype=np.complex128)
+    force = (straight.spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
+    read = moved.reading @ force
+    return -read[:, : len(unknowns.sensors.sprung)]
+
+
+def spectral_density(process: ProcessNoise, run: DrivenRun, straight: Straight) -> ComplexArray:
+    """Return what unmeasured forces make of the density of the readings, (n_lines, n_sensors, n_sensors)."""
+    rms, omega, ground = process.acceleration_rms(run), straight.omega, straight.ground
+    n = rms.size
+    travel = np.linalg.solve(straight.system, np.broadcast_to(np.eye(len(ground))[:, :n], (omega.size, len(ground), n)))
+    read = np.eye(len(ground))[:, :n] - straight.moved.reading @ ((straight.spring + ground)[:, :, np.newaxis] * travel)
+    decay = np.exp(-2 * np.pi * process.corner_hz / run.fs)
+    shape = (1 - decay**2) / np.abs(1 - decay * np.exp(-1j * omega / run.fs)) ** 2
+    density = (read[:, :n] * rms**2) @ read[:, :n].conj().transpose(0, 2, 1)
+    return np.asarray(shape[:, np.newaxis, np.newaxis] * density, dtype=np.complex128)
+
+
+def straight_equivalent(model: Model, theta: FloatArray, run: int, motion: Prediction) -> FloatArray:
+    """Return stiffness and damping over the mass of a run (1/s^2, 1/s), natural frequency (Hz) and damping ratio.
+
+    Their force departs least from that of springs, damper and law, in the mean square over the motion (statistical
+    linearisation, Roberts & Spanos 1990, Random vibration and statistical linearization, ch. 5).
+
+    Args:
+        model: of one gear.
+        theta: its vector.
+        run: place of the run.
+        motion: of that run.
+
+    Returns:
+        (4,); frequency and damping ratio are NaN where it does not spring back.
+    """
+    z, v = motion.travel[:, 0], motion.velocity[:, 0]
+    here = model.resting_interfaces(theta, run)[0]
+    force = here.stiffness * z + here.damping * v
+    if here.law.terms:
+        force += force_along(here.law, z, v, model.runs[run].fs)
+    straight = np.linalg.lstsq(np.stack([z, v], axis=1), force, rcond=None)[0]
+    loading = float(model.runs[run].loading[0, 0])
+    stiffness, damping = straight / (1.0 + model.inverse_mass(theta) * loading)
+    omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
+    return np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)])
+
+
+def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
+    """Stiffness and damping that come nearest to what the terms with memory do along a motion."""
+    remembering = Law(tuple(term for term in law.terms if term.kind.memory is not None))
+    columns, force = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1), force_along(remembering, z, v, fs)
+    # a memory that turns over too fast to be followed is none that holds
+    found = np.linalg.lstsq(columns, np.where(np.isfinite(force), force, 0.0), rcond=None)[0]
+    return float(found[0]), float(found[1])

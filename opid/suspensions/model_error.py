@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.equivalents import straight_equivalent
 from opid.suspensions.fit import NO_FIT, Fit, fit_model, predicted_left_out
 from opid.suspensions.intervals import std_over_white
-from opid.suspensions.mean_slopes import ProcessNoise
-from opid.suspensions.model import Model
+from opid.suspensions.model import Model, ProcessNoise, straight_equivalent
 from opid.suspensions.run import DrivenRun, band_places
 
 Limit = Literal["noise", "unmeasured forces", "model"]

@@ -27,11 +27,11 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body
 from opid.suspensions.law_dictionary import stand_together
 from opid.suspensions.law_parameters import offered_terms
-from opid.suspensions.model import Model
+from opid.suspensions.model import Model, state_at_start
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import Fault
 from opid.suspensions.settings import StartSettings
-from opid.suspensions.unknowns import Group, state_at_start
+from opid.suspensions.unknowns import Group
 
 
 @dataclass(frozen=True, eq=False)

@@ -457,32 +457,6 @@ def _loosely(size: float, slope_factor: float) -> tuple[float, float]:
     return float(np.copysign(cost, size)), slope_factor * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
 
 
-def state_at_start(unknowns: Unknowns, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
-    """Return the state of all slots at a run's first sample, and its covariance: what is fitted is known exactly."""
-    body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[place]
-    n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
-    start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
-    start[:2, :n] = theta[unknowns.places_of_run(place)[0]].reshape(-1, 2).T
-    std[:2, :n] = 1e-9
-    springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
-    std[:2, n:] = springs * known.start_rms * unknowns.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
-    for row, facts in ((-2, unknowns.sensors.unsprung), (-1, unknowns.sensors.sprung)):
-        offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
-        std[row, : n if row == -2 else n_sensors] = offsets
-    covariance = np.diag(std.ravel() ** 2)
-    if unknowns.ground:
-        below, near = run.ground_at_start
-        for k, sensor in enumerate(unknowns.sensors.unsprung):
-            rows = np.arange(2, 5) * body.n_slots + k
-            if sensor.corner_hz:
-                # what an AC coupling took from the path is not known
-                far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
-                covariance[rows, rows] = np.square(far)
-            else:
-                start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
-    return start, covariance
-
-
 def add_rest(
     unknowns: Unknowns,
     change: ComplexArray,
