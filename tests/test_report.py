@@ -57,7 +57,7 @@ OLD_KEYS = {
     "warnings",
     "not_determined",
 }
-NEW_KEYS = {"structure", "interfaces", "candidates", "runs", "equivalents"}
+NEW_KEYS = {"structure", "interfaces", "candidates", "runs", "equivalents", "natural_frequency_of"}
 """Of the driven model."""
 OLD_DIAGNOSTICS = {
     "": "settings unexplained_noise_m_per_s2 sensor_noise_floor_m_per_s2 unexplained_over_floor n_lines "

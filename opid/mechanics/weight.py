@@ -142,6 +142,12 @@ def depends_on_rest(law: TermSet) -> bool:
     return is_loaded or depends_on_travel(law)
 
 
+@_QUIETLY
+def slopes_at_rest(law: TermSet) -> bool:
+    """Return whether a law adds to the tangent stiffness where it rests; what it remembers does not count."""
+    return bool(law.gradient(0.0, 0.0)[0])
+
+
 def _springs(slots: Sequence[Interface], travel: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Spring forces, each about the origin of its law, and their slopes."""
     force, slope = np.empty((2, len(slots)))

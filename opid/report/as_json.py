@@ -57,7 +57,8 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         gas {content_n_m, pressure_pa, volume_m3}}],
         `candidates` [the fields of `Candidate`], `runs` [{name, mass_change_kg, loading, unexplained,
         unexplained_left_out, inside_left_out}] and `equivalents` [{run, stiffness_per_mass, damping_per_mass,
-        natural_frequency_hz, damping_ratio}].
+        natural_frequency_hz, damping_ratio}]. Of one gear also `natural_frequency_of`: what frequency and damping ratio
+        among the ratios belong to, see `Identification.frequency_of`.
         Of a body `law` and `restoring_force` hold no values: see `interfaces`.
     """
     if isinstance(result, PaperIdentification):
@@ -67,6 +68,7 @@ def result_json(result: Identification | PaperIdentification) -> Json:
             _head(result)
             | _of_gear(result)
             | _structures(result)
+            | {"natural_frequency_of": result.frequency_of}
             | {"diagnostics": _gear_diagnostics(result)}
             | _tail(result)
         )

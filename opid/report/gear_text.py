@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from opid.mechanics.laws import law_from_parameters
 from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
@@ -68,16 +69,29 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
         units = ("1/s^2", "1/s") if result.per_mass else ("N/m", "N s/m")
         table += rest_rows(result.interfaces[0], units, has_truth=truth is not None)
     table.append(Row("Ratios to the mass of the reference run"))
-    table += [
-        estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true), truth is not None)
-        for name, estimate in result.ratios.items()
-    ]
+    slope = _true_slope(truth) if truth and isinstance(result, Identification) else 0.0
+    for name, estimate in result.ratios.items():
+        if name == "natural_frequency_hz":
+            table += _row_of_frequency(result)
+        table.append(estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true, slope), truth is not None))
     return [*table, *_equivalent_rows(result, truth is not None)]
 
 
+def _row_of_frequency(result: AnyIdentification) -> Iterator[Row]:
+    """What natural frequency and damping ratio belong to, where that is not K2 with C2 alone."""
+    if isinstance(result, Identification) and dict(result.ratios.items())["natural_frequency_hz"].value is not None:
+        said = {
+            "linear part": None,
+            "tangent at rest": "On the tangent stiffness at rest in the reference run, with the damping C2",
+            "all but what the law remembers": "Without what the law remembers: stiffer in small or quick motion",
+        }[result.frequency_of]
+        if said is not None:
+            yield Row(said)
+
+
 def _equivalent_rows(result: AnyIdentification, has_truth: bool) -> Iterator[Row]:
-    """What a linear analysis would find in each run, where no number of the law is believed."""
-    if not isinstance(result, Identification) or result.limited_by != "model":
+    """What a linear analysis would find in each run, where no number of the law is believed, or the law remembers."""
+    if not isinstance(result, Identification) or not (result.limited_by == "model" or result.law.has_memory):
         return
     for each in result.equivalents:
         yield Row(f"Straight suspension that comes nearest to it over the motion of run {each.run!r}")
@@ -202,13 +216,19 @@ def _law_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
             )
 
 
-def _true_ratio(name: str, true: Mapping[str, float]) -> float | None:
+def _true_slope(truth: Truth) -> float:
+    """What the true law adds to the tangent stiffness at rest, N/m."""
+    law = law_from_parameters(truth["law"]["name"], truth["law"]["parameters"])
+    return float(law.gradient(0.0, 0.0)[0])
+
+
+def _true_ratio(name: str, true: Mapping[str, float], slope: float) -> float | None:
     if not true:
         return None
     mass = true["sprung_mass_kg"]
     stiffness, damping = true["suspension_stiffness_n_per_m"], true["suspension_damping_n_s_per_m"]
     ground = true["ground_stiffness_n_per_m"]
-    omega = math.sqrt((stiffness + ground) / mass)
+    omega = math.sqrt((stiffness + ground + slope) / mass)
     return {
         "stiffness_per_mass": stiffness / mass,
         "damping_per_mass": damping / mass,

@@ -12,6 +12,7 @@ from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws import LAWS
 from opid.mechanics.memory import force_along
+from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import GROUND
 from opid.suspensions.fit import Fit
@@ -284,14 +285,14 @@ class Parameters:
     def gear_ratios(self, ground: Estimate) -> GearRatios:
         """Return ratios to the mass, and frequency and damping ratio on a still wheel, of one gear.
 
-        The stiffness of the spring to the ground over the mass is given.
+        The frequency is that of the tangent stiffness at rest, which is K2 + K3 where the law has no slope there. The
+        stiffness of the spring to the ground over the mass is given.
         """
         fit, group = self.fit, self.fit.model.groups[0]
         k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
         ratios = GearRatios(self.per_force(0, per_mass=True), self.per_force(1, per_mass=True), ground)
         total = k + fit.value(group.called(GROUND))
-        if group.has_origin or fit.model.carriers:
-            # where it rests the law has a slope of its own
+        if slopes_at_rest(fit.model.interfaces(fit.theta)[0][0].law):
 
             def at_rest(theta: FloatArray) -> FloatArray:
                 slot = fit.model.interfaces(theta)[0][0]

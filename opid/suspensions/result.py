@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws import LINEAR, Law
+from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
 from opid.suspensions.faults import Demand, GroundImitations
 from opid.suspensions.fit import Fit
@@ -25,6 +26,8 @@ from opid.suspensions.study import Study
 if TYPE_CHECKING:
     from opid.suspensions.model_error import Limit, ModelError
     from opid.suspensions.paper.chain import PaperChain
+
+FrequencyOf = Literal["linear part", "tangent at rest", "all but what the law remembers"]
 
 SCHEMA = "opid.identification/1"
 _NOTHING = Estimate()
@@ -55,8 +58,9 @@ class GearRatios(Estimates):
         stiffness_per_mass: K2/M2, 1/s^2.
         damping_per_mass: C2/M2, 1/s.
         ground_stiffness_per_mass: K3/M2, 1/s^2.
-        natural_frequency_hz: of the sprung mass.
-        damping_ratio: of the sprung mass.
+        natural_frequency_hz: of the sprung mass in small motion: on the tangent stiffness at rest, which is K2 + K3
+            where the law has no slope there; see `Identification.frequency_of`.
+        damping_ratio: of C2 at that frequency.
     """
 
     stiffness_per_mass: Estimate = _NOTHING
@@ -398,6 +402,21 @@ class Identification:
     def law_estimates(self) -> Mapping[str, Mapping[str, Estimate]]:
         """Of the first suspension."""
         return self.interfaces[0].law_estimates if self.interfaces else {}
+
+    @property
+    def frequency_of(self) -> FrequencyOf:
+        """What the natural frequency and the damping ratio of one gear belong to.
+
+        The "linear part" of the force is K2 (and K3) with C2. It is the "tangent at rest" where the law has a slope
+        there. Where the law remembers, it is "all but what the law remembers": in small or quick motion such a
+        suspension is stiffer, and the equivalents have its frequency in the motion of each run.
+        """
+        if not self.interfaces:
+            return "linear part"
+        if self.law.has_memory:
+            return "all but what the law remembers"
+        rest_m = self.interfaces[0].rest_m.value or 0.0
+        return "tangent at rest" if slopes_at_rest(self.law.resting_at(rest_m)) else "linear part"
 
     @property
     def places(self) -> dict[str, tuple[float, float, float, float]]:
