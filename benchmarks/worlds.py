@@ -38,6 +38,8 @@ ENGINE_HZ, ENGINE_SHARE = (20.0, 19.7), 0.1
 # what bends with a third of the airframe's mass
 BENDING_HZ, BENDING_DAMPING, BENDING_SHARE = 8.0, 0.02, 0.35
 STIFFER = 1.02
+# a force on the airframe over that of the road under the tyre: alone it would move the free mass by 10 % of its motion
+FOLLOWING_SHARE = 0.037
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ def rolled(
     *,
     rng: np.random.Generator,
     aside_n: Callable[[np.random.Generator, int, float], FloatArray] | None = None,
+    following: float = 0.0,
     sensor: Sensor = Sensor(),  # noqa: B008
     steps: int = STEPS,
 ) -> Recording:
@@ -141,6 +144,7 @@ def rolled(
         parameters: of it.
         rng: source of road, noise and push.
         aside_n: (rng, number of half steps, their rate) -> force on the sprung mass, N; none where left out.
+        following: force on the sprung mass over that of the road under the tyre.
         sensor: both of them.
         steps: of the integration to a sample.
     """
@@ -151,7 +155,9 @@ def rolled(
     step_rate_hz = FS * steps
     time = np.arange(2 * round((LEAD_IN_S + DURATION_S + TAIL_S) * step_rate_hz) + 1) / (2.0 * step_rate_hz) - LEAD_IN_S
     under = tyre_force(gear, road, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))[:, 0]
-    aside = np.zeros(time.size) if aside_n is None else aside_n(push_rng, time.size, 2.0 * step_rate_hz)
+    aside = following * under
+    if aside_n is not None:
+        aside = aside + aside_n(push_rng, time.size, 2.0 * step_rate_hz)
     numbers = (
         gear.unsprung_mass_kg,
         gear.sprung_mass_kg,
@@ -201,6 +207,11 @@ def pushed(seed: int, share: float = UNMEASURED_SHARE) -> tuple[AnyStudy, float]
         return GEAR.sprung_mass_kg * share * rms * fine / np.std(fine)
 
     return _two_runs("pushed", arctan_friction, FRICTION, seed, aside_n=aside_n)
+
+
+def followed(seed: int, share: float = FOLLOWING_SHARE) -> tuple[AnyStudy, float]:
+    """A force on the airframe in proportion to that of the road under the tyre: it goes with the drive."""
+    return _two_runs("followed", arctan_friction, FRICTION, seed, following=share)
 
 
 def with_engine(seed: int) -> tuple[AnyStudy, float]:
@@ -343,6 +354,7 @@ WORLDS = {
     "pushed 1 %": World("an unmeasured force on the airframe, 1 % of its motion", partial(pushed, share=0.01)),
     "pushed": World("an unmeasured force on the airframe, 3 % of its motion", pushed),
     "pushed 10 %": World("an unmeasured force on the airframe, 10 % of its motion", partial(pushed, share=0.1)),
+    "followed 10 %": World("a force on the airframe that follows the road, 10 % of its motion", followed),
     "engine": World("a propeller shakes the airframe, 10 % of its motion", with_engine),
     "bending": World("35 % of the airframe's mass bends at 8 Hz", bending),
     "rolling": World("one gear of a rolling aircraft, taken alone", rolling),
