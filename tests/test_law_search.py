@@ -194,10 +194,36 @@ def test_a_law_that_cannot_be_told_apart_is_named():
 def test_a_reader_sees_the_linear_gear_and_the_nearest_laws(friction):
     ladder = add_neighbours(LAWS_OF_RUNS, (LawStep(friction, True, "pursuit"),))
     assert ladder[0].law_name == "linear"
-    assert ladder[0].left_out > 3 * 5e-3
     assert chosen(ladder).fit is friction
     assert len(ladder) == 2 + SETTINGS.n_neighbours
     assert len({step.law_name for step in ladder}) == len(ladder)
+    # what runs left out say of a law is asked where it could change the choice
+    asked = {step.law_name: step.left_out for step in judge_by_left_out(LAWS_OF_RUNS, ladder)}
+    assert asked[friction.law_name] == pytest.approx(friction.noise_m_per_s2, rel=0.02)
+    assert asked["linear"] is None
+
+
+def test_what_was_asked_where_a_fit_ended_is_not_asked_again(friction, monkeypatch):
+    problem, kinds = DrivenLaws(SETTINGS, 1.0), ("arctan_velocity", "cubic_stiffness")
+    again = fit_model(friction.model, friction.theta)
+    assert again is not friction
+    first = problem.dictionaries(friction, kinds)
+    linear = problem.refit(friction, {"": LINEAR})
+    assert problem.dictionaries(again, kinds) is first
+    assert problem.refit(again, {"": LINEAR}) is linear
+    # other kinds, another place, or another model
+    assert problem.dictionaries(friction, kinds[1:]) is not first
+    assert problem.dictionaries(linear, kinds) is not first
+    below, above = friction.model.noise
+    noisier = fit_model(replace(friction.model, noise=(2 * below, above)), friction.theta)
+    assert problem.refit(noisier, {"": LINEAR}) is not linear
+
+
+def test_laws_that_are_far_behind_are_not_fitted_for_the_reader_again(friction):
+    ladder = (LawStep(friction, True, "pursuit"),)
+    moves = [step.law_name for step in add_neighbours(LAWS_OF_RUNS, ladder)[:-1]]
+    rest = add_neighbours(LAWS_OF_RUNS, ladder, known={(name,) for name in moves[:2]})
+    assert [step.law_name for step in rest] == [*moves[2:], friction.law_name]
 
 
 def test_laws_are_not_searched_where_they_promise_nothing(friction):

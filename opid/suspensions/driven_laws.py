@@ -8,7 +8,7 @@ are fitted from there, and the origin is one more unknown.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,13 +17,28 @@ from opid.mechanics.laws import LAWS, LINEAR, Law, Term
 from opid.mechanics.repeatability import part_of
 from opid.mechanics.weight import depends_on_travel, find_rest
 from opid.signals.recording import FloatArray
-from opid.suspensions.fit import NO_FIT, Fit, carrying, left_out_ratio, refit
+from opid.suspensions.fit import NO_FIT, Fit, carrying, is_at_same_place, left_out_ratio, refit
 from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_parameters import faint_terms, has_slope, offered_terms, pulls_at_a_stop
 from opid.suspensions.law_search import LawStep
 from opid.suspensions.noise import is_noise, measure_whiteness
 from opid.suspensions.settings import OriginSettings, SearchSettings
 from opid.suspensions.unknowns import Group
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What was asked about the laws near a fit, for several ways lead to one place.
+
+    Args:
+        fit: of any laws.
+        dictionaries: by the kinds that may enter.
+        refits: by the names of the laws of all groups.
+    """
+
+    fit: Fit
+    dictionaries: dict[tuple[str, ...], dict[str, LawDictionary]] = field(default_factory=dict)
+    refits: dict[tuple[str, ...], Fit | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -33,13 +48,29 @@ class DrivenLaws:
     Args:
         settings: of the search.
         least_promise: a fit ends when the next step promises less; None for that of the settings of the fit.
+        asked: what was asked before: it is not simulated and not fitted again.
     """
 
     settings: SearchSettings
     least_promise: float | None = None
+    asked: list[_Asked] = field(default_factory=list, compare=False)
+
+    def _asked_at(self, fit: Fit, *, of_one_model: bool) -> _Asked:
+        """What was asked where a fit ended; of no other model, where a fit from there is meant."""
+        for each in reversed(self.asked):
+            if is_at_same_place(fit, each.fit) and (not of_one_model or _are_of_one_model(fit, each.fit)):
+                return each
+        self.asked.append(_Asked(fit))
+        return self.asked[-1]
 
     def dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         """Return the candidates beside a fit, all of them simulated at once."""
+        known, kinds = self._asked_at(fit, of_one_model=False).dictionaries, tuple(kinds)
+        if kinds not in known:
+            known[kinds] = self._dictionaries(fit, kinds)
+        return known[kinds]
+
+    def _dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
             new = [kind for kind in kinds if kind not in law.parameters]
@@ -73,8 +104,12 @@ class DrivenLaws:
 
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
         """Fit other laws from where a fit stands; None where they make no suspension."""
-        found = refit(fit, dict(laws), least_promise=self.least_promise)
-        return None if found is None or cannot_be(found) else found
+        known = self._asked_at(fit, of_one_model=True).refits
+        names = tuple(f"{law.name} {law.rest_m != 0.0}" for law in {**fit.laws, **laws}.values())
+        if names not in known:
+            found = refit(fit, dict(laws), least_promise=self.least_promise)
+            known[names] = None if found is None or cannot_be(found) else found
+        return known[names]
 
     def left_out(self, fit: Fit) -> float | None:
         """Return what is left of each run as a fit of the others predicts it, m/s^2."""
@@ -102,6 +137,17 @@ class DrivenLaws:
             noise=fit.model.level,
             settings=self.settings,
         )
+
+
+def _are_of_one_model(fit: Fit, other: Fit) -> bool:
+    """Whether two fits of the same runs and parameters have the same noise, and runs that are alike by as much."""
+    mine, theirs = fit.model, other.model
+    return (
+        all(np.array_equal(a, b) for a, b in zip(mine.noise, theirs.noise, strict=True))
+        and (mine.most_noise, mine.louder, mine.repeatability, mine.mass_free)
+        == (theirs.most_noise, theirs.louder, theirs.repeatability, theirs.mass_free)
+        and mine.process is theirs.process
+    )
 
 
 def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator[Law]:

@@ -349,6 +349,21 @@ def fastest_rate(model: Model, theta: FloatArray) -> float:
     return float(np.abs(np.linalg.eigvals(system)).max())
 
 
+def is_at_same_place(fit: Fit, other: Fit) -> bool:
+    """Return whether two fits are of the same runs, sensors and laws, and ended where the shared parameters are alike.
+
+    Args:
+        fit: of any model.
+        other: of any model.
+    """
+    mine, theirs = fit.model, other.model
+    same_runs = len(mine.runs) == len(theirs.runs) and all(a is b for a, b in zip(mine.runs, theirs.runs, strict=True))
+    if not same_runs or mine.names != theirs.names or mine.sensors != theirs.sensors or fit.law_name != other.law_name:
+        return False
+    moved = np.abs(fit.theta[: fit.model.n_shared] - other.theta[: other.model.n_shared])
+    return bool((moved <= fit.model.settings.fit.same_std * np.maximum(fit.std, other.std)).all())
+
+
 def turnover_rate(fit: Fit) -> float:
     """Return the largest rate at which the laws of a fit let a velocity die away at rest, 1/s: friction is steep there.
 

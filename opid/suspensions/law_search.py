@@ -176,6 +176,39 @@ def far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tu
     return {names for names, error_rms in least.items() if error_rms > most}
 
 
+def surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
+    """Return the names of laws, of all groups, that are so unlikely beside the choice that no fit need confirm it.
+
+    Args:
+        ladder: of `search_laws`, of one rate.
+        settings: what counts as so unlikely.
+    """
+    most = chosen(ladder).fit.bic + settings.surely_behind_bic
+    least: dict[tuple[str, ...], float] = {}
+    for step in ladder:
+        least[_names(step.fit)] = min(step.fit.bic, least.get(_names(step.fit), math.inf))
+    return {names for names, bic in least.items() if bic > most}
+
+
+def within_reach(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tuple[Mapping[str, Law], ...]:
+    """Return the laws that other readings of the same runs may prefer to the choice.
+
+    Those with more terms must at least be as likely; the likeliest are first.
+
+    Args:
+        ladder: of `search_laws`, of one rate.
+        settings: how unlikely the others may be.
+    """
+    best = chosen(ladder).fit
+    found: dict[tuple[str, ...], F] = {}
+    for step in sorted(ladder, key=lambda step: step.fit.bic):
+        behind = step.fit.bic - best.bic
+        most = 0.0 if n_terms(step.fit) > n_terms(best) else settings.surely_behind_bic
+        if _names(step.fit) != _names(best) and behind < most:
+            found.setdefault(_names(step.fit), step.fit)
+    return tuple(fit.laws for fit in found.values())
+
+
 def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:
     """Return whether fitted laws take the place of others: of as many terms the likelier, more of them by a margin.
 
@@ -215,7 +248,7 @@ def n_terms(fit: LawFit) -> int:
 
 
 def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> tuple[LawStep[F], ...]:
-    """Return the ladder with left-out errors: of the choice, its closest rivals and the best one with fewer terms.
+    """Return the ladder with left-out errors: of the choice, its closest rivals and, if near, the best of fewer terms.
 
     The smaller laws are chosen instead where they predict what was left out as well, and leave hardly more of all data:
     a law that was too large would mend little, and one that rests elsewhere in each run is not seen whole in any.
@@ -225,21 +258,33 @@ def judge_by_left_out(problem: LawProblem[F], ladder: Sequence[LawStep[F]]) -> t
     fit, close = steps[choice].fit, problem.settings.alike_bic
     smaller = [k for k, step in enumerate(steps) if n_terms(step.fit) < n_terms(fit)]
     below = min(smaller, key=lambda k: steps[k].fit.bic) if smaller else None
-    rivals = [k for k, step in enumerate(steps) if step.fit.bic < fit.bic + close and k not in (choice, below)]
+    # a law that is the choice and more besides is no rival
+    rivals = [
+        k
+        for k, step in enumerate(steps)
+        if step.fit.bic < fit.bic + close and n_terms(step.fit) <= n_terms(fit) and k not in (choice, below)
+    ]
+    most = (1 + problem.settings.overfit_fraction) * fit.error_rms
+    if below is not None and steps[below].fit.error_rms >= most:
+        # whatever it leaves of runs left out, a law that mends so much stays
+        below = None
     for k in [choice, *([] if below is None else [below]), *rivals]:
         if steps[k].left_out is None:
             steps[k] = replace(steps[k], left_out=problem.left_out(steps[k].fit))
     if below is not None:
         with_it, without = steps[choice].left_out, steps[below].left_out
-        mends_little = steps[below].fit.error_rms < (1 + problem.settings.overfit_fraction) * fit.error_rms
-        if with_it is not None and without is not None and without <= with_it and mends_little:
+        if with_it is not None and without is not None and without <= with_it:
             # the last one that was kept is the choice
             steps.append(replace(steps.pop(below), kept=True))
     return tuple(steps)
 
 
 def add_neighbours(
-    problem: LawProblem[F], ladder: Sequence[LawStep[F]], *, kinds: Sequence[str] | None = None
+    problem: LawProblem[F],
+    ladder: Sequence[LawStep[F]],
+    *,
+    kinds: Sequence[str] | None = None,
+    known: Collection[tuple[str, ...]] = (),
 ) -> tuple[LawStep[F], ...]:
     """Return the ladder with what a reader asks next: linear suspensions, and the rejected laws that come closest.
 
@@ -247,15 +292,17 @@ def add_neighbours(
         problem: what was searched on.
         ladder: of `search_laws`; the choice stays.
         kinds: that may enter; those of `library` where left out.
+        known: names of the laws of all groups that the reader is shown anyway; they count among the closest.
     """
     best = chosen(ladder).fit
     tried = {_names(step.fit) for step in ladder}
     linear = dict.fromkeys(best.laws, LINEAR)
-    wanted = [] if ("linear",) * len(linear) in tried else [linear]
+    wanted = [] if ("linear",) * len(linear) in {*tried, *known} else [linear]
     moves = [move for move in _moves(problem, best, library() if kinds is None else kinds) if len(move.laws) == 1]
-    wanted += [move.laws for move in moves if move.name(best) not in tried][: problem.settings.n_neighbours]
+    nearest = [move for move in moves if move.name(best) not in tried][: problem.settings.n_neighbours]
+    wanted += [move.laws for move in nearest if move.name(best) not in known]
     fits = [problem.refit(best, laws) for laws in wanted]
-    return (*(LawStep(fit, False, "pursuit", problem.left_out(fit)) for fit in fits if fit is not None), *ladder)
+    return (*(LawStep(fit, False, "pursuit") for fit in fits if fit is not None), *ladder)
 
 
 def alternatives(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tuple[str, ...]:

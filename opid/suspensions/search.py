@@ -23,6 +23,7 @@ from opid.suspensions.fit import (
     fastest_rate,
     first_vector,
     fit_model,
+    is_at_same_place,
     refit,
     runs_contradict_each_other,
     turnover_rate,
@@ -39,13 +40,15 @@ from opid.suspensions.law_search import (
     n_terms,
     relatives,
     search_laws,
+    surely_behind,
+    within_reach,
 )
 from opid.suspensions.model import Model
 from opid.suspensions.noise import is_noise, measure_whiteness
 from opid.suspensions.repeatability import mends_much, with_departures
 from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SIDES
-from opid.suspensions.settings import SearchSettings
+from opid.suspensions.settings import SearchSettings, Settings
 from opid.suspensions.start import Start, look_for_start
 
 Say = Callable[[str], None]
@@ -63,6 +66,7 @@ class Found:
         demands: what was let in beside the suspensions.
         n_starts: ways that were tried.
         is_unlike: whether the search ended because the suspensions are not the same in all runs.
+        problem: what laws were searched on, with what was asked of it; None where they were given.
     """
 
     fit: Fit
@@ -70,6 +74,7 @@ class Found:
     demands: tuple[Demand, ...] = ()
     n_starts: int = 1
     is_unlike: bool = False
+    problem: DrivenLaws | None = None
 
 
 @dataclass(frozen=True)
@@ -108,7 +113,7 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
     question = replace(question, kinds=question.kinds or library())
-    search = _Search(start, question, progress or (lambda step: None))
+    search = _Search(start, question, progress or (lambda step: None), model.settings)
     theta = first_vector(model, start)
     coarse = _at_coarse_rate(model, theta)
     try:
@@ -139,7 +144,8 @@ def find_from_reference(
     Returns:
         Where the search ended; None where no mass lets the springs carry the loadings.
     """
-    search = _Search(start, replace(question, kinds=question.kinds or library()), progress or (lambda step: None))
+    question = replace(question, kinds=question.kinds or library())
+    search = _Search(start, question, progress or (lambda step: None), model.settings)
     grown = replace(model, groups=reference.groups, sensors=reference.model.sensors).coarse
     # a load that was only moved changes no mass, but moments
     largest = max(abs(float(run.loading[0, 0])) for run in model.runs)
@@ -179,8 +185,9 @@ def _shares_nothing(fit: Fit) -> bool:
 
 
 class _Search:
-    def __init__(self, start: Start, question: Question, say: Say) -> None:
+    def __init__(self, start: Start, question: Question, say: Say, settings: Settings) -> None:
         self.start, self.question, self.say = start, question, say
+        self.problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
         self.asked: list[tuple[Fit, tuple[Fit, tuple[Demand, ...]]]] = []
 
     def ways(self, model: Model, theta: FloatArray) -> Found:
@@ -282,11 +289,10 @@ class _Search:
     def _laws(self, fit: Fit, method: str = "equation", rejected: Collection[tuple[str, ...]] = ()) -> Ladder:
         if self.question.law_is_given:
             return (LawStep(fit, True, "given"),)
-        problem = DrivenLaws(fit.model.settings.search, fit.model.settings.fit.promise_in_search)
         ladder: Ladder = ()
         if self.question.method_of_law != "sparse regression":
             kinds = self.question.kinds
-            ladder = search_laws(problem, fit, kinds=kinds, method=method, rejected=rejected, progress=self.say)
+            ladder = search_laws(self.problem, fit, kinds=kinds, method=method, rejected=rejected, progress=self.say)
         if self.question.method_of_law != "pursuit":
             # two seconds to import, so only here
             from opid.suspensions.sparse_regression import search_by_regression
@@ -294,7 +300,8 @@ class _Search:
             begun = chosen(ladder).fit if ladder else fit
             method = ladder[-1].method if ladder else method
             more = search_by_regression(
-                problem,
+                # it begins elsewhere, so what the other method fitted is no answer
+                DrivenLaws(self.problem.settings, self.problem.least_promise),
                 begun,
                 kinds=self.question.kinds,
                 method=method,
@@ -303,6 +310,17 @@ class _Search:
             )
             ladder = (*ladder, *more)
         return ladder
+
+    def _laws_of_rank(self, fit: Fit, ladder: Ladder) -> Ladder:
+        """The laws that came near the choice at a coarse rate, with all readings; none where they were not searched."""
+        if self.question.method_of_law != "pursuit":
+            return ()
+        known, more = self.problem.settings, [LawStep(fit, True, "pursuit")]
+        for laws in within_reach(_of_last_sensors(ladder), known):
+            again = self.problem.refit(fit, laws)
+            if again is not None:
+                more.append(LawStep(again, is_better(again, chosen(more).fit, known), "pursuit"))
+        return tuple(more)
 
     def _origins(self, fit: Fit) -> Ladder:
         """Laws about another origin than where the suspensions rest; kept where they are better."""
@@ -313,7 +331,7 @@ class _Search:
             return ()
         if self.question.law_is_given:
             kinds = tuple(dict.fromkeys(term.name for law in fit.laws.values() for term in law.terms))
-        problem, ladder = DrivenLaws(known, settings.fit.promise_in_search), list[LawStep[Fit]]()
+        ladder = list[LawStep[Fit]]()
         # along a valley of laws alike each fit tells better where the next one begins
         for _ in range(settings.origin.n_rounds):
             steps = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
@@ -327,7 +345,7 @@ class _Search:
                 break
             more: Ladder = (replace(best, kept=True),)
             if not self.question.law_is_given:
-                more = search_laws(problem, best.fit, kinds=kinds, method=best.method, progress=self.say)
+                more = search_laws(self.problem, best.fit, kinds=kinds, method=best.method, progress=self.say)
             ladder, fit = [*ladder, *more], chosen(more).fit
         return tuple(ladder)
 
@@ -336,7 +354,7 @@ class _Search:
         if not self.question.faults or runs_contradict_each_other(fit) or _shares_nothing(fit):
             return fit, ()
         for earlier, answer in self.asked:
-            if not before and _is_same(fit, earlier):
+            if not before and is_at_same_place(fit, earlier):
                 # several ways end at one place: what the runs demand there is asked once
                 return answer if answer[1] else (fit, ())
         answer = let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
@@ -346,6 +364,7 @@ class _Search:
 
     def with_all_readings(self, found: Found, runs: tuple[DrivenRun, ...]) -> Found:
         """A fit at a coarse rate, and the laws that were tried, with all readings."""
+        found = replace(found, problem=None if self.question.law_is_given else self.problem)
         fit, ladder, demands = found.fit, found.ladder, found.demands
         whole, known = replace(fit.model, runs=runs), fit.model.settings.fit
         is_coarse = fit.model.runs is not runs
@@ -354,16 +373,20 @@ class _Search:
             near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
             return replace(found, fit=near)
         rejected = _rejected(ladder) if is_coarse else set()
-        fit = fit_model(whole, fit.theta)
+        coarse, fit = fit, fit_model(whole, fit.theta)
+        # where the coarse rate hid something, it ranked the laws without it
+        is_ranked = is_coarse and (is_noise(fit) or not is_noise(coarse))
         finer = _with_more_steps(fit, demands)
         if finer is not fit:
             # laws and faults may have made up for steps that were too long
-            fit, demands, is_coarse, rejected = finer, (), True, set()
+            fit, demands, is_coarse, is_ranked, rejected = finer, (), True, False, set()
         late = bool(demands)
         for _ in range(2):
             # what only all readings together show
             if not self.question.law_is_given and (is_coarse or late):
-                more = self._laws(fit, "pursuit", rejected)
+                more = self._laws_of_rank(fit, ladder) if is_ranked and not late else ()
+                if not more or chosen(more).fit is not fit:
+                    more = (*more, *self._laws(chosen(more).fit if more else fit, "pursuit", rejected))
                 ladder = (*ladder, *more)
                 fit = chosen(more).fit
                 fit = fit if fit is more[0].fit else fit_model(fit.model, fit.theta)
@@ -389,22 +412,20 @@ def judged(found: Found, question: Question) -> Found:
     if is_hopeless(fit) or _shares_nothing(fit):
         return found if question.law_is_given else _with_fewer_terms(found)
     settings = fit.model.settings
-    problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
+    problem = found.problem or DrivenLaws(settings.search, settings.fit.promise_in_search)
     coarse = _thinned(fit)
-    model = coarse.model
     method = next((step.method for step in reversed(found.ladder) if step.fit.law_name == fit.law_name), "pursuit")
     ladder: Ladder = (LawStep(coarse, True, method),)
     if not question.law_is_given:
-        smaller = [step for step in found.ladder if n_terms(step.fit) < n_terms(fit)]
-        # criteria at one rate compare
-        smaller = [step for step in smaller if step.fit.model.runs[0].fs == model.runs[0].fs]
+        smaller = [step for step in _of_one_rate(found.ladder, coarse) if n_terms(step.fit) < n_terms(fit)]
         if smaller:
             best = min(smaller, key=lambda step: step.fit.bic)
             again = refit(coarse, best.fit.laws, least_promise=settings.fit.promise_in_search)
             ladder = (*([] if again is None else [LawStep(again, False, best.method)]), *ladder)
         if len(fit.model.groups) == 1:
             # of several suspensions a reader asks for the structure first, and each further fit is long
-            ladder = add_neighbours(problem, ladder, kinds=question.kinds or library())
+            far = surely_behind((*_of_one_rate(found.ladder, coarse), *ladder), settings.search)
+            ladder = add_neighbours(problem, ladder, kinds=question.kinds or library(), known=far)
     ladder = judge_by_left_out(problem, ladder)
     best_fit = chosen(ladder).fit
     if best_fit.law_name != fit.law_name:
@@ -412,9 +433,15 @@ def judged(found: Found, question: Question) -> Found:
         fit = fit_model(changed, theta)
     # the whole story, told at one rate
     on_ladder = {step.fit.law_name for step in ladder}
-    tried = [s for s in found.ladder if s.fit.model.runs[0].fs == model.runs[0].fs and s.fit.law_name not in on_ladder]
+    tried = [step for step in _of_one_rate(found.ladder, coarse) if step.fit.law_name not in on_ladder]
     story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _of_one_rate(ladder: Ladder, fit: Fit) -> Ladder:
+    """The steps at the rate of a fit: criteria at one rate compare."""
+    fs = fit.model.runs[0].fs
+    return tuple(step for step in ladder if step.fit.model.runs[0].fs == fs)
 
 
 def _explains(fit: Fit) -> bool:
@@ -482,15 +509,6 @@ def _says_why_it_is_uneven(fit: Fit, than: Fit, known: SearchSettings) -> bool:
     return is_even and n_terms(fit) <= n_terms(than) and fit.bic < than.bic + known.alike_bic
 
 
-def _is_same(fit: Fit, other: Fit) -> bool:
-    """Whether two fits are of one model and the same runs, and ended at one place."""
-    same_runs = all(a is b for a, b in zip(fit.model.runs, other.model.runs, strict=True))
-    if not same_runs or fit.model.names != other.model.names or fit.law_name != other.law_name:
-        return False
-    moved = np.abs(fit.theta - other.theta)[: fit.model.n_shared]
-    return bool((moved <= fit.model.settings.fit.same_std * other.std).all())
-
-
 def _is_as_likely(fit: Fit, other: Fit) -> bool:
     """Whether two fits have the same laws, sensors and criterion: two minima as deep as each other are hardly met."""
     is_alike = fit.model.names == other.model.names and fit.law_name == other.law_name
@@ -513,10 +531,15 @@ def _thinned(fit: Fit) -> Fit:
 
 
 def _rejected(ladder: Ladder) -> set[tuple[str, ...]]:
-    """Names of the laws that need not be tried again at the full rate, with the sensors that were taken at last."""
+    """Names of the laws that need not be tried again at the full rate."""
+    return far_behind(_of_last_sensors(ladder), chosen(ladder).fit.model.settings.search)
+
+
+def _of_last_sensors(ladder: Ladder) -> Ladder:
+    """The steps at the rate and with the sensors that were taken at last."""
     model = chosen(ladder).fit.model
     alike = [step for step in ladder if step.fit.model.runs is model.runs and step.fit.model.sensors == model.sensors]
-    return far_behind(alike, model.settings.search)
+    return tuple(alike)
 
 
 def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:
