@@ -219,6 +219,27 @@ def test_what_was_asked_where_a_fit_ended_is_not_asked_again(friction, monkeypat
     assert problem.refit(noisier, {"": LINEAR}) is not linear
 
 
+def test_candidates_ranked_at_a_coarse_rate_are_not_simulated_at_the_full_one():
+    """The law is found with all readings all the same, and more readings promise more."""
+    linear = fitted(runs_of(DEFAULT_LAW, fs=512), LINEAR)
+    coarse = fit_model(linear.model.coarse, linear.theta)
+    assert coarse.model.runs[0].stride == 2
+    kinds = ("arctan_velocity", "coulomb_friction", "cubic_stiffness")
+    problem = DrivenLaws(SETTINGS, 1.0)
+    few = problem.dictionaries(coarse, kinds)[""]
+    problem.rank_as(linear, coarse)
+    all_readings = problem.dictionaries(linear, kinds)[""]
+    assert all_readings.gram is few.gram
+    assert all_readings.n_data == pytest.approx(2 * few.n_data, rel=0.01)
+    best, fresh = (each.proposals()[0] for each in (all_readings, DrivenLaws(SETTINGS).dictionaries(linear, kinds)[""]))
+    assert best.law.name == fresh.law.name
+    assert chosen(search_laws(problem, linear, kinds=kinds)).law_name == DEFAULT_LAW.name
+    # nothing is ranked anew where there are no more readings
+    before = len(problem.asked)
+    problem.rank_as(linear, linear)
+    assert len(problem.asked) == before
+
+
 def test_laws_that_are_far_behind_are_not_fitted_for_the_reader_again(friction):
     ladder = (LawStep(friction, True, "pursuit"),)
     moves = [step.law_name for step in add_neighbours(LAWS_OF_RUNS, ladder)[:-1]]

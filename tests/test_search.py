@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from body_runs import LOADS, NOISE, PLACES, aircraft, arrays_of, study, task_of
-from law_runs import DAMPING, MASS_KG, gear_model, runs_of, study_of
+from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_model, runs_of, study_of
 
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
@@ -68,6 +68,21 @@ def test_a_wrong_law_that_is_given_is_left_alone_and_more_ways_are_tried():
     assert found.fit.law_name == "linear"
     assert found.fit.ratio > 3
     assert found.n_starts == (1 if is_hopeless(found.fit) else 2)
+
+
+def test_where_the_runs_are_only_unlike_no_law_makes_up_for_it(monkeypatch):
+    """What departures of the runs explain alone ends the search at once; what they do not is searched."""
+    asked, real = [], search.search_laws
+    monkeypatch.setattr(search, "search_laws", lambda *a, **settings: asked.append(1) or real(*a, **settings))
+    heavy, light = runs_of(DEFAULT_LAW)[0], runs_of(gear=LandingGear(suspension_stiffness_n_per_m=1.03 * STIFFNESS))[1]
+    question = Question(kinds=("arctan_velocity", "cubic_stiffness"), repeatability=0.01)
+    found = found_of([heavy, light], question)
+    assert found.is_unlike
+    assert found.fit.law_name == DEFAULT_LAW.name
+    assert not asked
+    alike = found_of([heavy, light], replace(question, repeatability=0.0))
+    assert not alike.is_unlike
+    assert asked
 
 
 # ---- an aircraft at 512 Hz -------------------------------------------------------------------------

@@ -70,6 +70,23 @@ class DrivenLaws:
             known[kinds] = self._dictionaries(fit, kinds)
         return known[kinds]
 
+    def rank_as(self, fit: Fit, other: Fit) -> None:
+        """Rank the candidates beside a fit as they were ranked with fewer readings of the same runs.
+
+        They are not simulated anew: each of them would lower the squared error by as many times more as there are
+        readings more.
+
+        Args:
+            fit: with all readings.
+            other: of the same laws.
+        """
+        if fit.model.runs is other.model.runs:
+            return
+        more = sum(run.n_samples for run in fit.model.runs) / sum(run.n_samples for run in other.model.runs)
+        for kinds, known in self._asked_at(other, of_one_model=False).dictionaries.items():
+            scaled = {group: replace(each, n_data=round(more * each.n_data)) for group, each in known.items()}
+            self._asked_at(fit, of_one_model=False).dictionaries.setdefault(kinds, scaled)
+
     def _dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
         model, offered = fit.model, {}
         for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):

@@ -124,9 +124,12 @@ def let_in(
     standing = now = _Standing(fit, tuple(demand.updated(fit) for demand in before))
     # faults that explain the runs only together are let in together: what stands is the last that explains something
     for _ in range(known.most):
-        tried, coarse = [], _at_runs(now.fit, now.fit.model.coarse.runs)
+        promising, tried = _promising(now.fit, ground, start), []
+        if not promising:
+            break
         # what is tried is compared at a coarse rate, what is let in is confirmed with all readings
-        for hypothesis in _promising(now.fit, ground, start):
+        coarse = _at_runs(now.fit, now.fit.model.coarse.runs)
+        for hypothesis in promising:
             say(hypothesis.words)
             grown = _grown(coarse, hypothesis, start)
             if grown is not None and _is_plausible(grown, hypothesis):

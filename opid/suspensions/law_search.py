@@ -177,7 +177,7 @@ def far_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tu
 
 
 def surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set[tuple[str, ...]]:
-    """Return the names of laws, of all groups, that are so unlikely beside the choice that no fit need confirm it.
+    """Return the names of laws, of all groups, so unlikely beside the choice that no other fit need confirm it.
 
     Args:
         ladder: of `search_laws`, of one rate.
@@ -188,25 +188,6 @@ def surely_behind(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> set
     for step in ladder:
         least[_names(step.fit)] = min(step.fit.bic, least.get(_names(step.fit), math.inf))
     return {names for names, bic in least.items() if bic > most}
-
-
-def within_reach(ladder: Sequence[LawStep[F]], settings: SearchSettings) -> tuple[Mapping[str, Law], ...]:
-    """Return the laws that other readings of the same runs may prefer to the choice.
-
-    Those with more terms must at least be as likely; the likeliest are first.
-
-    Args:
-        ladder: of `search_laws`, of one rate.
-        settings: how unlikely the others may be.
-    """
-    best = chosen(ladder).fit
-    found: dict[tuple[str, ...], F] = {}
-    for step in sorted(ladder, key=lambda step: step.fit.bic):
-        behind = step.fit.bic - best.bic
-        most = 0.0 if n_terms(step.fit) > n_terms(best) else settings.surely_behind_bic
-        if _names(step.fit) != _names(best) and behind < most:
-            found.setdefault(_names(step.fit), step.fit)
-    return tuple(fit.laws for fit in found.values())
 
 
 def is_better(fit: LawFit, than: LawFit, settings: SearchSettings) -> bool:

@@ -41,7 +41,6 @@ from opid.suspensions.law_search import (
     relatives,
     search_laws,
     surely_behind,
-    within_reach,
 )
 from opid.suspensions.model import Model
 from opid.suspensions.noise import is_noise, measure_whiteness
@@ -224,6 +223,8 @@ class _Search:
             except NO_FIT as error:
                 failed = failed or error
                 continue
+            if found.is_unlike:
+                return replace(found, n_starts=n_starts)
             if searched and cannot_be(found.fit):
                 # such a law no search would take; the start values had it
                 last = last or found
@@ -238,9 +239,18 @@ class _Search:
 
     def _are_unlike(self, fit: Fit) -> bool:
         """Whether letting springs, damping and friction of each run go mends much."""
-        if not self.question.repeatability or fit.model.repeatability or len(fit.model.runs) < 2:
+        return self._can_depart(fit) and mends_much(with_departures(fit, self.question.repeatability), fit)
+
+    def _are_only_unlike(self, fit: Fit) -> bool:
+        """Whether it mends all that is left: no other law is then asked to make up for it."""
+        if is_noise(fit) or is_hopeless(fit) or not self._can_depart(fit):
             return False
-        return mends_much(with_departures(fit, self.question.repeatability), fit)
+        freed = with_departures(fit, self.question.repeatability)
+        return is_noise(freed) and mends_much(freed, fit)
+
+    def _can_depart(self, fit: Fit) -> bool:
+        """Whether the runs may differ, and were taken to be alike."""
+        return bool(self.question.repeatability) and not fit.model.repeatability and len(fit.model.runs) > 1
 
     def way(
         self,
@@ -262,6 +272,8 @@ class _Search:
         if runs_contradict_each_other(fit) or _shares_nothing(fit):
             # a law of many terms would hide it
             return Found(fit, (LawStep(fit, True, "given" if self.question.law_is_given else "equation"),))
+        if not self.question.law_is_given and self._are_only_unlike(fit):
+            return Found(fit, (LawStep(fit, True, "equation"),), is_unlike=True)
         demands: tuple[Demand, ...] = ()
         more: tuple[Demand, ...] = ()
         if faults_first:
@@ -311,17 +323,6 @@ class _Search:
             ladder = (*ladder, *more)
         return ladder
 
-    def _laws_of_rank(self, fit: Fit, ladder: Ladder) -> Ladder:
-        """The laws that came near the choice at a coarse rate, with all readings; none where they were not searched."""
-        if self.question.method_of_law != "pursuit":
-            return ()
-        known, more = self.problem.settings, [LawStep(fit, True, "pursuit")]
-        for laws in within_reach(_of_last_sensors(ladder), known):
-            again = self.problem.refit(fit, laws)
-            if again is not None:
-                more.append(LawStep(again, is_better(again, chosen(more).fit, known), "pursuit"))
-        return tuple(more)
-
     def _origins(self, fit: Fit) -> Ladder:
         """Laws about another origin than where the suspensions rest; kept where they are better."""
         settings, known = fit.model.settings, fit.model.settings.search
@@ -368,25 +369,25 @@ class _Search:
         fit, ladder, demands = found.fit, found.ladder, found.demands
         whole, known = replace(fit.model, runs=runs), fit.model.settings.fit
         is_coarse = fit.model.runs is not runs
-        if is_hopeless(fit) or runs_contradict_each_other(fit) or _shares_nothing(fit):
+        is_only_unlike = found.is_unlike and len(ladder) == 1
+        if is_hopeless(fit) or runs_contradict_each_other(fit) or _shares_nothing(fit) or is_only_unlike:
             most, promise = known.most_hopeless_evaluations, known.promise_from_afar
             near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
             return replace(found, fit=near)
         rejected = _rejected(ladder) if is_coarse else set()
         coarse, fit = fit, fit_model(whole, fit.theta)
-        # where the coarse rate hid something, it ranked the laws without it
-        is_ranked = is_coarse and (is_noise(fit) or not is_noise(coarse))
+        if is_coarse and (is_noise(fit) or not is_noise(coarse)):
+            # unless the coarse rate hid something, the candidates beside the laws are ranked
+            self.problem.rank_as(fit, coarse)
         finer = _with_more_steps(fit, demands)
         if finer is not fit:
             # laws and faults may have made up for steps that were too long
-            fit, demands, is_coarse, is_ranked, rejected = finer, (), True, False, set()
+            fit, demands, is_coarse, rejected = finer, (), True, set()
         late = bool(demands)
         for _ in range(2):
             # what only all readings together show
             if not self.question.law_is_given and (is_coarse or late):
-                more = self._laws_of_rank(fit, ladder) if is_ranked and not late else ()
-                if not more or chosen(more).fit is not fit:
-                    more = (*more, *self._laws(chosen(more).fit if more else fit, "pursuit", rejected))
+                more = self._laws(fit, "pursuit", rejected)
                 ladder = (*ladder, *more)
                 fit = chosen(more).fit
                 fit = fit if fit is more[0].fit else fit_model(fit.model, fit.theta)
@@ -531,15 +532,10 @@ def _thinned(fit: Fit) -> Fit:
 
 
 def _rejected(ladder: Ladder) -> set[tuple[str, ...]]:
-    """Names of the laws that need not be tried again at the full rate."""
-    return far_behind(_of_last_sensors(ladder), chosen(ladder).fit.model.settings.search)
-
-
-def _of_last_sensors(ladder: Ladder) -> Ladder:
-    """The steps at the rate and with the sensors that were taken at last."""
+    """Names of the laws that need not be tried again at the full rate, with the sensors that were taken at last."""
     model = chosen(ladder).fit.model
     alike = [step for step in ladder if step.fit.model.runs is model.runs and step.fit.model.sensors == model.sensors]
-    return tuple(alike)
+    return far_behind(alike, model.settings.search) | surely_behind(alike, model.settings.search)
 
 
 def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:

@@ -195,8 +195,9 @@ class SearchSettings:
         most_exchanged: terms exchanged at once: each of two near relatives can hold the other in place.
         n_neighbours: rejected laws that are fitted for the reader.
         alike_bic: criteria that are closer do not tell two laws apart.
-        surely_behind_bic: a law whose criterion is larger by more than this is shown to the reader as it was tried: the
-            departures of the runs, which are let go after the search, change differences by tens.
+        surely_behind_bic: a law whose criterion is larger by more than this at a coarse rate is not tried again,
+            neither at the full rate, which doubles the difference, nor for the reader: the departures of the runs,
+            which are let go after the search, change differences by tens.
         far_fraction: a law that leaves this fraction more than the chosen one at a coarse rate is not tried again at
             the full rate. Of gears with memory, near relatives leave up to 0.0005 more and others 0.7 to 11.
         overfit_fraction: a law is too large only where a smaller one leaves at most this fraction more: a term too many

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import interpolate
@@ -207,35 +207,48 @@ class _Equation:
         )
         return np.sqrt(np.stack([travel, velocity], axis=1))
 
-    def column(self, forces: Sequence[FloatArray]) -> FloatArray:
-        """Generalised forces of each run, (n_dof, n), as a column of real numbers."""
+    def column(self, forces: Sequence[FloatArray], *, is_coarse: bool = False) -> FloatArray:
+        """Generalised forces of each run, (n_dof, n), as a column of real numbers; of every few samples at will."""
         size = np.sqrt(np.mean(self.body.rows[: self.body.n_interfaces] ** 2, axis=0))
         scale = 1 / np.where(size > 0, size, 1.0)
         parts = []
-        for motion, run, force in zip(self.motions, self.runs, forces, strict=True):
-            inner = force[:, motion.inside]
-            n = inner.shape[1]
+        for run, (window, inside, places), force in zip(self.runs, self._windows, forces, strict=True):
+            every = run.coarse.stride if is_coarse else 1
             # the equation holds at every instant: under a window it needs no end terms
-            lines = np.fft.rfft(inner * np.hanning(n) * scale[:, np.newaxis])
-            frequency_hz = np.fft.rfftfreq(n, 1 / run.recorded_fs)
-            low_hz, high_hz = self.settings.band_hz
-            lines = lines[:, (frequency_hz >= low_hz) & (frequency_hz <= high_hz)].ravel()
+            inner = force if is_coarse else force[:, inside]
+            lines = every * np.fft.rfft(inner * window[::every] * scale[:, np.newaxis])
+            lines = lines[:, places].ravel()
             parts += [lines.real, lines.imag]
         return np.concatenate(parts)
+
+    @cached_property
+    def _windows(self) -> list[tuple[FloatArray, slice, slice]]:
+        """Of each run a window, the samples under it, as many as a coarse rate divides, and the lines of the band."""
+        found = []
+        for motion, run in zip(self.motions, self.runs, strict=True):
+            first, stop = motion.inside.start, motion.inside.stop
+            n = stop - first - (stop - first) % run.coarse.stride
+            frequency_hz = np.fft.rfftfreq(n, 1 / run.recorded_fs)
+            low, high = np.searchsorted(frequency_hz, self.settings.band_hz)
+            high += high < frequency_hz.size and frequency_hz[high] == self.settings.band_hz[1]
+            found.append((np.hanning(n), slice(first, first + n), slice(int(low), int(high))))
+        return found
 
     def of_slots(self, slots: Sequence[int], values: Sequence[FloatArray]) -> FloatArray:
         """Column of forces at some slots; `values` are (n_slots, n) a run."""
         rows = self.body.rows[list(slots)]
         return self.column([rows.T @ value[list(slots)] for value in values])
 
-    def of_term(self, group: Group, term: Term) -> FloatArray:
-        """Column of a term of unit amplitude in the law of a group."""
+    def of_term(self, group: Group, term: Term, *, is_coarse: bool = False) -> FloatArray:
+        """Column of a term of unit amplitude in the law of a group; of every few samples at will."""
         unit = Law((Term(term.name, (1.0, *term.inner)),))
         forces = []
-        for motion, run in zip(self.motions, self.runs, strict=True):
-            own = [force_along(unit, motion.travel[k], motion.velocity[k], run.recorded_fs) for k in group.slots]
+        for motion, run, (_, inside, _) in zip(self.motions, self.runs, self._windows, strict=True):
+            every = run.coarse.stride if is_coarse else 1
+            taken, fs = slice(inside.start, inside.stop, every) if is_coarse else slice(None), run.recorded_fs / every
+            own = [force_along(unit, motion.travel[k, taken], motion.velocity[k, taken], fs) for k in group.slots]
             forces.append(self.body.rows[list(group.slots)].T @ np.stack(own))
-        return self.column(forces)
+        return self.column(forces, is_coarse=is_coarse)
 
     @property
     def target(self) -> FloatArray:
@@ -312,7 +325,8 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
     """Add the terms that explain most, one after the other, to groups that had no law."""
     rms, open_groups = equation.rms, [k for k, group in enumerate(groups) if not group.law.terms]
     offered = [
-        (k, term, equation.of_term(groups[k], term))
+        # what ranks the terms need not be taken of every sample
+        (k, term, equation.of_term(groups[k], term, is_coarse=True))
         for k in open_groups
         for kind in kinds
         for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings.n_scales)
