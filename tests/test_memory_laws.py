@@ -97,7 +97,8 @@ def test_an_iwan_joint_is_its_sliders():
     subject = law("iwan_friction", amplitude_n=900.0, scale_m=4e-3, spread=0.6, jump=0.4)
     u = np.array(subject.terms[0].kind.elements)
     reach = 4e-3 * np.minimum(1.4 * u, 1.0) ** 0.6
-    sliders = Sliders(900.0 / u.size / reach, np.full(u.size, 900.0 / u.size))
+    slip_n = 900.0 * np.array(subject.terms[0].kind.weights)
+    sliders = Sliders(slip_n / reach, slip_n)
     given = _drive(HALF_STEPS)[:, np.newaxis]
     motions = []
     for joint in (Joint("strut", (1.0,), 5e4, 1500.0, subject), Joint("strut", (1.0,), 5e4, 1500.0, sliders=sliders)):

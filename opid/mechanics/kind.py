@@ -62,8 +62,10 @@ class Kind:
             (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
             its inner parameters are a, b, c and d in this order, d = 0 where there is none, and `function` is the force
             of a slow motion that goes on in one direction.
-        elements: values of u, one for each of several memories that stand side by side: the force is their mean.
-        limit: what |h| does not pass: where it would, something slips.
+        elements: values of u, one for each of several memories that stand side by side.
+        weights: of the elements, 1 in all: the force is the mean of the elements with them.
+        limit: what |h| does not pass: where it would, something slips. Such a kind has no d, and until it slips h moves
+            with the travel: h' is v times what a, b, c and u make of it.
         memory_start: standard deviation of h where a record begins, in the unit of h.
     """
 
@@ -79,5 +81,11 @@ class Kind:
     is_friction: bool = False
     memory: Callable[..., RateAndDerivatives] | None = field(default=None, repr=False)
     elements: tuple[float, ...] = (1.0,)
+    weights: tuple[float, ...] = (1.0,)
     limit: float = math.inf
     memory_start: float = 0.0
+
+    @property
+    def slips(self) -> bool:
+        """Whether it remembers by elements that slip."""
+        return self.memory is not None and self.limit < math.inf

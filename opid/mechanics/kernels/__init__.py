@@ -18,7 +18,7 @@ from opid.mechanics.kernels.choice import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
 from opid.mechanics.kernels.steps import _force_many, _remembered_along, _structure_steps
 from opid.mechanics.kinds import BUILT_IN, Kind
-from opid.mechanics.laws import FloatArray, Law, TermSet
+from opid.mechanics.laws import FloatArray, Law, Term, TermSet
 
 __all__ = [
     "backbones",
@@ -42,9 +42,12 @@ class LawArrays(NamedTuple):
             at rest the force for unit amplitude and its derivatives by z and by both inner values; the fourth inner
             value, 0 where there is none; the third one, 1 where there is none; `Term.loading` where it rests and the
             derivatives of its logarithm by that place and by both inner values.
-        memories: (n_terms, 2) first of its memories and how many a term has; the first is -1 where it has none, and
-            -2 - q where a faint term's first is that of the place q among those of all faint terms.
-        elements: (n_memories, 2) u of each memory and what it does not pass, see `opid.mechanics.kinds.Kind`.
+        memories: (n_terms, 4) first of its memories and how many a term has, and the same of the states of a prediction
+            that stand for them: one for each memory, or one for the mean of those that slip. The first memory is -1
+            where there is none, and -2 - q where a faint term's first is that of the place q among those of all faint
+            terms, which have no states.
+        elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.mechanics.kind.Kind`; of one
+            that slips h' / v and its derivatives by three inner values, else zero; its weight.
         elements_followed: the same of the memories of faint terms.
     """
 
@@ -69,8 +72,9 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
     firsts = np.cumsum([0, *(len(law.terms) for law in laws)], dtype=np.int64)
     terms = [(term, law.rest_m, k >= len(law.terms) - law.n_faint) for law in laws for k, term in enumerate(law.terms)]
     codes = np.array([code_of(term.name) for term, _, _ in terms], dtype=np.int64)
-    values, memories = np.ones((len(terms), 14)), np.tile(np.array([-1, 0]), (len(terms), 1))
-    elements: tuple[list[tuple[float, float]], list[tuple[float, float]]] = [], []
+    values, memories = np.ones((len(terms), 14)), np.tile(np.array([-1, 0, -1, 0]), (len(terms), 1))
+    elements: tuple[list[FloatArray], list[FloatArray]] = [], []
+    n_states = 0
     for row, (term, rest_m, is_faint) in enumerate(terms):
         values[row, : min(3, len(term.values))] = term.values[:3]
         values[row, 8:10] = (*term.values[4:], 0.0)[0], (*term.values[3:], 1.0)[0]
@@ -82,11 +86,25 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
                 shape, by_z, _, first, second = term.evaluate(np.array(rest_m), np.array(0.0))
             values[row, 3:8] = rest_m, shape, by_z, first, second
         else:
-            own, begun = [(u, term.kind.limit) for u in term.kind.elements], len(elements[is_faint])
-            memories[row] = -2 - begun if is_faint else begun, len(own)
+            own, begun = _elements(term), len(elements[is_faint])
+            n_own = 0 if is_faint else 1 if term.kind.slips else len(own)
+            memories[row] = -2 - begun if is_faint else begun, len(own), n_states, n_own
+            n_states += n_own
             values[row, 3:8] = 0.0
             elements[is_faint].extend(own)
-    return LawArrays(firsts, codes, values, memories, *(np.array(each).reshape(-1, 2) for each in elements))
+    return LawArrays(firsts, codes, values, memories, *(np.array(each).reshape(-1, 7) for each in elements))
+
+
+def _elements(term: Term) -> list[FloatArray]:
+    """Rows of `LawArrays.elements`."""
+    kind, rows = term.kind, []
+    for u, weight in zip(kind.elements, kind.weights, strict=True):
+        slopes = (0.0, 0.0, 0.0, 0.0)
+        if kind.slips and kind.memory is not None:
+            slope, _, _, *by_inner = kind.memory(0.0, 1.0, *(*term.inner, 1.0, 1.0)[:3], u)
+            slopes = (slope, *by_inner)
+        rows.append(np.array([u, kind.limit, *slopes, weight], dtype=np.float64))
+    return rows
 
 
 def force_kernel(codes: NDArray[np.int64], values: FloatArray, z: FloatArray, v: FloatArray) -> FloatArray:
@@ -206,14 +224,14 @@ def predictions(
 
 
 def memory_starts(joints: tuple[Any, ...]) -> FloatArray:
-    """Return how uncertain each memory is where a record begins, (n_memories,).
+    """Return how uncertain the memories are where a record begins, one number for each state of them.
 
     Args:
         joints: as of `predictions`.
     """
     codes, memories = joints[2], joints[5]
     rows = np.flatnonzero(memories[:, 0] >= 0)
-    return np.repeat([BUILT_IN[code].memory_start for code in codes[rows]], memories[rows, 1]).astype(np.float64)
+    return np.repeat([BUILT_IN[code].memory_start for code in codes[rows]], memories[rows, 3]).astype(np.float64)
 
 
 def remembered_along(joints: tuple[Any, ...], v: FloatArray, step_s: float) -> FloatArray:

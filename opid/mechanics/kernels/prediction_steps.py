@@ -26,10 +26,13 @@ from opid.mechanics.kernels.small_changes import (
     _carry_covariance,
     _carry_ground,
     _dot_of_rows,
+    _drag,
     _gain,
     _push,
     _push_ground,
     _push_memories,
+    _push_slipping,
+    _slip,
     _step_matrices,
 )
 from opid.mechanics.kernels.steps import (
@@ -43,6 +46,8 @@ from opid.mechanics.kernels.steps import (
     _owners,
     _places,
     _remembered_force,
+    _slipping_force,
+    _sum_of_elements,
 )
 
 # what a memory may decay by in a step, as its rate times the step; at 2.8 the steps would grow without bound. So fast a
@@ -65,6 +70,56 @@ def _interpolate(given, place, begin, end, out):  # type: ignore[no-untyped-def]
                 )
 
 
+@part(inline=False)
+def _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, held, moved):  # type: ignore[no-untyped-def]
+    """Spread the correction of state q over the elements that it stands for, as far as they did not slip."""
+    memories, elements = joints[5], joints[6]
+    for term in range(len(memories)):
+        begin, count = memories[term, 0], memories[term, 1]
+        if memories[term, 3] > 0 and memories[term, 2] == q and elements[begin, 1] < np.inf:
+            total = 0.0
+            for e in range(begin, begin + count):
+                total += elements[e, 6] * held[e]
+            for e in range(begin, begin + count if total > 0.0 else begin):
+                part_of_it = held[e] / total
+                for i in range(n):
+                    pulled[e] += part_of_it * gain[i, 2 * n + q] * white[i]
+                    for p in range(moved.shape[1] if differentiate and held[e] > 0.0 else 0):
+                        moved[e, p] += part_of_it * gain[i, 2 * n + q] * change[i, p]
+
+
+@part(inline=False)
+def _look_ahead(joints, travels, pulled, held, at_end):  # type: ignore[no-untyped-def]
+    """Mean h' / v of the elements that stick where a step ends, and how much of those held before still does."""
+    firsts, memories, elements = joints[1], joints[5], joints[6]
+    for i in range(firsts.size - 1):
+        for term in range(firsts[i], firsts[i + 1]):
+            begin, count, q = memories[term, 0], memories[term, 1], memories[term, 2]
+            if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
+                total = 0.0
+                for e in range(begin, begin + count):
+                    total += elements[e, 6] * held[e]
+                _, slope, _, _, _, kept = _sum_of_elements(elements, begin, count, travels[4, i], pulled, held)
+                at_end[q, 0], at_end[q, 1] = slope, kept / total if total > 0.0 else 0.0
+
+
+@part(inline=False)
+def _end_step(n, joints, travels, pulled, held, state):  # type: ignore[no-untyped-def]
+    """Move the elements that slip to the end of a step, and the states that are their means."""
+    firsts, memories, elements = joints[1], joints[5], joints[6]
+    for i in range(n):
+        for term in range(firsts[i], firsts[i + 1]):
+            begin, count, q = memories[term, 0], memories[term, 1], memories[term, 2]
+            if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
+                total = 0.0
+                for e in range(begin, begin + count):
+                    free = pulled[e] + elements[e, 2] * travels[4, i]
+                    held[e] = elements[e, 2] if np.abs(free) < elements[e, 1] else 0.0
+                    pulled[e] = _confined(free, elements[e, 1])
+                    total += elements[e, 6] * pulled[e]
+                state[2 * n + q] = total
+
+
 @kernel(freedom="fused")
 def _predictions(  # type: ignore[no-untyped-def]
     several, remembered, ground_is_followed, unmeasured_is_followed, joints, accelerance, by_mass, reading, by_reading,
@@ -84,7 +139,7 @@ def _predictions(  # type: ignore[no-untyped-def]
     """
     n = 1 if several is None else several
     ground = False if ground_is_followed is None else ground_is_followed
-    n_moving = 2 * n + len(remembered) if several is None else 2 * n + len(joints[6])
+    n_moving = 2 * n + len(remembered) if several is None else 2 * n + len(_owners(joints))
     unmeasured = False if unmeasured_is_followed is None else unmeasured_is_followed
     n_states = n_moving + (4 if ground else 2) * n + (n if unmeasured else 0)
     n_samples, linear = measured.shape[0], joints[0]
@@ -144,6 +199,14 @@ def _predictions(  # type: ignore[no-untyped-def]
     )
     part_drive, part_by_drive = np.zeros((3, 1, n)), np.zeros((3, n_drive, n))
     whole_drive = drive.reshape(drive.shape[0], 1, n)
+    # of elements that slip: h, h' / v of those that did not slip when the last step ended, and the derivatives of h
+    elements, n_elements = joints[6], len(joints[6]) if n_moving > 2 * n else 0
+    pulled, held, moved = np.zeros(n_elements), np.zeros(n_elements), np.zeros((n_elements, width))
+    slips = False
+    for e in range(n_elements):
+        held[e], slips = elements[e, 2], slips or elements[e, 1] < np.inf
+    # how far each interface went since the step began, at its stages and its end; slope and what is held at the end
+    travels, at_end, before = np.zeros((5, n)), np.zeros((n_moving - 2 * n, 2)), np.zeros((n, width))
     # what faint terms remember, and v where a step begins and ends
     n_followed = len(joints[7])
     followed, pace = np.zeros((3, n_followed, 4)), np.zeros((2, n))
@@ -177,6 +240,9 @@ def _predictions(  # type: ignore[no-untyped-def]
                 more, slope = _remembered_force(joints, i, owns[i] + 4, seen, v, 2 * n, state, by_own, evolution)
                 force[seen, i] += more
                 by_v[seen, i] += slope
+            if slips:
+                more, _ = _slipping_force(joints, i, owns[i] + 4, seen, False, 0.0, pulled, held, by_own, evolution)
+                force[seen, i] += more
         for i in range(n if n_followed > 0 else 0):
             _followed_forces(joints, i, owns[i] + 4, 2, seen, seen + 1, state[n + i], followed, by_own)
         for i in range(n):
@@ -241,6 +307,9 @@ def _predictions(  # type: ignore[no-untyped-def]
                 sensitivity[step, i, p] = change[i, p]
             for s in range(n_states):
                 state[s] += gain[i, s] * white[i]
+        if slips and correct:
+            for q in range(len(owners)):
+                _correct_elements(n, q, joints, white, gain, change, differentiate, pulled, held, moved)
         if step == n_samples - 1:
             break
 
@@ -284,6 +353,13 @@ def _predictions(  # type: ignore[no-untyped-def]
                         more, slope = _remembered_force(joints, i, owns[i] + 4, stage, v, 0, memory, by_own, evolution)
                         force[stage, i] += more
                         by_v[stage, i] += slope
+                    if slips:
+                        travels[stage, i] = z - state[i]
+                        more, slope = _slipping_force(
+                            joints, i, owns[i] + 4, stage, stage > 0, travels[stage, i], pulled, held, by_own, evolution
+                        )
+                        force[stage, i] += more
+                        by_z[stage, i] += slope
                 weight, ahead = _STAGE_WEIGHT[stage] * part_s, _STAGE_STEP[stage] * part_s
                 for q in range(n_moving - 2 * n):
                     rate = evolution[stage, q, 0]
@@ -312,6 +388,7 @@ def _predictions(  # type: ignore[no-untyped-def]
                         here[3, i] = state[n_moving + 3 * n + i] + ahead * under
             for i in range(n):
                 pace[0, i], pace[1, i] = state[n + i], following[1, i]
+                travels[4, i] = following[0, i] - state[i]
                 state[i], state[n + i] = following[0, i], following[1, i]
                 if unmeasured:
                     state[n_states - n + i] *= decay[i]
@@ -319,9 +396,11 @@ def _predictions(  # type: ignore[no-untyped-def]
                     state[n_moving + 2 * n + i], state[n_moving + 3 * n + i] = following[2, i], following[3, i]
             for q in range(n_moving - 2 * n):
                 state[2 * n + q] = memory_next[q]
+            if slips:
+                _look_ahead(joints, travels, pulled, held, at_end)
             if not (correct or differentiate):
-                for q in range(n_moving - 2 * n):
-                    state[2 * n + q] = _confined(state[2 * n + q], joints[6][q, 1])
+                if slips:
+                    _end_step(n, joints, travels, pulled, held, state)
                 continue
             if n_followed > 0:
                 _follow(joints, part_s, pace[0], pace[1], followed)
@@ -347,6 +426,8 @@ def _predictions(  # type: ignore[no-untyped-def]
                 transition,
                 work,
             )
+            if slips:
+                _slip(joints, evolution, at_end, of_acceleration, of_force, transition)
             _by_offset_and_ground(
                 linear,
                 of_acceleration,
@@ -378,6 +459,15 @@ def _predictions(  # type: ignore[no-untyped-def]
                 _push(owns, place, by_mass, given, force, by_own, of_acceleration, of_force, of_drive, carried)
                 if n_moving > 2 * n:
                     _push_memories(joints, owns, evolution, of_memory, carried)
+                if slips:
+                    for i in range(n):
+                        for p in range(width):
+                            before[i, p] = moving[i, p]
+                        for k in range(n if is_first else 0):
+                            for p in range(width):
+                                before[i, p] += gain[k, i] * change[k, p]
+                    _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carried)
+                    _drag(n, joints, owns, travels, pulled, before, moved, carried)
                 if ground:
                     _carry_ground(part_s, n, resting)
                     _push_ground(place, part_s, n_own + n_mass, given, resting)
@@ -401,13 +491,6 @@ def _predictions(  # type: ignore[no-untyped-def]
                     covariance,
                     product,
                 )
-            for q in range(n_moving - 2 * n):
-                row, limit = 2 * n + q, joints[6][q, 1]
-                if np.abs(state[row]) > limit:
-                    # what slips no longer knows where it came from
-                    state[row] = limit if state[row] > 0.0 else -limit
-                    for p in range(width):
-                        moving[row, p] = 0.0
-                    for s in range(n_states):
-                        covariance[row, s] = covariance[s, row] = 0.0
+            if slips:
+                _end_step(n, joints, travels, pulled, held, state)
     return innovation, spread, sensitivity, motion

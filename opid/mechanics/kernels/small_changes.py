@@ -59,6 +59,93 @@ def _step_matrices(  # type: ignore[no-untyped-def]
                 transition[row, column] += work[column]
 
 
+@part(inline=False, freedom="fused")
+def _slip(joints, evolution, at_end, of_acceleration, of_force, transition):  # type: ignore[no-untyped-def]
+    """What slipping elements add to these matrices: their mean h is a state that moves with z.
+
+    At a stage h is that of the beginning and what the travel since then makes of it, dh_s = r_s dh + T_s (dz_s - dz):
+    `_step_matrices` knew A T_s as a slope of the force, and A r_s as its derivative by h. `at_end` has T and r where
+    the step ends.
+    """
+    firsts, memories, elements = joints[1], joints[5], joints[6]
+    n, n_moving = firsts.size - 1, transition.shape[0]
+    for i in range(n):
+        for term in range(firsts[i], firsts[i + 1]):
+            if memories[term, 3] > 0 and elements[memories[term, 0], 1] < np.inf:
+                q = memories[term, 2]
+                for row in range(n_moving):
+                    for stage in range(4):
+                        transition[row, i] -= of_force[stage, row, i] * evolution[stage, q, 7]
+    for i in range(n):
+        for term in range(firsts[i], firsts[i + 1]):
+            if memories[term, 3] > 0 and elements[memories[term, 0], 1] < np.inf:
+                q = memories[term, 2]
+                row, slope = 2 * n + q, at_end[q, 0]
+                for column in range(n_moving):
+                    transition[row, column] = slope * transition[i, column]
+                transition[row, i] -= slope
+                transition[row, row] += at_end[q, 1]
+                for stage in range(4):
+                    for k in range(n):
+                        of_acceleration[stage, row, k] = slope * of_acceleration[stage, i, k]
+                        of_force[stage, row, k] = slope * of_force[stage, i, k]
+
+
+@part(inline=False, freedom="fused")
+def _push_slipping(n, joints, evolution, travels, pulled, of_force, moved, carried):  # type: ignore[no-untyped-def]
+    """Add to `carried` what elements that slip at a stage do otherwise than their mean; `moved` has derivatives."""
+    _, firsts, _, _, values, memories, elements, _ = joints
+    for i in range(n):
+        for term in range(firsts[i], firsts[i + 1]):
+            begin, count, q = memories[term, 0], memories[term, 1], memories[term, 2]
+            if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
+                for stage in range(4):
+                    kept = evolution[stage, q, 3] / values[term, 0]
+                    if kept == 1.0:
+                        continue
+                    for e in range(begin, begin + count):
+                        sticks = np.abs(pulled[e] + elements[e, 2] * travels[stage, i]) < elements[e, 1]
+                        more = values[term, 0] * elements[e, 6] * ((1.0 if sticks else 0.0) - kept)
+                        for row in range(2 * n):
+                            factor = of_force[stage, row, i] * more
+                            for p in range(carried.shape[1]):
+                                carried[row, p] += factor * moved[e, p]
+
+
+@part(inline=False, freedom="fused")
+def _drag(n, joints, owns, travels, pulled, before, moved, carried):  # type: ignore[no-untyped-def]
+    """Move the elements that slip to the end of a step, with their derivatives; put the mean of these in `carried`.
+
+    `before` are the derivatives of z where the step began.
+    """
+    _, firsts, _, n_inner, _, memories, elements, _ = joints
+    width = carried.shape[1]
+    for i in range(n):
+        place = owns[i] + 4
+        for term in range(firsts[i], firsts[i + 1]):
+            begin, count, row = memories[term, 0], memories[term, 1], 2 * n + memories[term, 2]
+            if memories[term, 3] > 0 and elements[begin, 1] < np.inf:
+                for p in range(width):
+                    before[i, p] = carried[i, p] - before[i, p]
+                    carried[row, p] = 0.0
+                for e in range(begin, begin + count):
+                    slope = elements[e, 2]
+                    if np.abs(pulled[e] + slope * travels[4, i]) < elements[e, 1]:
+                        for p in range(width):
+                            moved[e, p] += slope * before[i, p]
+                        for k in range(n_inner[term]):
+                            moved[e, place + 1 + k] += elements[e, 3 + k] * travels[4, i]
+                        for p in range(width):
+                            carried[row, p] += elements[e, 6] * moved[e, p]
+                    else:
+                        # what slips no longer knows where it came from
+                        for p in range(width):
+                            moved[e, p] = 0.0
+                for p in range(width):
+                    before[i, p] = carried[i, p] - before[i, p]
+            place += 1 + n_inner[term]
+
+
 @part(inline=True, freedom="fused")
 def _by_offset_and_ground(  # type: ignore[no-untyped-def]
     linear, of_acceleration, of_force, step_s, ground, unmeasured, decay, transition, of_drive, of_push
@@ -174,7 +261,7 @@ def _push_memories(joints, owns, evolution, of_memory, carried):  # type: ignore
     for i in range(firsts.size - 1):
         place = owns[i] + 4
         for term in range(firsts[i], firsts[i + 1]):
-            for q in range(max(0, memories[term, 0]), memories[term, 0] + memories[term, 1]):
+            for q in range(max(0, memories[term, 2]), memories[term, 2] + memories[term, 3]):
                 for k in range(n_inner[term]):
                     for row in range(carried.shape[0]):
                         for stage in range(4):

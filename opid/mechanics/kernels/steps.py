@@ -31,7 +31,7 @@ def _force_with_memory(law_table, first, last, z, v, memory, rates):  # type: ig
             rate, by_h, _, _, _, _ = evolve(
                 codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
             )
-            total += values[row, 0] / count * (h + values[row, 8] * rate)
+            total += values[row, 0] * elements[q, 6] * (h + values[row, 8] * rate)
             rates[q], quickest = rate, max(quickest, np.abs(by_h))
     return total, quickest
 
@@ -230,7 +230,7 @@ def _joint_force(joints, i, place, stage, z, v, x, by_own):  # type: ignore[no-u
 
 @part(inline=True)
 def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, evolution):  # type: ignore[no-untyped-def]
-    """Force of the terms of joint i that remember, A (h + d h') or its mean over several h, and its slope by v.
+    """Force of the terms of joint i that remember, A (h + d h'), and its slope by v; what slips has another part.
 
     Their derivatives by their own parameters go to by_own[stage], from `place` on, where the law's own begin. Of each
     memory q, h' goes to evolution[stage, q], followed by its derivatives by h and v, that of the force by h, and those
@@ -239,21 +239,20 @@ def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, 
     _, firsts, codes, n_inner, values, memories, elements, _ = joints
     total, slope_v = 0.0, 0.0
     for row in range(firsts[i], firsts[i + 1]):
-        begin, count = memories[row, 0], memories[row, 1]
-        if count > 0 and begin >= 0:
+        begin, count = memories[row, 2], memories[row, 3]
+        if count > 0 and elements[memories[row, 0], 1] == np.inf:
             amplitude, lag = values[row, 0] / count, values[row, 8]
             for k in range(1 + n_inner[row]):
                 by_own[stage, place + k] = 0.0
             for q in range(begin, begin + count):
-                free, limit = memory[first_memory + q], elements[q, 1]
-                h = _confined(free, limit)
+                h, u = memory[first_memory + q], elements[memories[row, 0] + q - begin, 0]
                 rate, by_h, by_v, by_a, by_b, by_c = evolve(
-                    codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
+                    codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], u
                 )
                 shape = h + lag * rate
                 total += amplitude * shape
                 slope_v += amplitude * lag * by_v
-                by_memory = 0.0 if np.abs(free) > limit else amplitude * (1.0 + lag * by_h)
+                by_memory = amplitude * (1.0 + lag * by_h)
                 for k, value in enumerate((rate, by_h, by_v, by_memory, by_a, by_b, by_c)):
                     evolution[stage, q, k] = value
                 by_own[stage, place] += shape / count
@@ -263,6 +262,62 @@ def _remembered_force(joints, i, place, stage, v, first_memory, memory, by_own, 
                     )
         place += 1 + n_inner[row]
     return total, slope_v
+
+
+@part(inline=False, freedom="any order")
+def _sum_of_elements(elements, begin, count, travel, pulled, held):  # type: ignore[no-untyped-def]
+    """Weighted sums of h after a travel, of h' / v of what sticks, its derivatives, and of what was held before."""
+    total, slope, by_a, by_b, by_c, kept = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    begin = max(0, begin)
+    for k in range(count):
+        e = begin + k
+        limit, weight = elements[e, 1], elements[e, 6]
+        free = pulled[e] + elements[e, 2] * travel
+        sticks = weight if np.abs(free) < limit else 0.0
+        # written so that nan stays nan
+        h = limit if free > limit else free
+        total += weight * (-limit if h < -limit else h)
+        slope += sticks * elements[e, 2]
+        by_a += sticks * elements[e, 3]
+        by_b += sticks * elements[e, 4]
+        by_c += sticks * elements[e, 5]
+        kept += sticks * held[e]
+    return total, slope, by_a, by_b, by_c, kept
+
+
+@part(inline=True)
+def _slipping_force(joints, i, place, stage, is_begun, travel, pulled, held, by_own, evolution):  # type: ignore[no-untyped-def]
+    """Force of the terms of joint i whose elements slip, A times their mean h, and its slope by z.
+
+    The joint moved by `travel` since h was `pulled`; where the step only begins (`is_begun` is False) that is zero, and
+    so is the slope: h is then a state. `held` is h' / v of the elements that did not slip when the last step ended.
+
+    Of the state q that stands for a term, evolution[stage, q, 3] is the derivative of the force by it, spread over the
+    elements held as their h' / v: what of it those carry that still stick. evolution[stage, q, 7] is the slope.
+    """
+    _, firsts, _, n_inner, values, memories, elements, _ = joints
+    total, slope_z = 0.0, 0.0
+    for row in range(firsts[i], firsts[i + 1]):
+        begin, count, q = memories[row, 0], memories[row, 1], memories[row, 2]
+        if memories[row, 3] > 0 and elements[begin, 1] < np.inf:
+            amplitude = values[row, 0]
+            of_all, slope, by_a, by_b, by_c, kept = _sum_of_elements(elements, begin, count, travel, pulled, held)
+            before = 0.0
+            for e in range(begin, begin + count):
+                before += elements[e, 6] * held[e]
+            for k in range(8):
+                evolution[stage, q, k] = 0.0
+            evolution[stage, q, 3] = values[row, 0] * kept / before if before > 0.0 else 0.0
+            if is_begun:
+                evolution[stage, q, 7] = amplitude * slope
+                slope_z += amplitude * slope
+            total += amplitude * of_all
+            by_own[stage, place] = of_all
+            for k, by_value in enumerate((by_a, by_b, by_c)):
+                if k < n_inner[row]:
+                    by_own[stage, place + 1 + k] = amplitude * by_value * travel
+        place += 1 + n_inner[row]
+    return total, slope_z
 
 
 @part(inline=False)
@@ -290,7 +345,15 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
             begin, a, b, c = -2 - memories[row, 0], values[row, 1], values[row, 2], values[row, 9]
             for q in range(begin, begin + (memories[row, 1] if begin >= 0 else 0)):
                 u, limit = elements[q, 0], elements[q, 1]
-                for half in range(2):
+                for half in range(2 if limit < np.inf else 0):
+                    # v is a straight line: h moves with the travel
+                    travel = 0.5 * step_s * (v_begin[i] + (0.25 + 0.5 * half) * (v_end[i] - v_begin[i]))
+                    free = followed[half, q, 0] + elements[q, 2] * travel
+                    followed[half + 1, q, 0] = _confined(free, limit)
+                    for k in range(3):
+                        after = followed[half, q, 1 + k] + elements[q, 3 + k] * travel
+                        followed[half + 1, q, 1 + k] = after if np.abs(free) <= limit else 0.0
+                for half in range(2 if limit == np.inf else 0):
                     h, then = followed[half, q, 0], half + 1
                     for k in range(1, 4):
                         followed[then, q, k] = followed[half, q, k]
@@ -303,14 +366,12 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
                         v = at_first + (k + 0.5) / n_parts * change
                         rate = evolve(codes[row], h, v, a, b, c, u)[0]
                         rate, by_h, _, by_a, by_b, by_c = evolve(codes[row], h + 0.5 * part_s * rate, v, a, b, c, u)
-                        free = h + part_s * rate
-                        h = _confined(free, limit)
+                        h += part_s * rate
                         # implicit, so that it stays stable for any decay
                         fading = 0.5 * part_s * by_h
                         for place, by_value in enumerate((by_a, by_b, by_c)):
                             before = followed[then, q, 1 + place] * (1.0 + fading)
-                            after = (before + part_s * by_value) / (1.0 - fading)
-                            followed[then, q, 1 + place] = after if h == free else 0.0
+                            followed[then, q, 1 + place] = (before + part_s * by_value) / (1.0 - fading)
                     followed[then, q, 0] = h
 
 
@@ -321,14 +382,17 @@ def _followed_forces(joints, i, place, half, first_stage, last_stage, v, followe
     for row in range(firsts[i], firsts[i + 1]):
         begin, count, lag = -2 - memories[row, 0], memories[row, 1], values[row, 8]
         for q in range(begin, begin + (count if begin >= 0 else 0)):
-            h, amplitude = followed[half, q, 0], values[row, 0] / count
-            rate, by_h, _, by_a, by_b, by_c = evolve(
-                codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
-            )
+            h, amplitude = followed[half, q, 0], values[row, 0] * elements[q, 6]
+            rate, by_h, by_a, by_b, by_c = 0.0, 0.0, 0.0, 0.0, 0.0
+            # the force of what slips has no lag
+            if elements[q, 1] == np.inf:
+                rate, by_h, _, by_a, by_b, by_c = evolve(
+                    codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
+                )
             for stage in range(first_stage, last_stage):
                 for k in range(1 + n_inner[row] if q == begin else 0):
                     by_own[stage, place + k] = 0.0
-                by_own[stage, place] += (h + lag * rate) / count
+                by_own[stage, place] += elements[q, 6] * (h + lag * rate)
                 for k, by_value in enumerate((by_a, by_b, by_c, 0.0)):
                     if k < n_inner[row]:
                         through_h = followed[half, q, 1 + k] if k < 3 else 0.0
@@ -341,13 +405,13 @@ def _followed_forces(joints, i, place, half, first_stage, last_stage, v, followe
 
 @part(inline=False)
 def _owners(joints):  # type: ignore[no-untyped-def]
-    """The interface that each memory belongs to."""
-    firsts, memories, elements = joints[1], joints[5], joints[6]
-    owners = np.zeros(len(elements), np.int64)
+    """The interface that each state of a memory belongs to."""
+    firsts, memories = joints[1], joints[5]
+    owners = np.zeros(memories[:, 3].sum(), np.int64)
     for i in range(firsts.size - 1):
         for row in range(firsts[i], firsts[i + 1]):
-            for q in range(max(0, memories[row, 0]), memories[row, 0] + memories[row, 1]):
-                owners[q] = i
+            for q in range(memories[row, 3]):
+                owners[memories[row, 2] + q] = i
     return owners
 
 
