@@ -24,7 +24,7 @@ from real_records import SETS, records_of, write_logs
 
 # laws that are given, None to search one; whether each record is identified alone
 CASES = {
-    "isolated_building": (("linear", "dahl_friction", "arctan_displacement+dahl_friction"), False),
+    "isolated_building": (("linear", "dahl_friction", "arctan_displacement+dahl_friction", None), False),
     "shake_table_frame": (("linear", None), True),
     "sliding_isolators": (("linear", "coulomb_friction", "dahl_friction"), False),
     "quarter_car_bench": (("linear", "coulomb_friction", "dahl_friction"), False),

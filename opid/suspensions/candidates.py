@@ -22,7 +22,7 @@ from opid.suspensions.fit import NO_FIT, Fit, balanced, loading_changes, runs_co
 from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
 from opid.suspensions.model import Model, noise_level
-from opid.suspensions.model_error import ModelError, measure_model_error, unexplained
+from opid.suspensions.model_error import ModelError, follow_freely, measure_model_error, unexplained
 from opid.suspensions.noise import KnownNoise, is_noise, mean_level, with_noise_of_the_band, with_own_noise
 from opid.suspensions.repeatability import (
     Repeatability,
@@ -442,6 +442,9 @@ def _with_error(part: Fitted) -> Fitted:
                 if of_simpler.limit != "model":
                     found, error = simpler, of_simpler
                     break
+        if error.limit == "model":
+            fit, error = follow_freely(found.fit, error)
+            found = replace(found, fit=fit)
     except NO_FIT as failed:
         return replace(part, found=None, reason=str(failed))
     return replace(part, found=found, error=error)

@@ -106,6 +106,16 @@ class Model(Unknowns):
         runs = tuple(run.coarse for run in self.runs)
         return self if all(a is b for a, b in zip(runs, self.runs, strict=True)) else replace(self, runs=runs)
 
+    @cached_property
+    def free(self) -> Model:
+        """The model of the free motion: what sensors on the body read does not correct it, and drives are exact.
+
+        Its errors are in the same unit.
+        """
+        below, above = self.noise
+        runs = tuple(replace(run, error_level=run.error_level / _DEAF) for run in self.runs)
+        return replace(self, runs=runs, noise=(below / _DEAF, above * _DEAF), process=NO_PROCESS_NOISE)
+
     @property
     def level(self) -> float:
         """The noise that is assumed, as white noise of one level on all sensors, m/s^2."""
@@ -238,9 +248,7 @@ class Model(Unknowns):
         Raises:
             UnboundedResponseError: a motion that grows without bound.
         """
-        below, above = self.noise
-        deaf = replace(self, noise=(below / _DEAF, above * _DEAF), process=NO_PROCESS_NOISE)
-        return deaf.evaluate(theta, sensitivity=False).predictions
+        return self.free.evaluate(theta, sensitivity=False).predictions
 
     def _levels(self, place: int) -> FloatArray:
         """How large the errors of a run are, (n_sensors, n_lines) or one number for all."""

@@ -5,6 +5,10 @@ the same, within their intervals, however the errors are weighed. What a model l
 follows the motion freely and the one that is told at each sample where the body is make up for it in different ways.
 Both are fitted, the second with process noise of its own level and colour, and their difference is the test (Hausman
 1978, Specification tests in econometrics). It also widens the intervals.
+
+Where the model is the limit, equivalents, explained fractions and predictions are those of its free motion. The answer
+is then told from the fit whose free motion leaves least, not from that of the least errors of one step: readings that
+correct the motion hide what the model lacks (Ljung 1999, System identification, sec. 8.5).
 """
 
 from __future__ import annotations
@@ -91,6 +95,48 @@ def measure_model_error(fit: Fit) -> ModelError:
         spread += of_pieces
         of_equivalents = np.hypot(by_piece, _moved_equivalents(fit, moved))
     return ModelError(limit, departure, spread, left_out(fit), of_equivalents)
+
+
+def follow_freely(fit: Fit, error: ModelError) -> tuple[Fit, ModelError]:
+    """Return the fit whose free motion leaves least, and what limits it; both as given where it is no better.
+
+    Args:
+        fit: that the model limits.
+        error: of it.
+    """
+    before = unexplained(fit)
+    try:
+        free = _free_fit(fit)
+        errors = fit.model.evaluate(free.theta)
+    except NO_FIT:
+        return fit, error
+    found = replace(fit, theta=free.theta, errors=errors, n_evaluations=fit.n_evaluations + free.n_evaluations)
+    if not np.sum(np.square(unexplained(found))) < np.sum(np.square(before)):
+        return fit, error
+    # the fits differ in how the errors are weighed, which a right model does not mind
+    moved = fit.theta - found.theta
+    return found, replace(
+        error,
+        spread=error.spread + np.outer(moved, moved),
+        left_out=left_out(free),
+        of_equivalents=np.hypot(error.of_equivalents, _moved_equivalents(found, moved)),
+    )
+
+
+def _free_fit(fit: Fit) -> Fit:
+    """The free motion of a model fitted to the readings at a coarse rate, each run weighed by what is left of it."""
+    known, model, theta = fit.model.settings, fit.model.coarse.free, fit.theta
+    free = Fit(model, theta, model.evaluate(theta, sensitivity=False), 1)
+    n_evaluations = 1
+    for _ in range(known.process.n_free_fits):
+        rms = [float(np.sqrt(np.mean(np.abs(line) ** 2) / 2)) for line in free.errors.lines]
+        runs = [
+            replace(run, error_level=run.error_level * each) for run, each in zip(free.model.runs, rms, strict=True)
+        ]
+        model, most = replace(free.model, runs=tuple(runs)), known.fit.most_refit_evaluations
+        free = fit_model(model, free.theta, most_evaluations=most, least_promise=known.fit.promise_in_search)
+        n_evaluations += free.n_evaluations
+    return replace(free, n_evaluations=n_evaluations)
 
 
 def _with_process_noise(fit: Fit) -> Iterator[Fit]:

@@ -343,6 +343,7 @@ class ProcessSettings:
         surely_other_std: beyond so many no likelier process noise is looked for.
         piece_s: under a wrong model parameters are fitted to pieces of so many seconds, s, ...
         most_pieces: ... at most so many of a run.
+        n_free_fits: so often the free motion is fitted, each run weighed by what the last fit left of it.
     """
 
     fractions: tuple[float, ...] = (0.03, 0.3)
@@ -356,6 +357,7 @@ class ProcessSettings:
     surely_other_std: float = 6.0
     piece_s: float = 20.0
     most_pieces: int = 3
+    n_free_fits: int = 2
 
 
 @dataclass(frozen=True)
