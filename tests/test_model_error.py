@@ -15,6 +15,7 @@ from opid.mechanics.road import SpeedProfile, iso8608_road
 from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import recording_from_arrays
+from opid.suspensions import candidates
 from opid.suspensions.identification import identify
 from opid.suspensions.model import Model
 from opid.suspensions.result import GearParameters
@@ -281,6 +282,21 @@ def test_the_damping_of_friction_that_remembers_is_what_it_dissipates_over_the_m
     per_mass = damping if result.per_mass else damping / result.parameters.sprung_mass_kg.value
     # statistical linearisation is another way to the same number
     assert abs(per_mass / result.equivalents[0].damping_per_mass.value - 1) < 0.05
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_where_the_model_is_the_limit_the_free_motion_of_the_answer_leaves_less(monkeypatch, seed):
+    """Readings that correct the motion hide what the model lacks; without them another damper follows it best."""
+    study = hysteretic(seed, amplitude_n=1500.0, travel_m=2e-3)
+    followed = identify(study, law="linear")
+    monkeypatch.setattr(candidates, "follow_freely", lambda fit, error: (fit, error))
+    corrected = identify(study, law="linear")
+    left, left_before = (np.array([run.unexplained for run in each.runs]) for each in (followed, corrected))
+    assert np.sum(left**2) < np.sum(left_before**2)
+    for after, before in zip(followed.equivalents, corrected.equivalents, strict=True):
+        # the difference of both fits widens the interval, which then holds the other answer
+        frequency = after.natural_frequency_hz
+        assert abs(frequency.value - before.natural_frequency_hz.value) < 1.96 * frequency.std
 
 
 def one_run(study):
