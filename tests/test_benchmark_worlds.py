@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scripts import script
 
+import opid
 from opid.mechanics.kinds import LAWS
 from opid.mechanics.landing_gear import LandingGear, gear_structure
 from opid.mechanics.response import time_response
@@ -118,3 +119,18 @@ def test_a_kind_without_ranges_is_refused(drawn_laws):
         drawn_laws.law_of_kind(
             "quartic_damping", LandingGear(), drawn_laws.Motion(4e-3, 0.06), np.random.default_rng(1)
         )
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_force_that_follows_the_road_is_taken_for_a_spring_below_zero_and_nothing_is_told_with_an_interval(
+    worlds, seed
+):
+    study, _ = worlds.WORLDS["followed 10 %"].study(seed)
+    result = opid.identify(study, law="arctan_velocity")
+    assert "no spring is below zero" in result.not_determined
+    assert result.per_mass
+    assert result.parameters.sprung_mass_kg.value is None
+    estimates = [*vars(result.ratios).values(), *result.law_estimates["arctan_velocity"].values()]
+    estimates += [each.natural_frequency_hz for each in result.equivalents]
+    assert estimates
+    assert all(each.interval95 is None for each in estimates)

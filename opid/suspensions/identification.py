@@ -21,7 +21,7 @@ from opid.suspensions.intervals import bootstrap_over_white, limits, std_over_wh
 from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise, measure_whiteness, over_noise
-from opid.suspensions.refusals import find_confounded_terms, loose_motions, why_no_mass, why_refused
+from opid.suspensions.refusals import find_confounded_terms, loose_motions, negative_ground, why_no_mass, why_refused
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
@@ -253,6 +253,8 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     if choice.lack > choice.verdicts.explained and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out
         reported = reported.without_intervals()
+    if any(negative_ground(part) for part in parts):
+        reported = reported.without_intervals()
     for part, terms in zip(parts, confounded, strict=True):
         reported = reported.without_intervals_of(terms, _members(study, part))
     if reason:
@@ -304,6 +306,8 @@ def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...
                 each if each.value is None else _within(each.value, std_fraction)
                 for each, std_fraction in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
             ]
+        if negative_ground(part):
+            estimates = [each.without_interval() for each in estimates]
         found.append(Equivalent(run.name, *estimates))
     return tuple(found)
 

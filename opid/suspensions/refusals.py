@@ -91,6 +91,8 @@ def why_no_mass(choice: Choice) -> str | None:
             f"the loading ({changes}) does not rest on {choice.names(untold)}: only ratios to the mass can be told; "
             "change it there, too"
         )
+    if any(negative_ground(part) for part in parts):
+        return _why_no_spring(choice)
     if study.is_one_gear:
         return _why_no_mass_of_gear(choice)
     loose = [part for part in parts if _is_loose(part.known.mass, choice.verdicts)]
@@ -111,6 +113,39 @@ def why_no_mass(choice: Choice) -> str | None:
     return (
         f"the change of loading ({changes}) moves too little of what the sensors see to give the mass"
         f"{'' if len(parts) == 1 else ' on ' + choice.names(loose)}: change it more, or at a place that moves more"
+    )
+
+
+def negative_ground(part: Fitted) -> tuple[float, float] | None:
+    """Return the spring to the ground that is surely below zero; None where there is none.
+
+    Returns:
+        It as a fraction of the stiffness of its suspension, and how many of its standard deviations it is below zero.
+    """
+    known, model = part.settings.intervals, part.fit.model
+    for number, group in enumerate(model.groups):
+        spring, stiffness = (
+            part.known.ground(number, None, per_mass=True),
+            part.known.suspension(number, per_mass=True)[0],
+        )
+        if not group.ground or spring.value is None or not spring.std or not stiffness.value:
+            continue
+        fraction, n_std = spring.value / abs(stiffness.value), -spring.value / spring.std
+        if n_std > known.impossible_ground_std and -fraction > known.negligible_ground:
+            return fraction, n_std
+    return None
+
+
+def _why_no_spring(choice: Choice) -> str:
+    """A spring that pushes the body on is a force that the model does not have."""
+    found = {part: negative for part in choice.parts if (negative := negative_ground(part))}
+    fraction, n_std = next(iter(found.values()))
+    where = "" if len(choice.parts) == 1 else f" at {choice.names(list(found))}"
+    return (
+        f"the runs ask for a spring to the ground{where} of {100 * fraction:.2g} % of the suspension's stiffness, and "
+        f"no spring is below zero ({n_std:.0f} standard deviations): a force that goes with the motion or the road "
+        "acts on the body, a sensor has a gain or an AC coupling that the study does not state, or the law is outside "
+        "the library; no mass can be told, and the ratios to the mass stand without intervals"
     )
 
 

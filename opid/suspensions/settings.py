@@ -465,6 +465,8 @@ class IntervalSettings:
         least_motion: a motion of less than this times the noise does not tell its inertia.
         far_std: a coordinate that moves by more standard deviations of its tolerance is named.
         negligible_ground: a ground spring below this fraction of K is not worth a warning.
+        impossible_ground_std: a ground spring that is this many standard deviations below zero is none: something else
+            pulls at the body. Noise alone makes two of them, and gains that differ as much as usual three.
         same_frequency: runs of one mass whose natural frequencies differ by more than this fraction are unlike.
         least_remainder: a run that keeps less than this fraction of the mass is a slip of the pen.
         softened: a joint inside of a structure is told if with this fraction of its spring and damper ...
@@ -491,6 +493,7 @@ class IntervalSettings:
     least_motion: float = 2.0
     far_std: float = 3.5
     negligible_ground: float = 0.002
+    impossible_ground_std: float = 5.0
     same_frequency: float = 0.01
     least_remainder: float = 0.2
     softened: float = 0.01
