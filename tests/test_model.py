@@ -334,7 +334,9 @@ def test_derivatives_of_every_entry_are_those_of_differences(case):
     for k in range(theta.size):
         name = model.names[k] if k < model.n_shared else f"start {k - model.n_shared}"
         step = np.zeros(theta.size)
-        step[k] = 1e-5 * max(abs(theta[k]), 1e-2 if k < model.n_shared else 1e-4)
+        # an element of a joint that begins to slip within a step bends the difference: the shorter the step, the less
+        relative = 1e-7 if case == "iwan_friction" else 1e-5
+        step[k] = relative * max(abs(theta[k]), 1e-2 if k < model.n_shared else 1e-4)
         up, down = (model.evaluate(theta + sign * step, sensitivity=False).stacked for sign in (1, -1))
         differences = (up - down) / (2 * step[k])
         # a lag moves half of the last sample at nothing, and steps are divided where a memory turns over
