@@ -63,7 +63,10 @@ class Noise:
             self.unmeasured,
             rate,
         )
-        return np.array([np.broadcast_to(np.asarray(row, dtype=np.float64), n) for row in rows])
+        table = np.empty((len(rows), n))
+        for number, row in enumerate(rows):
+            table[number] = row
+        return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +171,7 @@ def predict(
             f"{', '.join(map(str, needed))} for {n} interface(s)"
         )
     innovation, spread, changes, motion = predictions(
-        joint_arrays(interfaces, ground=ground),
+        joint_arrays(tuple(interfaces), ground=ground),
         matrix,
         by_accelerance,
         seen,

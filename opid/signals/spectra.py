@@ -92,7 +92,7 @@ def cross_spectra(
     >>> spectra.density.shape, spectra.n_blocks
     ((257, 2, 2), 15)
     """
-    from scipy import signal
+    from scipy import fft, signal
 
     samples = np.asarray(signals, dtype=np.float64)
     if samples.ndim != 2:
@@ -107,14 +107,15 @@ def cross_spectra(
         )
     if not 0 <= overlap < block:
         raise InputError(f"noverlap is {overlap}: give a number from 0 to below nperseg = {block}")
-    columns = samples.T
-    frequency_hz, density = signal.csd(
-        columns[:, np.newaxis], columns[np.newaxis], fs, window=window, nperseg=block, noverlap=overlap
-    )
-    n_blocks = (n_samples - overlap) // (block - overlap)
-    n_averages = _independent_averages(signal.get_window(window, block), n_blocks, block - overlap)
+    taper = signal.get_window(window, block)
+    blocks = np.lib.stride_tricks.sliding_window_view(samples, block, axis=0)[:: block - overlap]
+    lines = fft.rfft((blocks - blocks.mean(axis=-1, keepdims=True)) * taper).transpose(2, 1, 0)
+    density = lines.conj() @ lines.transpose(0, 2, 1) / (blocks.shape[0] * fs * float(taper @ taper))
+    # the lines of negative frequency are as strong
+    density[1 : None if block % 2 else -1] *= 2
+    n_averages = _independent_averages(taper, blocks.shape[0], block - overlap)
     return CrossSpectra(
-        frequency_hz, np.moveaxis(density, -1, 0), n_blocks, n_averages, window, block, overlap, float(fs)
+        fft.rfftfreq(block, 1 / fs), density, blocks.shape[0], n_averages, window, block, overlap, float(fs)
     )
 
 

@@ -206,19 +206,24 @@ def fit_model(
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
     known, spent, promise = model.settings.fit, 0, 0.0
+    errors: Errors | None = None
     for factor in (*noisier, 1.0):
         louder = replace(model, louder=factor, is_held=bool(model.carriers))
         if factor != 1.0 and hold_places:
             louder = _with_places_held(louder)
         promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
-        theta, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
+        theta, errors, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
         spent += n
+    if not model.carriers and errors is not None:
+        return Fit(model, theta, errors, spent)
     fit = Fit(model, theta, model.evaluate(theta), spent + 1)
     if not model.carriers or fit.ratio > model.settings.verdicts.refused:
         return fit
     # near enough for the runs to be believed where they say that something else carries, too
-    theta, n = _moved(model, _shared_out(model, theta), free, most_evaluations or known.most_evaluations, promise)
-    return Fit(model, theta, model.evaluate(theta), fit.n_evaluations + n + 1)
+    begun, most = _shared_out(model, theta), most_evaluations or known.most_evaluations
+    theta, errors, n = _moved(model, begun, free, most, promise)
+    spent = fit.n_evaluations + n
+    return Fit(model, theta, errors or model.evaluate(theta), spent + (errors is None))
 
 
 def _shared_out(model: Model, theta: FloatArray) -> FloatArray:
@@ -471,7 +476,7 @@ def _with_places_held(model: Model) -> Model:
 
 def _moved(
     model: Model, theta: FloatArray, free: slice, most_evaluations: int, least_promise: float
-) -> tuple[FloatArray, int]:
+) -> tuple[FloatArray, Errors | None, int]:
     def evaluate(vector: FloatArray) -> Errors | None:
         try:
             return model.evaluate(vector)
@@ -489,6 +494,7 @@ def _moved(
         free=free,
         most_evaluations=most_evaluations,
         least_promise=least_promise,
+        negligible_promise=settings.negligible_promise,
         first_damping=settings.first_damping,
         least_damping=settings.least_damping,
         first=model.evaluate,

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,11 @@ class Residual(Protocol):
         """(n, n_unknowns) derivatives."""
 
 
+AnyResidual = TypeVar("AnyResidual", bound=Residual)
+
+
 def least_squares(
-    evaluate: Callable[[FloatArray], Residual | None],
+    evaluate: Callable[[FloatArray], AnyResidual | None],
     theta: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
@@ -47,13 +50,14 @@ def least_squares(
     free: slice = slice(None),
     most_evaluations: int,
     least_promise: float,
+    negligible_promise: float,
     first_damping: float,
     least_damping: float,
-    first: Callable[[FloatArray], Residual] | None = None,
-) -> tuple[FloatArray, int]:
-    """Return the vector of least squared error near `theta` and the evaluations spent.
+    first: Callable[[FloatArray], AnyResidual] | None = None,
+) -> tuple[FloatArray, AnyResidual | None, int]:
+    """Return the vector of least squared error near `theta`, its errors if they are known, and the evaluations spent.
 
-    The last step is taken on its promise, without a look.
+    The last step is taken on its promise, without a look. Where it promises next to nothing the errors stand before it.
 
     Args:
         evaluate: errors at a vector; None where there are none.
@@ -64,6 +68,7 @@ def least_squares(
         free: the entries that may move.
         most_evaluations: at the most.
         least_promise: the search ends when the next step promises less of the squared error over its variance.
+        negligible_promise: a last step that promises less does not change the errors.
         first_damping: of the step after one that failed, over the squared size of each column.
         least_damping: a smaller one is none.
         first: takes the place of `evaluate` at the start, and may raise.
@@ -73,14 +78,14 @@ def least_squares(
     best[free] = np.clip(best[free], lower, upper)
     errors = (first or evaluate)(best)
     if errors is None:
-        return best, 1
+        return best, None, 1
     cost, damping, n_data, failed = _cost(errors), 0.0, errors.stacked.size, False
     for spent in range(1, most_evaluations):
         step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
         trial = best.copy()
         trial[free] = np.clip(best[free] + step, lower, upper)
         if promise * n_data < least_promise * cost:
-            return trial, spent
+            return trial, errors if promise * n_data < negligible_promise * cost else None, spent
         new = evaluate(trial)
         if new is not None and _cost(new) < cost:
             # where a longer step has just failed the next may as well
@@ -88,7 +93,7 @@ def least_squares(
             best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
         else:
             damping, failed = max(10 * damping, first_damping), True
-    return best, most_evaluations
+    return best, errors, most_evaluations
 
 
 def _cost(errors: Residual) -> float:

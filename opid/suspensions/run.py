@@ -173,7 +173,7 @@ class DrivenRun:
     # what was made of the records so far
     _sides: dict[Side, FloatArray] = field(init=False, default_factory=dict)
     _parts: dict[tuple[Side, tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
-    _splines: dict[tuple[tuple[str, int], int], interpolate.BSpline] = field(init=False, default_factory=dict)
+    _splines: dict[tuple[tuple[str, int], int], FloatArray] = field(init=False, default_factory=dict)
 
     @property
     def fs(self) -> float:
@@ -347,18 +347,11 @@ class DrivenRun:
             if key not in self._parts:
                 self._parts[key] = self._taken(side, self._column(source, integrals))
             return self._parts[key]
-        time = np.arange(len(self.sprung)) / self.recorded_fs
         if (source, integrals) not in self._splines:
-            self._splines[source, integrals] = interpolate.make_interp_spline(
-                time, self._column(source, integrals), k=5
-            )
-        delayed = time + lag_s
-        held = np.clip(delayed, 0.0, time[-1])
-        samples = self._splines[source, integrals](held, order)
-        if order:
-            # beyond the ends the record is held, and a lag moves nothing
-            samples[held != delayed] = 0.0
-        return self._taken(side, samples)
+            column = self._column(source, integrals)
+            self._splines[source, integrals] = ndimage.spline_filter1d(column, 5, mode="mirror")
+        samples = _later(self._splines[source, integrals], lag_s * self.recorded_fs, order)
+        return self._taken(side, samples * self.recorded_fs**order)
 
     def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
         name, place = source
@@ -433,6 +426,24 @@ def driven_run(
         stride=1,
         settings=settings,
     )
+
+
+def _later(coefficients: FloatArray, steps: float, order: int) -> FloatArray:
+    """A quintic spline, or its derivative, so many steps later; beyond its ends it is held, and its derivative zero."""
+    n, piece = coefficients.size, interpolate.BSpline.basis_element(np.arange(-3, 4), extrapolate=False)
+    near = np.arange(-2, 4)
+
+    def at(place: NDArray[np.int64], fraction: float, order: int) -> FloatArray:
+        # mirrored at both ends, as the coefficients were made
+        taken = np.abs(n - 1 - np.abs(n - 1 - np.abs(place[:, np.newaxis] + near)))
+        return np.asarray(coefficients[taken] @ piece(fraction - near, order))
+
+    whole = int(np.floor(steps))
+    samples = at(np.arange(n) + whole, steps - whole, order)
+    place = np.arange(n) + steps
+    for outside, end in ((place < 0, 0), (place > n - 1, n - 1)):
+        samples[outside] = 0.0 if order else at(np.array([end]), 0.0, 0)
+    return samples
 
 
 def _columns(samples: ArrayLike) -> FloatArray:

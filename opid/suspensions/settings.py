@@ -134,6 +134,8 @@ class FitSettings:
         least_promise: a fit ends when the next step promises less of the squared error over its variance.
         promise_in_search: the same while laws are searched, and in fits of all runs but one.
         promise_from_afar: the same while the noise is exaggerated.
+        negligible_promise: where the last step promises less, the errors before it are those after it: it moves no
+            parameter by more than three hundredths of its standard deviation.
         largest_log_step: how far the logarithm of a positive entry moves in a step.
         farthest_std: coordinates and faults of sensors are not looked for farther from what is known of them.
         held_fraction: while a fit comes from afar, tolerances of coordinates, and of what carries the weight, are
@@ -160,6 +162,7 @@ class FitSettings:
     least_promise: float = 1e-2
     promise_in_search: float = 1.0
     promise_from_afar: float = 10.0
+    negligible_promise: float = 1e-3
     largest_log_step: float = 1.0
     farthest_std: float = 8.0
     held_fraction: float = 1e-3
