@@ -78,7 +78,7 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
     moved = np.zeros((known.n_bootstrap, scale.size))
     n_sensors = len(fit.model.sensors.sprung)
     for run, prediction in zip(fit.model.runs, fit.errors.predictions, strict=True):
-        block = max(1, round(known.bootstrap_s * run.fs))
+        block = max(1, min(round(known.bootstrap_s * run.fs), run.n_samples))
         n_blocks = -(-run.n_samples // block)
         drawn = rng.integers(0, run.n_samples, (known.n_bootstrap, n_blocks))
         for sensor in range(n_sensors):
@@ -87,10 +87,11 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
             spectrum[:, run.lines] = parts[0][:, : run.omega.size] + 1j * parts[1][:, : run.omega.size]
             # the transpose of `DrivenRun.transform`; the band holds neither the mean nor the highest line
             influence = fft.irfft(spectrum, run.n_samples) * np.sqrt(run.n_samples / 2)
-            innovation = prediction.innovation[sensor]
-            for draw, starts in enumerate(drawn):
-                places = (starts[:, np.newaxis] + np.arange(block)).ravel()[: run.n_samples] % run.n_samples
-                moved[draw] += influence @ innovation[places]
+            # a block that is drawn near the end goes on at the beginning
+            around = np.append(prediction.innovation[sensor], prediction.innovation[sensor, : block - 1])
+            blocks = np.lib.stride_tricks.sliding_window_view(around, block)
+            resampled = blocks[drawn].reshape(known.n_bootstrap, -1)[:, : run.n_samples]
+            moved += resampled @ influence.T
         first += 2 * n_sensors * run.omega.size
     # what was known before the data is drawn anew as well
     by_prior = np.diag(posterior @ (jacobian[n:].T @ jacobian[n:]) @ posterior)
