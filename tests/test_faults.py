@@ -53,6 +53,19 @@ FAULTS = {
         {"gain_sprung": 1.03, "corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.462, "lag_s": 0.5 / FS},
     ),
     "equal AC coupling": ({}, COUPLED, COUPLED, {"corner_unsprung_hz": 0.33, "corner_sprung_hz": 0.33}),
+    # far beyond the usual corner of 0.25 Hz, and nothing else would leave so little
+    "high AC coupling": (
+        {},
+        {"corner_hz": 1.0},
+        {"corner_hz": 1.0},
+        {"corner_unsprung_hz": 1.0, "corner_sprung_hz": 1.0},
+    ),
+    "higher AC coupling": (
+        {},
+        {"corner_hz": 1.1},
+        {"corner_hz": 2.0},
+        {"corner_unsprung_hz": 1.1, "corner_sprung_hz": 2.0},
+    ),
     "weak spring": ({"ground_stiffness_n_per_m": 4e3}, {}, {}, {GROUND: 4e3 / MASS_KG}),
 }
 
@@ -96,6 +109,37 @@ def test_a_fault_far_beyond_what_sensors_do_is_not_let_in():
     assert "gain_sprung" not in {demand.name for demand in demands}
     for fault in fit.model.faults:
         assert abs(fit.value(fault.name) - fault.nominal) < FaultSettings().plausible_std * fault.std
+
+
+@pytest.mark.parametrize("gain", [0.8, 1.2])
+def test_a_fault_that_is_not_let_in_is_told_and_takes_the_intervals(gain):
+    result = identify(study_of(seed=3, upper_sensor=Sensor(gain=gain)), law=LAW)
+    (evidence,) = result.evidence
+    (implausible,) = evidence.implausible
+    assert implausible.name == "gain_sprung"
+    assert implausible.value == pytest.approx(gain, abs=0.02)
+    assert implausible.error_after < 0.2 * implausible.error_before
+    assert "gain_sprung" not in evidence.fit.model.names
+    assert any("the runs demand a gain error between the sensors (gain" in warning for warning in result.warnings)
+    (interface,) = result.interfaces
+    told = [*result.ratios.items(), *result.parameters.items(), *interface.items()]
+    told += [each for equivalent in result.equivalents for each in equivalent.items()]
+    told += [each for laws in interface.law_estimates.values() for each in laws.items()]
+    assert any(estimate.value for _, estimate in told)
+    assert all(estimate.interval95 is None for _, estimate in told)
+
+
+def test_a_tone_that_no_sensor_below_reads_is_no_implausible_fault():
+    given, runs = study_of(seed=4), []
+    for run in given.runs:
+        samples = np.array(run.recording.samples)
+        tone = 0.1 * np.sin(2 * np.pi * 12.3 * np.arange(len(samples)) / FS)
+        samples[:, run.recording.names.index("upper_z")] += tone
+        runs.append(replace(run, recording=Recording(samples, fs=FS, channels=run.recording.channels)))
+    result = identify(replace(given, runs=tuple(runs)), law=LAW)
+    assert result.residual_over_noise > 3
+    assert result.evidence[0].implausible == ()
+    assert result.ratios.stiffness_per_mass.interval95 is not None
 
 
 # ---- three interfaces ------------------------------------------------------------------------------

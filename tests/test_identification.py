@@ -202,6 +202,22 @@ def test_an_implausible_mass_change_is_seen(study):
         gear_study(study.runs[0], Run("light", study.runs[1].recording, -220_000.0))
 
 
+@pytest.mark.parametrize(
+    ("change_kg", "unit", "mass"), [(-0.22, "tonnes", "1.85 kg"), (-9.9e4, "grams", "8.32e+05 kg")]
+)
+def test_a_mass_change_in_another_unit_is_asked_about(change_kg, unit, mass):
+    """The runs fit as well as with the right one, so that a bench of such a mass is told no more than this sentence."""
+    found = identify(study_of(change_kg=change_kg), law="arctan_velocity")
+    (sentence,) = found.warnings
+    assert sentence.startswith(f"the scale rests on {change_kg:+g} kg, which makes the mass {mass}: mass_change_kg is")
+    assert unit in sentence
+    right = identify(study_of(), law="arctan_velocity")
+    assert right.warnings == ()
+    assert found.residual_over_noise == pytest.approx(right.residual_over_noise, rel=1e-3)
+    masses = found.parameters.sprung_mass_kg.value, right.parameters.sprung_mass_kg.value
+    assert masses[0] / masses[1] == pytest.approx(change_kg / -220, rel=1e-3)
+
+
 @pytest.mark.parametrize("name", ["arctan_displacement", "quadratic_damping", "cubic_stiffness"])
 def test_a_given_law_is_fitted(name):
     gear = LandingGear(law=default_law(name))

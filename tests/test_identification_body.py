@@ -232,7 +232,8 @@ def test_a_sensor_that_is_upside_down_is_refused_and_the_worst_one_named():
 def test_a_loading_in_tonnes_is_asked_about():
     found = identify(study(runs=with_loading((0.5, 1.0, 0.2))), law=LAW)
     assert found.warnings == (
-        "the scale rests on +0.5 kg at (1, 0.2) m, which makes the mass 5.41 kg: loadings are in kg",
+        "the scale rests on +0.5 kg at (1, 0.2) m, which makes the mass 5.41 kg: loadings are in kg, and the runs "
+        "cannot show that it was tonnes, which scale all masses and forces alike",
     )
 
 

@@ -406,6 +406,7 @@ def _model(evidence: Evidence) -> Json:
             for name, fault in faults.items()
         },
         "demanded": [_demand(demand) for demand in evidence.demands],
+        "implausible": [_demand(demand) for demand in evidence.implausible],
         "imitates_ground_spring": evidence.ground.sentences,
         "surface": next(iter(surfaces.values()), None),
         "surfaces": surfaces,

@@ -17,7 +17,7 @@ from opid.mechanics.laws import Law
 from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
 from opid.suspensions.body import Body, rigid_body, vertical
-from opid.suspensions.faults import Demand
+from opid.suspensions.faults import Demand, implausible_demands
 from opid.suspensions.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
 from opid.suspensions.intervals import Parameters, known_parameters
 from opid.suspensions.law_search import chosen
@@ -141,6 +141,12 @@ class Fitted:
     def demands(self) -> tuple[Demand, ...]:
         """What was let in beside the suspensions."""
         return () if self.found is None else self.found.demands
+
+    @cached_property
+    def implausible(self) -> tuple[Demand, ...]:
+        """Faults of sensors that the runs demand and that were not let in, for they lie far beyond what sensors do."""
+        is_worth_it = self.task.question.faults and self.residual_over_noise > self.settings.verdicts.noted
+        return implausible_demands(self.fit) if self.has_fit and is_worth_it else ()
 
     @property
     def is_noise_of_fit(self) -> bool:

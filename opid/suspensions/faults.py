@@ -4,6 +4,9 @@ All are first tried by score tests, one simulation together. What would lower th
 information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
 spring, say): all that explain the runs about as well as the one that was let in are named. Which faults pass for a
 ground spring, and how large a one, is said where there is none, too.
+
+A fault that lies far beyond what such sensors do may stand in for something else. AC coupling is let in all the same
+where little is left with it, for nothing else looks like it then. Other faults are not, but are told.
 """
 
 from __future__ import annotations
@@ -63,6 +66,17 @@ class Hypothesis:
         for side, channel, facts in self.changes:
             sensors = sensors.changed(side, channel, **dict.fromkeys(dict(facts), 0.0))
         return replace(model, sensors=sensors)
+
+    def about(self, fit: Fit) -> Hypothesis:
+        """An AC coupling that is looked for about the corners of a fit, where they are above the usual one."""
+        usual_hz = fit.model.settings.faults.corner_hz
+        corners = [fault for fault in fit.model.faults if fault.kind == "corner"]
+        corners_hz = {(each.side, each.channel): max(fit.value(each.name), usual_hz) for each in corners}
+        changes = tuple(
+            (side, channel, tuple({**dict(facts), "corner_hz": corners_hz[side, channel]}.items()))
+            for side, channel, facts in self.changes
+        )
+        return replace(self, changes=changes)
 
     def names(self, model: Model) -> tuple[str, ...]:
         """Its parameters."""
@@ -132,8 +146,12 @@ def let_in(
         for hypothesis in promising:
             say(hypothesis.words)
             grown = _grown(coarse, hypothesis, start)
-            if grown is not None and _is_plausible(grown, hypothesis):
+            if grown is None:
+                continue
+            if _is_plausible(grown, hypothesis):
                 tried.append((grown, hypothesis))
+            elif hypothesis.is_coupling and (farther := _looked_for_farther(grown, hypothesis)):
+                tried.append(farther)
         if not tried:
             break
         best, hypothesis = min(tried, key=lambda entry: entry[0].bic)
@@ -150,6 +168,28 @@ def let_in(
             standing = now
     standing = _without_the_useless(standing, known)
     return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
+
+
+def implausible_demands(fit: Fit) -> tuple[Demand, ...]:
+    """Return faults that would explain much of what a fit leaves, and lie far beyond what such sensors do.
+
+    They were not let in, for they may stand in for something else: each alone, with its value at a coarse rate. None of
+    them needs a spring to the ground, which may only make up for a gain.
+    """
+    known, found = fit.model.settings.faults, list[Demand]()
+    bare = Hypothesis("springs to the ground", ground=True).taken_from(fit.model)
+    try:
+        coarse = _at_runs(fit, fit.model.coarse.runs)
+        first = fit_model(bare.coarse, carried_over(fit, bare)) if fit.model.ground else coarse
+    except NO_FIT:
+        return ()
+    for hypothesis in _promising(first, False, None):
+        grown = _grown(first, hypothesis, None)
+        if grown is None or _is_plausible(grown, hypothesis) or not _is_better(grown, coarse, known):
+            continue
+        if grown.noise_m_per_s2 < (1 - known.helps_fraction) * coarse.noise_m_per_s2:
+            found += _demands(grown, hypothesis, coarse.noise_m_per_s2, ())
+    return tuple(found)
 
 
 def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[float]:
@@ -198,6 +238,18 @@ def _is_plausible(fit: Fit, hypothesis: Hypothesis) -> bool:
     farthest, names = fit.model.settings.faults.plausible_std, hypothesis.names(fit.model)
     new = [fault for fault in fit.model.faults if fault.name in names]
     return all(abs(fit.value(each.name) - each.nominal) < farthest * each.std for each in new)
+
+
+def _looked_for_farther(fit: Fit, hypothesis: Hypothesis) -> tuple[Fit, Hypothesis] | None:
+    """A fit whose AC coupling is looked for about its implausible corners; None where much is left with it."""
+    if not hypothesis.is_stated:
+        hypothesis = hypothesis.about(fit)
+        model = hypothesis.added_to(fit.model)
+        try:
+            fit = fit_model(model, carried_over(fit, model))
+        except NO_FIT:
+            return None
+    return (fit, hypothesis) if fit.ratio < fit.model.settings.verdicts.noted else None
 
 
 def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, ...]) -> Iterator[Demand]:

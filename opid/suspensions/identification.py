@@ -253,7 +253,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     if choice.lack > choice.verdicts.explained and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out
         reported = reported.without_intervals()
-    if any(negative_ground(part) for part in parts):
+    if refused is None and any(_is_bent(part) for part in parts):
         reported = reported.without_intervals()
     for part, terms in zip(parts, confounded, strict=True):
         reported = reported.without_intervals_of(terms, _members(study, part))
@@ -296,6 +296,11 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     )
 
 
+def _is_bent(part: Fitted) -> bool:
+    """Whether the runs demand what cannot be, so that the numbers are bent by more than any interval holds."""
+    return bool(negative_ground(part) or part.implausible)
+
+
 def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...]:
     """Of one gear in each run."""
     (part,), found = parts, []
@@ -306,7 +311,7 @@ def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...
                 each if each.value is None else _within(each.value, std_fraction)
                 for each, std_fraction in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
             ]
-        if negative_ground(part):
+        if _is_bent(part):
             estimates = [each.without_interval() for each in estimates]
         found.append(Equivalent(run.name, *estimates))
     return tuple(found)
@@ -336,6 +341,7 @@ def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: boo
         ladder=part.ladder,
         alternatives=alternatives(part.ladder, part.settings.search),
         demands=part.demands,
+        implausible=() if is_refused else part.implausible,
         whiteness=measure_whiteness(fit),
         std_over_white=dict(zip(fit.model.names, std_over_white(fit).tolist(), strict=False)),
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),

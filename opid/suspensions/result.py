@@ -272,6 +272,8 @@ class Evidence:
         ladder: laws that were tried, the chosen one last among those that were kept.
         alternatives: laws that explain the runs as well, one sentence each.
         demands: what had to be let in beside the suspensions.
+        implausible: faults of sensors that would explain much of what is left, and were not let in, for they lie far
+            beyond what sensors do; there are no intervals then.
         whiteness: of the residual, worst sensor and run.
         std_over_white: of each shared parameter by name, how much wider a coloured residual makes its interval.
         bootstrap_over_white: the same by resampled blocks of time.
@@ -288,6 +290,7 @@ class Evidence:
     ladder: tuple[LawStep[Fit], ...]
     alternatives: tuple[str, ...]
     demands: tuple[Demand, ...]
+    implausible: tuple[Demand, ...]
     whiteness: Whiteness
     std_over_white: Mapping[str, float]
     bootstrap_over_white: Mapping[str, float]

@@ -383,7 +383,8 @@ class FaultSettings:
             what all together leave: a mass change that nobody stated, which faults of sensors would be let in for.
         ground_fraction: the equation speaks for a ground spring above this fraction of the stiffness: below, the noise
             biases it as much.
-        plausible_std: a fault that lies farther from what such sensors do stands in for something else.
+        plausible_std: a fault that lies farther from what such sensors do may stand in for something else. AC coupling
+            is let in all the same where less than `Verdicts.noted` is left.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
         nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
             sides is told apart: the little that is left may be the law's.
@@ -531,8 +532,12 @@ class WarningSettings:
     """When something is worth a warning. What is explained, doubtful or refused stands in `Verdicts`.
 
     Args:
-        least_loading_kg: a scale that rests on a smaller loading may be in another unit ...
-        least_mass_kg: ... and so may one that gives a smaller mass.
+        least_loading_kg: a scale that rests on a smaller loading may be in tonnes: nothing in the runs tells, for
+            weight and the forces of any law go with the mass ...
+        least_mass_kg: ... and so may one that gives a smaller mass: no gear carries more than 50 t. A small shaker rig
+            is told one sentence too many.
+        most_mass_of_gear_kg: a scale that gives one gear a larger mass may be in grams, likewise ...
+        most_mass_kg: ... and so may one that gives a whole body more: the heaviest aircraft has 640 t.
         straight_rms: a term whose scale lies beyond this many rms motions is a straight line over what was visited ...
         usual_reach_rms: ... unless its kind is looked for beyond this many: a scale that may be long by nature bends
             within it all the same.
@@ -556,6 +561,8 @@ class WarningSettings:
 
     least_loading_kg: float = 5.0
     least_mass_kg: float = 50.0
+    most_mass_of_gear_kg: float = 1e5
+    most_mass_kg: float = 1e6
     straight_rms: float = 2.0
     usual_reach_rms: float = 3.0
     turnover_between_samples: float = 1.0

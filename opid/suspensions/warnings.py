@@ -73,6 +73,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
     reported = [] if answer.is_refused else choice.parts
     for part in reported:
         yield from _of_the_demands(part)
+        yield from _of_implausible_demands(part)
         yield from _of_stated_facts(part)
         yield from run_differences(part)
     if reported:
@@ -151,7 +152,7 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
     )
     if ratio > verdicts.noted:
         yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}"
-        if part.error is not None and not answer.is_refused:
+        if part.error is not None and not part.implausible and not answer.is_refused:
             yield _limited_by(part)
     else:
         size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
@@ -241,6 +242,19 @@ def _of_the_demands(part: Fitted) -> Iterator[str]:
         )
 
 
+def _of_implausible_demands(part: Fitted) -> Iterator[str]:
+    for words in dict.fromkeys(demand.words for demand in part.implausible):
+        mine = [demand for demand in part.implausible if demand.words == words]
+        values = ", ".join(f"{each.name} = {each.value:.3g}" for each in mine)
+        less = 1e3 * mine[0].error_after, 1e3 * mine[0].error_before
+        yield (
+            f"the runs demand {words} ({values}), with which the error would be {less[0]:.3g} instead of {less[1]:.3g} "
+            "mm/s^2; it was not let in, for it lies far beyond what such sensors do and may stand in for something "
+            "else (a unit, a channel, a law), so the intervals are withheld: check the sensors, and state what is true "
+            "of them under [sensors]"
+        )
+
+
 def _of_stated_facts(part: Fitted) -> Iterator[str]:
     """A fact of a sensor that the fit contradicts: it is wrong, or stands in for something else."""
     demanded = {demand.name for demand in part.demands}
@@ -286,9 +300,20 @@ def _of_the_ground(answer: Answer) -> Iterator[str]:
 
 
 def _of_the_scale(study: Study, mass: Estimate, settings: WarningSettings, *, rules: bool) -> Iterator[str]:
-    """A loading in tonnes scales everything, and is seen by nobody."""
+    """A loading in another unit scales everything: accelerations and weight tell no more than ratios to the mass."""
     if mass.value is None:
         return
+    largest = max((each for run in study.runs for each in run.masses), key=lambda each: abs(each.mass_kg))
+    is_small = abs(largest.mass_kg) < settings.least_loading_kg or mass.value < settings.least_mass_kg
+    is_large = mass.value > (settings.most_mass_of_gear_kg if study.is_one_gear else settings.most_mass_kg)
+    if is_small or is_large:
+        where = "" if study.is_one_gear else f" at ({largest.x_m:g}, {largest.y_m:g}) m"
+        key = "mass_change_kg is" if study.is_one_gear else "loadings are"
+        yield (
+            f"the scale rests on {largest.mass_kg:+g} kg{where}, which makes the mass {mass.value:.3g} kg: {key} in "
+            f"kg, and the runs cannot show that it was {'tonnes' if is_small else 'grams'}, which scale all masses and "
+            "forces alike"
+        )
     if study.is_one_gear:
         changes = [run.mass_change_kg for run in study.runs]
         fraction = (max(changes) - min(changes)) / mass.value
@@ -298,13 +323,6 @@ def _of_the_scale(study: Study, mass: Estimate, settings: WarningSettings, *, ru
                 f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by "
                 f"about {1 / fraction:.0f}: doubling it would halve the interval of the mass"
             )
-        return
-    largest = max((each for run in study.runs for each in run.masses), key=lambda each: abs(each.mass_kg))
-    if abs(largest.mass_kg) < settings.least_loading_kg or mass.value < settings.least_mass_kg:
-        yield (
-            f"the scale rests on {largest.mass_kg:+g} kg at ({largest.x_m:g}, {largest.y_m:g}) m, which makes the mass "
-            f"{mass.value:.3g} kg: loadings are in kg"
-        )
 
 
 def _untold_motion(motion: str) -> str:
