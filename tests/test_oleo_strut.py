@@ -12,7 +12,7 @@ from scripts import script
 from opid import identify, read_study, result_text
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.landing_gear import LandingGear, gear_structure, taxi_test
+from opid.mechanics.landing_gear import LandingGear, gear_structure, taxi_run, taxi_test
 from opid.mechanics.laws import LAWS, LINEAR, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
@@ -347,3 +347,32 @@ def test_flights_tell_a_gas_leak_from_an_oil_leak(tmp_path, changed, words):
     assert words in change.statement
     names = {series.quantity.name for series in found.series}
     assert names == {"gas", "damping", "mass"}
+
+
+def rubbing_strut(mass_kg, *, length_m=0.12, exponent=1.3):
+    """A strut whose seals the gas presses, loaded slowly from 1850 kg at this length; 6 % of its force is friction."""
+    weight, length_m = mass_kg * GRAVITY_M_PER_S2, length_m * 1850.0 / mass_kg
+    gas = law("gas_column", static_force_n=weight, gas_length_m=length_m, exponent=exponent)
+    seal = {"amplitude_n": 0.06 * weight, "scale_m_per_s": 0.02, "deflection_m": length_m / exponent}
+    gear = LandingGear(sprung_mass_kg=mass_kg, suspension_damping_n_s_per_m=3e3)
+    return replace(gear, suspension_stiffness_n_per_m=1e-3, law=gas + law("loaded_friction", **seal))
+
+
+@pytest.mark.parametrize(("repeatability", "removed_kg"), [(0.0, 220.0), (0.0, 0.0), (0.01, 220.0)])
+def test_friction_that_gas_loads_tells_no_mass_where_runs_of_two_masses_are_stated_to_be_alike(
+    repeatability, removed_kg
+):
+    streams = np.random.default_rng(5).spawn(2)
+    runs = [
+        Run(name, taxi_run(rubbing_strut(1850.0 - less_kg), rng=rng, fs=256.0, duration_s=20.0).recording, -less_kg)
+        for name, less_kg, rng in zip(("first", "second"), (0.0, removed_kg), streams, strict=True)
+    ]
+    study = study_of_gear("rubs", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=repeatability)
+    result = identify(study, law="gas_column+loaded_friction")
+    is_withheld = repeatability == 0.0 and removed_kg > 0.0
+    assert result.residual_over_noise < 1.2
+    assert (result.ratios.stiffness_per_mass.interval95 is None) == is_withheld
+    assert (result.ratios.damping_per_mass.interval95 is None) == is_withheld
+    assert ("from the quick curve of the gas" in (result.not_determined or "")) == is_withheld
+    if is_withheld:
+        assert result.parameters.sprung_mass_kg == Estimate()

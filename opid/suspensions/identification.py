@@ -21,7 +21,7 @@ from opid.suspensions.intervals import bootstrap_over_white, limits, std_over_wh
 from opid.suspensions.law_search import alternatives, library
 from opid.suspensions.model import noise_level
 from opid.suspensions.noise import known_noise, measure_whiteness, over_noise
-from opid.suspensions.refusals import find_confounded_terms, loose_motions, negative_ground, why_no_mass, why_refused
+from opid.suspensions.refusals import find_confounded_terms, is_bent, loose_motions, why_no_mass, why_refused
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
 from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
@@ -253,7 +253,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     if choice.lack > choice.verdicts.explained and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out
         reported = reported.without_intervals()
-    if refused is None and any(_is_bent(part) for part in parts):
+    if refused is None and any(is_bent(part) for part in parts):
         reported = reported.without_intervals()
     for part, terms in zip(parts, confounded, strict=True):
         reported = reported.without_intervals_of(terms, _members(study, part))
@@ -296,11 +296,6 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     )
 
 
-def _is_bent(part: Fitted) -> bool:
-    """Whether the runs demand what cannot be, so that the numbers are bent by more than any interval holds."""
-    return bool(negative_ground(part) or part.implausible)
-
-
 def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...]:
     """Of one gear in each run."""
     (part,), found = parts, []
@@ -311,7 +306,7 @@ def _equivalents(study: Study, parts: Sequence[Fitted]) -> tuple[Equivalent, ...
                 each if each.value is None else _within(each.value, std_fraction)
                 for each, std_fraction in zip(estimates, part.error.of_equivalents.tolist(), strict=True)
             ]
-        if _is_bent(part):
+        if is_bent(part):
             estimates = [each.without_interval() for each in estimates]
         found.append(Equivalent(run.name, *estimates))
     return tuple(found)

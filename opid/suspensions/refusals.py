@@ -16,7 +16,7 @@ from opid.mechanics.laws import Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, Fitted
 from opid.suspensions.faults import GROUND
-from opid.suspensions.fit import Fit, fits_of_each_run, runs_contradict_each_other
+from opid.suspensions.fit import Fit, fits_of_each_run, loading_changes, runs_contradict_each_other
 from opid.suspensions.law_parameters import not_reached, way_to_stop
 from opid.suspensions.noise import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, GearRatios
@@ -93,6 +93,13 @@ def why_no_mass(choice: Choice) -> str | None:
         )
     if any(negative_ground(part) for part in parts):
         return _why_no_spring(choice)
+    if any(is_loaded_by_gas(part) for part in parts):
+        return (
+            "loaded_friction takes the load of the seals in a run of another mass from the quick curve of the gas, and "
+            "a strut is loaded slowly: the friction of that run is some per cent off, and the mass by more; no mass "
+            "can be told, and the ratios to the mass stand without intervals; state no `repeatability` of 0, so that "
+            "friction may differ"
+        )
     if study.is_one_gear:
         return _why_no_mass_of_gear(choice)
     loose = [part for part in parts if _is_loose(part.known.mass, choice.verdicts)]
@@ -134,6 +141,22 @@ def negative_ground(part: Fitted) -> tuple[float, float] | None:
         if n_std > known.impossible_ground_std and -fraction > known.negligible_ground:
             return fraction, n_std
     return None
+
+
+def is_loaded_by_gas(part: Fitted) -> bool:
+    """Return whether friction of runs said to be alike is loaded by gas, and those runs carry different masses.
+
+    What presses on the seals after a slow loading is the weight. `loaded_friction` knows no more than the tangent of
+    the quick curve: n times as much change of the load, with the exponent n of the gas.
+    """
+    laws = part.fit.laws.values()
+    is_loaded = any("loaded_friction" in law.parameters and any(t.kind.quasi_static for t in law.terms) for law in laws)
+    return is_loaded and not part.task.repeatability and loading_changes([run.loading for run in part.runs])
+
+
+def is_bent(part: Fitted) -> bool:
+    """Return whether the numbers of a fit are bent by more than any interval holds: none is told."""
+    return bool(negative_ground(part) or part.implausible) or is_loaded_by_gas(part)
 
 
 def _why_no_spring(choice: Choice) -> str:
