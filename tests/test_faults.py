@@ -11,7 +11,8 @@ from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
 from opid.mechanics.sensors import Sensor, measure
 from opid.signals.recording import Recording
 from opid.suspensions.candidates import gear_body
-from opid.suspensions.faults import GROUND, let_in
+from opid.suspensions.faults import GROUND, Hypothesis, let_in
+from opid.suspensions.fit import carried_over, fit_model
 from opid.suspensions.identification import identify
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import FaultSettings
@@ -109,6 +110,17 @@ def test_a_fault_far_beyond_what_sensors_do_is_not_let_in():
     assert "gain_sprung" not in {demand.name for demand in demands}
     for fault in fit.model.faults:
         assert abs(fit.value(fault.name) - fault.nominal) < FaultSettings().plausible_std * fault.std
+
+
+def test_an_ac_coupling_is_let_in_where_a_spring_to_the_ground_stood_in_its_place():
+    before, start = first_fit(lower={"corner_hz": 1.5}, upper={"corner_hz": 2.0})
+    ground = Hypothesis("a spring to the ground", ground=True).added_to(before.model)
+    sprung = fit_model(ground, carried_over(before, ground))
+    assert sprung.ratio < 0.9 * before.ratio
+    fit, demands = let_in(sprung, ground=True, start=start)
+    assert {demand.name for demand in demands} == {"corner_unsprung_hz", "corner_sprung_hz"}
+    assert GROUND not in fit.model.names
+    assert fit.ratio == pytest.approx(1.0, rel=0.06)
 
 
 @pytest.mark.parametrize("gain", [0.8, 1.2])

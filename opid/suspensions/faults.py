@@ -148,10 +148,12 @@ def let_in(
             grown = _grown(coarse, hypothesis, start)
             if grown is None:
                 continue
+            explains = False
             if _is_plausible(grown, hypothesis):
+                explains = grown.ratio < fit.model.settings.verdicts.noted
                 tried.append((grown, hypothesis))
-            elif hypothesis.is_coupling and (farther := _looked_for_farther(grown, hypothesis)):
-                tried.append(farther)
+            if hypothesis.is_coupling and not explains:
+                tried += _looked_for_farther(coarse, grown, hypothesis)
         if not tried:
             break
         best, hypothesis = min(tried, key=lambda entry: entry[0].bic)
@@ -163,7 +165,7 @@ def let_in(
             break
         new = tuple(_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
         helps = now is standing and best.noise_m_per_s2 < (1 - known.helps_fraction) * now.fit.noise_m_per_s2
-        now = _Standing(best, (*now.demands, *new))
+        now = _Standing(best, (*(demand for demand in now.demands if demand.name in best.model.names), *new))
         if helps or best.ratio < known.nearly_explained:
             standing = now
     standing = _without_the_useless(standing, known)
@@ -177,10 +179,9 @@ def implausible_demands(fit: Fit) -> tuple[Demand, ...]:
     them needs a spring to the ground, which may only make up for a gain.
     """
     known, found = fit.model.settings.faults, list[Demand]()
-    bare = Hypothesis("springs to the ground", ground=True).taken_from(fit.model)
     try:
         coarse = _at_runs(fit, fit.model.coarse.runs)
-        first = fit_model(bare.coarse, carried_over(fit, bare)) if fit.model.ground else coarse
+        first = _without_ground(coarse)
     except NO_FIT:
         return ()
     for hypothesis in _promising(first, False, None):
@@ -240,16 +241,40 @@ def _is_plausible(fit: Fit, hypothesis: Hypothesis) -> bool:
     return all(abs(fit.value(each.name) - each.nominal) < farthest * each.std for each in new)
 
 
-def _looked_for_farther(fit: Fit, hypothesis: Hypothesis) -> tuple[Fit, Hypothesis] | None:
-    """A fit whose AC coupling is looked for about its implausible corners; None where much is left with it."""
-    if not hypothesis.is_stated:
-        hypothesis = hypothesis.about(fit)
-        model = hypothesis.added_to(fit.model)
+def _looked_for_farther(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Iterator[tuple[Fit, Hypothesis]]:
+    """Yield fits with AC coupling about corners that are far from the usual one, where little is left with it.
+
+    A spring to the ground may stand in its place, so they are looked for from the fit without one, too.
+    """
+    known = fit.model.settings
+    starts = [grown] if not _is_plausible(grown, hypothesis) else []
+    if fit.model.ground:
         try:
-            fit = fit_model(model, carried_over(fit, model))
+            again = _grown(_without_ground(fit), hypothesis, None)
         except NO_FIT:
-            return None
-    return (fit, hypothesis) if fit.ratio < fit.model.settings.verdicts.noted else None
+            again = None
+        starts += [] if again is None else [again]
+    for now in starts:
+        about = hypothesis
+        for _ in range(known.faults.n_farther):
+            if _is_plausible(now, about) or hypothesis.is_stated:
+                break
+            about = about.about(now)
+            model = about.added_to(now.model)
+            try:
+                now = fit_model(model, carried_over(now, model))
+            except NO_FIT:
+                break
+        if now.ratio < known.verdicts.noted:
+            yield now, about
+
+
+def _without_ground(fit: Fit) -> Fit:
+    """The fit without springs to the ground."""
+    if not fit.model.ground:
+        return fit
+    bare = Hypothesis("springs to the ground", ground=True).taken_from(fit.model)
+    return fit_model(bare, carried_over(fit, bare))
 
 
 def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, ...]) -> Iterator[Demand]:

@@ -385,6 +385,7 @@ class FaultSettings:
             biases it as much.
         plausible_std: a fault that lies farther from what such sensors do may stand in for something else. AC coupling
             is let in all the same where less than `Verdicts.noted` is left.
+        n_farther: so often such corners are looked for about those found: each time up to five times as high.
         helps_fraction: faults that do not yet explain the runs are kept only if the error falls by this fraction.
         nearly_explained: residual over noise below which faults that were let in are kept, and the noise of the two
             sides is told apart: the little that is left may be the law's.
@@ -408,6 +409,7 @@ class FaultSettings:
     alone_fraction: float = 0.5
     ground_fraction: float = 0.005
     plausible_std: float = 5.0
+    n_farther: int = 2
     helps_fraction: float = 0.3
     nearly_explained: float = 2.0
     good_fraction: float = 0.2
