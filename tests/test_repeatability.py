@@ -19,9 +19,12 @@ from opid.report.gear_text import gear_text
 from opid.suspensions.fit import fit_model
 from opid.suspensions.identification import identify
 from opid.suspensions.repeatability import levels, with_departures
+from opid.suspensions.settings import RepeatabilitySettings, Settings
 from opid.suspensions.study import Run
 
 LAW = "arctan_velocity"
+# runs that are stated to be alike are then taken to be, whatever they say
+NEVER_CONTRADICTED = Settings(repeatability=RepeatabilitySettings(bic_margin=np.inf))
 
 
 def runs_that_differ(departure=None, *, third=None, seed=0, gear=None, **settings):
@@ -84,7 +87,7 @@ def test_derivatives_by_departures_are_those_of_the_parameters_they_multiply():
 def test_a_second_flight_with_a_stiffer_spring_moves_no_mass_beyond_its_interval():
     """Two per cent of stiffness move the mass by 7 % where the runs are said to be alike; then no mass is told."""
     runs = runs_that_differ(Departure(spring=0.02), duration_s=40, fs=512)
-    alike = identify(gear_study(*runs, repeatability=0.0), law=LAW)
+    alike = identify(gear_study(*runs, repeatability=0.0), law=LAW, settings=NEVER_CONTRADICTED)
     assert alike.limited_by == "model"
     assert alike.parameters.sprung_mass_kg.value is None
     fit = alike.evidence[0].fit
@@ -94,6 +97,21 @@ def test_a_second_flight_with_a_stiffer_spring_moves_no_mass_beyond_its_interval
     assert mass.holds(MASS_KG)
     assert abs(mass.value / MASS_KG - 1) < 0.05
     assert result.evidence[0].repeatability.estimated > 2e-3
+
+
+@pytest.mark.parametrize("gear", [LandingGear(), LandingGear(law=LINEAR)], ids=["friction", "linear"])
+def test_a_repeatability_of_zero_that_the_runs_contradict_is_not_believed(gear):
+    """Half a per cent of stiffness moved the mass by 2.5 to 3.4 % with an interval of 0.3 %, without a warning."""
+    name = gear.law.name
+    runs = runs_that_differ(Departure(spring=-0.005), gear=gear, duration_s=40, fs=512)
+    believed = identify(gear_study(*runs, repeatability=0.0), law=name, settings=NEVER_CONTRADICTED)
+    assert not believed.parameters.sprung_mass_kg.holds(MASS_KG)
+    result = identify(gear_study(*runs, repeatability=0.0), law=name)
+    assert result.parameters.sprung_mass_kg.holds(MASS_KG)
+    (alike,) = (each.repeatability for each in result.evidence)
+    assert (alike.stated, alike.exceeds) == (0.0, True)
+    assert any("more than the stated repeatability of 0 %" in each for each in result.warnings)
+    assert "(`repeatability = 0`), which these runs contradict: they show" in " ".join(gear_text(result).split())
 
 
 def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
@@ -250,7 +268,8 @@ def test_a_stiffer_spring_lifts_the_body_and_the_mass_is_told_all_the_same(kind)
     values = {"stiffness_n_per_m3": 3e8} if kind == "cubic_stiffness" else {"amplitude_n": 2000.0, "scale_m": 0.004}
     gear = LandingGear(law=law(kind, **values))
     runs = runs_that_differ(Departure(spring=0.01), gear=gear, duration_s=25)
-    same, usual = (identify(gear_study(*runs, repeatability=each), law=kind) for each in (0.0, None))
+    same = identify(gear_study(*runs, repeatability=0.0), law=kind, settings=NEVER_CONTRADICTED)
+    usual = identify(gear_study(*runs, repeatability=None), law=kind)
     masses = [each.parameters.sprung_mass_kg for each in (same, usual)]
     assert masses[1].holds(MASS_KG)
     assert not masses[0].holds(MASS_KG)

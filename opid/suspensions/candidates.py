@@ -92,6 +92,11 @@ class Task:
         stated = self.stated_repeatability
         return self.settings.repeatability.usual if stated is None else stated
 
+    @property
+    def prior_repeatability(self) -> float:
+        """What departures are known to be within: the usual one where the runs contradict that there are none."""
+        return self.repeatability or self.settings.repeatability.usual
+
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
@@ -209,7 +214,7 @@ class Fitted:
         """The parameters of the fit, and how well they are known."""
         # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
         more = 0.0 if self.error is None else self.error.spread
-        return known_parameters(self.fit, self.task.repeatability, more)
+        return known_parameters(self.fit, self.task.prior_repeatability, more)
 
     @cached_property
     def repeatability(self) -> Repeatability:
@@ -410,7 +415,7 @@ def fitted(
         found = replace(found, fit=with_noise_of_the_band(found.fit))
         noise, most = found.fit.model.noise, found.fit.model.most_noise
         model, begin = replace(model, noise=noise, most_noise=most), partial(begin, noise=noise, most_noise=most)
-        if task.repeatability and len(runs) > 1:
+        if len(runs) > 1:
             found = _with_departures(task, found, model, start, begin)
             found = replace(found, fit=with_noise_of_the_band(found.fit))
         noise = found.fit.model.noise
@@ -523,20 +528,22 @@ def _with_departures(
     """Where a search ended, with springs, damping and friction of each run let go.
 
     The search began with runs that are alike. Where letting them go mends much, laws and faults are searched again.
+    Runs that are stated to be alike are let go where that mends much and leaves no more than noise.
     """
-    stated = task.repeatability
+    level = task.prior_repeatability
     if (is_hopeless(found.fit) and not found.is_unlike) or runs_contradict_each_other(found.fit):
         return found
-    freed = with_departures(found.fit, stated)
+    freed = with_departures(found.fit, level)
     now = replace(found, fit=freed, demands=tuple(demand.updated(freed) for demand in found.demands))
     if not mends_much(freed, found.fit):
-        return now
+        return now if task.repeatability else found
     try:
-        other = partial(begin, repeatability=stated)
-        again = _found(task, replace(model, repeatability=stated), start, other)
+        other = partial(begin, repeatability=level)
+        again = _found(task, replace(model, repeatability=level), start, other)
+        now = again if again.fit.bic < freed.bic else now
     except (*NO_FIT, NotDeterminedError):
-        return now
-    return again if again.fit.bic < freed.bic else now
+        pass
+    return now if task.repeatability or is_noise(now.fit) else found
 
 
 def _from_reference(

@@ -377,7 +377,12 @@ def _interval_in_words(alike: Repeatability, percent: float) -> str:
 
 
 def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
-    if alike.estimated is not None:
+    if alike.estimated is not None and not alike.stated:
+        yield (
+            "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`), which these "
+            f"runs contradict: they show {100 * alike.estimated:.1g} %, and the intervals allow for it"
+        )
+    elif alike.estimated is not None:
         source = "the usual value, for the study states no `repeatability`" if alike.is_usual else "the stated value"
         yield (
             "the repeatability, by which stiffness, damping and friction differ from run to run, is taken to be "

@@ -268,10 +268,11 @@ def _untold(
     if joints and too_fast:
         return f"these runs do not tell the stiffness of {', '.join(joints)}: {too_fast}"
     if loose and part.repeatability.rules_mass:
+        remedy = ", or state a smaller `repeatability` if you know it" * bool(part.task.repeatability)
         return (
             f"these runs do not tell {', '.join(loose)}: springs, damping and friction may differ from run to run by "
-            f"about {100 * part.task.repeatability:.2g} %, which hides what the loading does; load more, fly each "
-            "loading more than once, or state a smaller `repeatability` if you know it"
+            f"about {100 * part.task.prior_repeatability:.2g} %, which hides what the loading does; load more, or fly "
+            f"each loading more than once{remedy}"
         )
     if loose:
         return f"these runs do not tell {', '.join(loose)}: measure at more places, or change the loading more"

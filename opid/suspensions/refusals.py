@@ -217,11 +217,11 @@ def _why_no_mass_of_gear(choice: Choice) -> str | None:
         )
     if is_loose and part.repeatability.rules_mass:
         differ = 100 * (part.repeatability.estimated or 0.0)
+        remedy = "if you know that springs, damping and friction are alike, state a smaller `repeatability`; "
         return (
             f"the runs differ by about {differ:.1g} % in stiffness, damping or friction, which hides what the mass "
             f"change of {largest:g} kg does: fly the masses in turn, each more than once, or use a larger mass change; "
-            "if you know that springs, damping and friction are alike, state a smaller `repeatability`; the ratios to "
-            "the mass are given"
+            f"{remedy * (part.repeatability.stated > 0)}the ratios to the mass are given"
         )
     if is_loose:
         upper = mu + 1.96 * std
