@@ -132,12 +132,12 @@ def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
         (("a.toml", "b.csv"), "give one study file"),
         (("a.toml", *CHANNELS), "leave out --sprung"),
         (("a.toml", "--repeatability", 0), "leave out --repeatability"),
-        (("a.csv", "--repeatability", "1%"), "'1%' is not a valid float"),
+        (("a.csv", "--repeatability", "1%"), "'1%' is no number: give a fraction, 0.01 for 1 %"),
         (("a.csv", "b.csv", *CHANNELS), "one mass change for each log after it"),
         ((".",), ". is a directory without a study.toml: name a study file, or logs"),
         ((), "Missing argument"),
         (("a.toml", "--lwa", "linear"), "Did you mean"),
-        (("a.csv", *CHANNELS, "--mass-change", "light"), "'light' is not a valid float"),
+        (("a.csv", *CHANNELS, "--mass-change", "light"), "'light' is no number: give kg"),
         (("a.toml", "--truth", "none.json"), "cannot read the truth none.json"),
     ],
 )
@@ -161,7 +161,7 @@ def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
         ("--method-of-law guess", "laws cannot be searched by 'guess'"),
         ("--method paper --method-of-law both", "leave --method-of-law out"),
         ("--sprung upper --unsprung lower_z", "did you mean 'upper_z'"),
-        ("--axis sideways", "the axis of 'gear' is 'sideways'"),
+        ("--axis sideways", "the axis is 'sideways'"),
         ("--repeatability 2", "the repeatability is 2.0"),
     ],
 )

@@ -123,6 +123,7 @@ def test_a_mass_belongs_to_an_acceleration(bench, tmp_path):
     refused(opid("law", bench, *COLUMNS, "--mass", 250), "a force already", "leave the mass out")
     for wrong in (0, -3, "nan", "inf"):
         refused(opid("law", path, *body, "--mass", wrong), "more than 0 kg")
+    refused(opid("law", path, *body, "--mass", "heavy"), "'heavy' is no number: give kg")
     refused(opid("law", path, *body, "--mass", 250, "--moving-mass"), "leave one of them out")
 
 
@@ -199,8 +200,11 @@ def test_bad_records_end_with_status_2(tmp_path):
     refused(opid("law", written(tmp_path / "strange.csv", strange), *COLUMNS), "parsec")
     short = {name: values[:50] for name, values in columns.items()}
     refused(opid("law", written(tmp_path / "short.csv", short), *COLUMNS), "50 samples", "at least 200")
+    huge = columns | {"load [kN]": 1e300 * columns["load [kN]"]}
+    refused(opid("law", written(tmp_path / "huge.csv", huge), *COLUMNS), "reaches", "check its unit")
     columns["load [kN]"][7] = np.nan
-    refused(opid("law", written(tmp_path / "gap.csv", columns), *COLUMNS), "line 9", "load")
+    said = refused(opid("law", written(tmp_path / "gap.csv", columns), *COLUMNS), "line 9", "load", "mend the log")
+    assert "more row" not in said
     refused(opid("law", tmp_path / "missing.csv", *COLUMNS), "there is no file")
 
 

@@ -81,7 +81,7 @@ def test_only_the_section_needs_a_sound_clock_and_values():
     with pytest.raises(InputError, match=r"run.xyz row 2001: the time jumps from 9.995 s to 17 s"):
         recording_of(broken)
     assert recording_of(broken, stop_s=10.0).n_samples == 2000
-    with pytest.raises(InputError, match=r"row 2501: channel .ax. has no number there, nor in 0 more"):
+    with pytest.raises(InputError, match=r"row 2501: channel .ax. has no number there: mend the log"):
         recording_of(broken, start_s=17.0)
     assert recording_of(broken, channels=["ay"], start_s=17.0).n_samples == 1000
 

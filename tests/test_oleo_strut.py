@@ -306,7 +306,7 @@ def test_gas_is_told_in_pressure_and_volume_where_the_area_of_the_piston_is_stat
 
 @pytest.mark.parametrize("area_m2", [0.0, -0.004, np.nan, 40.0])
 def test_a_piston_of_no_size_is_refused(area_m2):
-    with pytest.raises(InputError, match=r"the piston_area_m2 of 'gear' is .*, give the area that the gas pushes on"):
+    with pytest.raises(InputError, match=r"the piston_area_m2 is .*, give the area that the gas pushes on"):
         strut_study(on_air(0.004), piston_area_m2=area_m2)
 
 

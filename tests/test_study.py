@@ -123,6 +123,7 @@ FAULTS = [
         "run 'a' has 256 Hz and run 'b' has 512 Hz, resample one to the rate of the other",
     ),
     (with_runs(Run("a", log()), Run("b", log(), (PointMass(9, 0, 0),))), "runs 'a' and 'b' hold the same samples"),
+    (with_runs(Run("a", log()), Run("b", log())), "the same samples from 0 to .* s, name two logs"),
 ]
 
 

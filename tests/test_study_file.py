@@ -182,8 +182,25 @@ def test_facts_of_the_sensors_of_a_body_stand_with_their_channels(read):
 
 
 def test_two_sections_of_one_log_are_two_runs(read):
-    taxi = read(GEAR.replace("logs/light.csv", "heavy.csv"))
-    np.testing.assert_array_equal(taxi.runs[1].recording.samples, taxi.runs[0].recording.samples[256:768])
+    both = GEAR.replace("logs/light.csv", "heavy.csv")
+    with pytest.raises(InputError, match=r"hold the same samples from 0\.5 to 1\.5 s, name two logs, or stretches"):
+        read(both)
+    taxi = read(
+        both.replace('name = "heavy"', 'name = "heavy"\nstop_s = 1.0').replace("start_s = 0.5", "start_s = 1.0")
+    )
+    assert (taxi.runs[0].recording.n_samples, taxi.runs[1].recording.start_s) == (512, 1.0)
+    assert not any("from one log" in finding.message for run in taxi.runs for finding in run.findings)
+
+
+def test_two_stretches_of_one_log_at_one_mass_are_no_two_flights(read):
+    both = GEAR.replace("logs/light.csv", "heavy.csv").replace("-220.5", "0")
+    taxi = read(
+        both.replace('name = "heavy"', 'name = "heavy"\nstop_s = 1.0').replace("start_s = 0.5", "start_s = 1.0")
+    )
+    told = [[each for each in run.findings if "from one log" in each.message] for run in taxi.runs]
+    assert [len(each) for each in told] == [0, 1]
+    assert told[1][0].severity == "warning"
+    assert "with run 'heavy' and counts as another flight" in told[1][0].message
 
 
 def test_a_run_may_have_other_channels(read, tmp_path):
@@ -386,15 +403,27 @@ def test_logs_without_a_study_file(tmp_path):
     told = study_from_logs(paths[:2], mass_changes_kg=[-220], **known, **sides)
     assert (told.interfaces[0].axis, told.interfaces[0].piston_area_m2, told.repeatability) == tuple(known.values())
     for wrong, words in (
-        ({"axis": "sideways"}, "the axis of 'gear' is 'sideways', give one of 'up', 'down', 'horizontal'"),
+        ({"axis": "sideways"}, "the axis is 'sideways', give one of 'up', 'down', 'horizontal'"),
         ({"repeatability": "1%"}, r"the repeatability is '1%', .* a number from 0 to 0.2 \(0.01 for 1 %\)"),
         ({"repeatability": True}, "the repeatability is True"),
         ({"repeatability": float("nan")}, "the repeatability is nan"),
-        ({"piston_area_m2": "40 cm2"}, "the piston_area_m2 of 'gear' is '40 cm2', give the area"),
-        ({"piston_area_m2": 0}, "the piston_area_m2 of 'gear' is 0, give the area"),
+        ({"piston_area_m2": "40 cm2"}, "the piston_area_m2 is '40 cm2', give the area"),
+        ({"piston_area_m2": 0}, "the piston_area_m2 is 0, give the area"),
+        ({"piston_area_m2": 4000}, r"at most 1 m\^2 \(4000 mm\^2 are 0.004 m\^2\)"),
+        ({"axis": "Up"}, "the axis is 'Up', did you mean 'up'?"),
     ):
         with pytest.raises(InputError, match=words):
             study_from_logs(paths[:2], mass_changes_kg=[-220], **sides, **wrong)
+    for logs, changes, words in (
+        (paths[:2], -220, "mass_changes_kg is -220: give a list"),
+        (paths[:2], "-220", "mass_changes_kg is '-220': give a list"),
+        (paths[:2], [None], "a mass change is None: give a number, kg"),
+        (str(paths[0]), [], "paths is .*: give a list"),
+        ([paths[0], None], [-220], "a log is None: give the name of its file"),
+        ([paths[0], paths[0]], [-220], "heavy.csv is given twice: each run has a log of its own"),
+    ):
+        with pytest.raises(InputError, match=words):
+            study_from_logs(logs, mass_changes_kg=changes, **sides)
     with pytest.raises(InputError, match=r"did you mean 'light\.csv'"):
         study_from_logs([paths[0], tmp_path / "ligth.csv"], mass_changes_kg=[-220], **sides)
 
@@ -433,7 +462,7 @@ GEAR_FAULTS = [
     ("[channels]", "[channels]\nx = {channel = 'upper_x', corner_hz = 1}", r"give it in \[channels.sprung\] or"),
     ("title", "date = '1 March'\ntitle", "'date' in the study is '1 March', give a date without quotes"),
     ("title", "date = 2026-03-01T10:00:00\ntitle", "give the day alone, as 2026-03-01"),
-    ("title", "axis = 'upwards'\ntitle", "the axis of 'gear' is 'upwards', give one of 'up', 'down', 'horizontal'$"),
+    ("title", "axis = 'upwards'\ntitle", "the axis is 'upwards', give one of 'up', 'down', 'horizontal'$"),
     ("title", "axis = 1\ntitle", "'axis' in the study is 1, give one of 'up', 'down', 'horizontal'$"),
 ]
 SENSOR_FAULTS = [

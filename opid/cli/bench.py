@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import end, main, progress
+from opid.cli.group import Number, end, main, progress
 
 if TYPE_CHECKING:
     from opid.signals.recording import Recording
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 @click.option("--velocity", metavar="COL", help="Column of its rate, in m/s, mm/s, ...  [default: differentiated]")
 @click.option("--moving-mass", is_flag=True, help="Parts of unknown mass move between force cell and specimen.")
 @click.option(
-    "--mass", type=float, metavar="KG", help="Of a body that the specimen alone holds: --force is its acceleration."
+    "--mass",
+    type=Number("kg"),
+    metavar="KG",
+    help="Of a body that the specimen alone holds: --force is its acceleration.",
 )
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figures.")

@@ -19,6 +19,22 @@ if TYPE_CHECKING:
     from opid.updating.result import Updating
 
 
+class Number(click.ParamType):
+    """A number, with what to give where something else was given."""
+
+    name = "number"
+
+    def __init__(self, needed: str) -> None:
+        self.needed = needed
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Turn what was given into a number."""
+        try:
+            return float(value)
+        except ValueError:
+            self.fail(f"{value!r} is no number: give {self.needed}", param, ctx)
+
+
 class BadInput(click.ClickException):
     """What was given cannot be used."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import end, main, progress, result_name
+from opid.cli.group import Number, end, main, progress, result_name
 from opid.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     "--mass-change",
     "mass_changes",
     multiple=True,
-    type=float,
+    type=Number("kg, negative for what was taken off"),
     metavar="KG",
     help="Without a study: mass of a further log less that of the first; once for each.",
 )
@@ -63,13 +63,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--piston-area",
-    type=float,
+    type=Number("m^2, 0.004 for 40 cm^2"),
     metavar="M2",
     help="Without a study: what the gas of an oleo strut pushes on; it is then told in pressure and volume.",
 )
 @click.option(
     "--repeatability",
-    type=float,
+    type=Number("a fraction, 0.01 for 1 %"),
     metavar="FRACTION",
     help="Without a study: by how much springs, damping and friction differ from run to run; 0 for not at all.  "
     "[default: 0.01]",

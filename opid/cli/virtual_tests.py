@@ -160,15 +160,15 @@ def _with_friction(law: Law, friction_n: float | None) -> Law:
     """Give the friction term of a law another amplitude; none at all for an amplitude of 0."""
     from dataclasses import replace
 
+    from opid.mechanics.kinds import LAWS
     from opid.mechanics.laws import Law
 
     if friction_n is None:
         return law
-    rubbing = [term for term in law.terms if term.name in ("arctan_velocity", "coulomb_friction")]
+    rubbing = [term for term in law.terms if term.kind.is_friction]
     if len(rubbing) != 1:
-        raise click.UsageError(
-            f"--friction needs one friction term in --law, arctan_velocity or coulomb_friction; it is {law.name}"
-        )
+        known = ", ".join(kind.name for kind in LAWS.values() if kind.is_friction)
+        raise click.UsageError(f"--friction needs one friction term in --law ({known}); it is {law.name}")
     rest = tuple(term for term in law.terms if term is not rubbing[0])
     rubbed = replace(rubbing[0], values=(friction_n, *rubbing[0].inner))
     return Law((*rest, rubbed) if friction_n else rest)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import groupby
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,8 @@ class Term:
             positive = parameter.role in ("scale", "exponent")
             if not math.isfinite(value) or (positive and value <= 0.0):
                 needed = "a positive number" if positive else "a finite number"
-                raise InputError(f"{parameter.name} of {self.name} is {value:g} {parameter.unit}: give {needed}")
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+                raise InputError(f"{parameter.name} of {self.name} is {value:g}{unit}: give {needed}")
 
     @property
     def kind(self) -> Kind:
@@ -310,7 +312,12 @@ class Law(TermSet):
 
         Args:
             rest_m: the extension at which it rests, from the origin of the terms, m.
+
+        Raises:
+            InputError: no finite number.
         """
+        if isinstance(rest_m, bool) or not isinstance(rest_m, Real) or not math.isfinite(rest_m):
+            raise InputError(f"a law is to rest at {rest_m!r}: give the extension in m, a finite number")
         return Law(self.terms, float(rest_m))
 
     def scaled(self, factor: float) -> Law:
@@ -391,9 +398,13 @@ def _no_such_law(name: str) -> str:
 
 
 def _kind_names(name: str) -> list[str]:
+    if not isinstance(name, str):
+        raise InputError(f"the law is {name!r}: give its name in quotes, sums joined by +")
     names = [part.strip() for part in name.split("+")]
     if names == ["linear"]:
         return []
+    if "" in names:
+        raise InputError(f"the law {name!r} lacks a name: give one on each side of +, or 'linear' for no law")
     for part in names:
         if part == "linear":
             raise InputError(f"the law {name!r} adds 'linear': the linear part is always there, leave it out")

@@ -85,9 +85,10 @@ def _part(
     for column, values in zip(columns.values(), samples.T, strict=True):
         missing = np.flatnonzero(~np.isfinite(values))
         if missing.size:
+            more = f", nor in {missing.size - 1} more row(s)" * (missing.size > 1)
             raise InputError(
                 f"{log.path} {track.place(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
-                f"number there, nor in {missing.size - 1} more row(s): choose start_s and stop_s in a sound part"
+                f"number there{more}: mend the log, or take a sound part of it (start_s and stop_s in a study)"
             )
     history = [
         *log.history,

@@ -353,8 +353,25 @@ def _faults(study: Study) -> Iterator[str]:
                 "resample one to the rate of the other"
             )
     for one, other in combinations(study.runs, 2):
-        if one.masses != other.masses and np.array_equal(one.recording.samples, other.recording.samples):
-            yield f"runs {one.name!r} and {other.name!r} hold the same samples, name two logs"
+        shared_s = _shared_s(one.recording, other.recording)
+        if shared_s is not None:
+            yield (
+                f"runs {one.name!r} and {other.name!r} hold the same samples from {shared_s[0]:.4g} to "
+                f"{shared_s[1]:.4g} s, name two logs, or stretches of one that do not overlap"
+            )
+
+
+def _shared_s(one: Recording, other: Recording) -> tuple[float, float] | None:
+    """From when to when two recordings are one and the same, s; None where they are not."""
+    if one.names != other.names or abs(one.fs / other.fs - 1) > SAME_RATE:
+        return None
+    later = round((other.start_s - one.start_s) * one.fs)
+    first, second = max(later, 0), max(-later, 0)
+    n = min(one.n_samples - first, other.n_samples - second)
+    if n < 2 or not np.array_equal(one.samples[first : first + n], other.samples[second : second + n]):
+        return None
+    begin_s = one.start_s + first / one.fs
+    return begin_s, begin_s + n / one.fs
 
 
 def _namesakes(what: str, names: Sequence[str]) -> Iterator[str]:
@@ -367,17 +384,25 @@ def _interface_faults(study: Study) -> Iterator[str]:
     allowed = get_args(Axis)
     wrong = [each for each in study.interfaces if each.axis not in allowed]
     for each in wrong:
-        yield f"the axis of {each.name!r} is {each.axis!r}, give one of {', '.join(map(repr, allowed))}"
+        close = next((axis for axis in allowed if axis == str(each.axis).lower()), None)
+        remedy = f"did you mean {close!r}?" if close else f"give one of {', '.join(map(repr, allowed))}"
+        yield f"the axis{_of(study, each)} is {each.axis!r}, {remedy}"
     for each in study.interfaces:
         area = each.piston_area_m2
         if area is not None and not (_is_within(area, 0.0, LARGEST_PISTON_M2) and area):
+            is_small_unit = _is_within(area, LARGEST_PISTON_M2, 1e6 * LARGEST_PISTON_M2)
+            usual = (
+                f"{float(area):g} mm^2 are {1e-6 * area:.3g} m^2"
+                if is_small_unit
+                else "a bore of 100 mm has 0.00785 m^2"
+            )
             yield (
-                f"the piston_area_m2 of {each.name!r} is {area!r}, give the area that the gas pushes on, more than 0 "
-                f"and at most {LARGEST_PISTON_M2:g} m^2 (a bore of 100 mm has 0.00785 m^2)"
+                f"the piston_area_m2{_of(study, each)} is {area!r}, give the area that the gas pushes on, more than 0 "
+                f"and at most {LARGEST_PISTON_M2:g} m^2 ({usual})"
             )
         if area is not None and each.axis in ("down", "horizontal"):
             yield (
-                f"the piston_area_m2 of {each.name!r} is stated and its axis is {each.axis!r}: gas is told where it "
+                f"the piston_area_m2{_of(study, each)} is stated and its axis is {each.axis!r}: gas is told where it "
                 "carries weight and the channels count up; give both channels sign = -1 and the axis 'up', or leave "
                 "the area out"
             )
@@ -425,6 +450,11 @@ def _interface_faults(study: Study) -> Iterator[str]:
                 f"interface {interface.name!r} is at ({interface.x_m:g}, {interface.y_m:g}) m and its sensor at "
                 f"({x:g}, {y:g}) m, more than 5 m apart: name the sensor nearest to it, the others in [[body_sensors]]"
             )
+
+
+def _of(study: Study, interface: MeasuredInterface) -> str:
+    """Whose a fact is, where there are several interfaces: nobody called that of one gear."""
+    return "" if study.is_one_gear else f" of {interface.name!r}"
 
 
 def _leak_faults(into: Sequence[Leak], channels: Mapping[str, str]) -> Iterator[str]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from opid.errors import InputError, nearest
 from opid.signals.files import written_whole
+from opid.signals.health_result import Finding
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import Recording
@@ -23,6 +26,7 @@ from opid.suspensions.study import (
     BodySensor,
     MeasuredInterface,
     PointMass,
+    Run,
     StructureSettings,
     Study,
     study_of_gear,
@@ -102,6 +106,7 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         except InputError as error:
             faults.append(f"run {files.name!r}: {error}")
     refuse(faults, source)
+    runs = _with_stretches_of_one_log(runs, all_files)
     title, day, at_rate = document.get("title", source.stem), document.get("date"), at_one_rate(runs)
     if is_body:
         structure = _structure(document.get("structure", {}))
@@ -128,6 +133,25 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         date=day,
         source=source,
     )
+
+
+def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
+    """Say of runs that they are one flight: what differs from flight to flight is not seen between them."""
+    found: list[Run] = []
+    for place, (run, own) in enumerate(zip(runs, files, strict=True)):
+        logs = {each.file for each in own.sources.values()}
+        alike = [
+            other.name
+            for other, theirs in zip(runs[:place], files, strict=False)
+            if other.masses == run.masses and not logs.isdisjoint(each.file for each in theirs.sources.values())
+        ]
+        words = (
+            f"it is from one log with run {' and '.join(map(repr, alike))} and counts as another flight, though it "
+            "tells nothing of how much flights differ: the intervals are too narrow; give one run for each flight"
+        )
+        more = (Finding("warning", "", words),) * bool(alike)
+        found.append(replace(run, findings=(*run.findings, *more)))
+    return found
 
 
 def study_from_logs(
@@ -159,7 +183,18 @@ def study_from_logs(
     Raises:
         InputError: no log, a number of mass changes other than of further logs, a log is at fault, or as `Study`.
     """
-    if not paths or len(mass_changes_kg) != len(paths) - 1:
+    for name, given, each in (("paths", paths, "a log"), ("mass_changes_kg", mass_changes_kg, "a further log")):
+        if isinstance(given, (str, bytes, os.PathLike)) or not isinstance(given, Sequence | np.ndarray):
+            raise InputError(f"{name} is {given!r}: give a list, with one entry for {each}")
+    for change in mass_changes_kg:
+        if isinstance(change, bool) or not isinstance(change, Real):
+            raise InputError(f"a mass change is {change!r}: give a number, kg")
+    for path in paths:
+        if not isinstance(path, (str, os.PathLike)):
+            raise InputError(f"a log is {path!r}: give the name of its file")
+        if list(paths).count(path) > 1:
+            raise InputError(f"the log {path} is given twice: each run has a log of its own")
+    if len(paths) == 0 or len(mass_changes_kg) != len(paths) - 1:
         raise InputError(
             f"{len(paths)} log(s) and {len(mass_changes_kg)} mass change(s) are given: "
             "give the reference log first and one mass change for each log after it (--mass-change)"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,8 +105,9 @@ def bench_from_recording(
     >>> bool(np.abs(bench.velocity - 0.09 * np.cos(9 * t))[200:-200].max() < 1e-4)
     True
     """
-    if mass_kg is not None and not (np.isfinite(mass_kg) and mass_kg > 0):
-        raise InputError(f"mass_kg is {mass_kg}: give the mass of the body, more than 0 kg")
+    is_number = isinstance(mass_kg, Real) and not isinstance(mass_kg, bool)
+    if mass_kg is not None and not (is_number and np.isfinite(mass_kg) and mass_kg > 0):
+        raise InputError(f"mass_kg is {mass_kg!r}: give the mass of the body, a number of more than 0 kg")
     if mass_kg is not None and moving_mass:
         raise InputError(
             "mass_kg beside moving_mass: the force of a known mass is that of its acceleration, and no part of unknown "
@@ -205,7 +207,13 @@ def _force_and_travel(
     y, raw = recording.channel(force), recording.channel(travel)
     if mass_kg is not None:
         y = -mass_kg * y
-    for role, values in (("travel", raw), ("force", y)):
+    for role, values, most, unit in (("travel", raw, settings.most_m, "m"), ("force", y, settings.most_n, "N")):
+        if np.abs(values).max() > most:
+            and_mass = " and the mass" * (role == "force" and mass_kg is not None)
+            raise InputError(
+                f"the {role} {names[role]!r} reaches {np.abs(values).max():.2g} {unit}, and that of a bench is at most "
+                f"{most:g} {unit}: check its unit{and_mass}"
+            )
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
             raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")

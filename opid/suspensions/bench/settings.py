@@ -23,6 +23,8 @@ class RecordSettings:
         rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
         rate_correlation: ... and correlates with it at least so well.
         driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
+        most_m: no bench moves so far: what reads more is in another unit ...
+        most_n: ... and none pushes so hard.
     """
 
     least_samples: int = 200
@@ -33,6 +35,8 @@ class RecordSettings:
     rate_factor: tuple[float, float] = (0.8, 1.25)
     rate_correlation: float = 0.9
     driving_correlation: float = 0.1
+    most_m: float = 1e3
+    most_n: float = 1e12
 
 
 @dataclass(frozen=True)
