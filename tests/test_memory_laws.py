@@ -20,6 +20,7 @@ from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.report.as_text import formula
 from opid.suspensions.law_search import library
+from opid.suspensions.settings import FitSettings, Settings
 from opid.suspensions.study import Run
 
 WITH_MEMORY = [kind for kind in BUILT_IN if kind.memory is not None]
@@ -252,3 +253,18 @@ def test_every_memory_is_searched():
 @pytest.mark.parametrize("kind", BUILT_IN, ids=[kind.name for kind in BUILT_IN])
 def test_a_formula_is_plain_text_in_a_terminal(kind):
     assert "\\" not in formula(kind.latex)
+
+
+def test_friction_that_never_slides_is_no_stiffness_and_the_mass_is_told_all_the_same():
+    """It slides after 50 mm and moves over 20 to 30 mm; held at three rms travels it bent all other numbers."""
+    gear = LandingGear(law=law("dahl_friction", amplitude_n=8000.0, scale_m=0.05))
+    test = taxi_test(gear, rng=np.random.default_rng([0, 5]), duration_s=20, fs=256)
+    runs = Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg)
+    held = identify(gear_study(*runs), law="dahl_friction", settings=Settings(fit=FitSettings(slide_beyond=1.0)))
+    assert held.residual_over_noise > 1.5
+    result = identify(gear_study(*runs), law="dahl_friction")
+    assert result.residual_over_noise < 1.1
+    assert result.parameters.sprung_mass_kg.holds(MASS_KG)
+    assert result.parameters.suspension_stiffness_n_per_m.interval95 is None
+    assert all(each.interval95 is None for each in result.law_estimates["dahl_friction"].values())
+    assert any("dahl_friction slides after" in each and "from end to end" in each for each in result.warnings)

@@ -86,6 +86,11 @@ class Kind:
     memory_start: float = 0.0
 
     @property
+    def slides(self) -> bool:
+        """Whether it is friction that slides after some travel, and remembers by one number how far it is from that."""
+        return self.memory is not None and self.is_friction and not self.slips
+
+    @property
     def slips(self) -> bool:
         """Whether it remembers by elements that slip."""
         return self.memory is not None and self.limit < math.inf

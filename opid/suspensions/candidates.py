@@ -36,6 +36,7 @@ from opid.suspensions.search import (
     Found,
     Ladder,
     Question,
+    asks_for_law,
     find_from_reference,
     find_model,
     is_hopeless,
@@ -441,7 +442,8 @@ def _with_error(part: Fitted) -> Fitted:
     try:
         if is_hopeless(found.fit) and len(part.runs) > 1:
             found = replace(found, fit=balanced(found.fit))
-        error = measure_model_error(found.fit)
+        is_wrong = part.task.law is not None and asks_for_law(found.fit, part.task.question.kinds)
+        error = measure_model_error(found.fit, is_wrong=is_wrong)
         if error.limit == "unmeasured forces" and stated and not found.fit.model.repeatability and len(part.runs) > 1:
             # the search took the runs as alike, for there seemed to be no number to tell
             found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))

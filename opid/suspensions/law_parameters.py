@@ -50,20 +50,26 @@ def from_free(law: Law, free: FloatArray) -> tuple[Law, FloatArray]:
     return law.with_vector(vector), np.where(is_positive, vector, 1.0)
 
 
-def free_bounds(law: Law, *, travel_rms: float, velocity_rms: float) -> tuple[FloatArray, FloatArray]:
+def free_bounds(
+    law: Law, *, travel_rms: float, velocity_rms: float, slide_beyond: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper bounds of `to_free`, (n_parameters,) each, infinite but for scales and exponents.
 
     Args:
         law: any law.
         travel_rms: rms of z, m.
         velocity_rms: rms of z', m/s.
+        slide_beyond: the travel after which a friction that remembers slides may be this many times the longest that
+            can be seen.
     """
     lower = np.full(law.vector.size, -np.inf)
     upper = -lower
-    for i, parameter in enumerate(law.parameter_list):
+    kinds = [term.kind for term in law.terms for _ in term.values]
+    for i, (kind, parameter) in enumerate(zip(kinds, law.parameter_list, strict=True)):
         if parameter.role == "scale":
             rms = reference(parameter, travel_rms, velocity_rms)
             lower[i], upper[i] = np.log(np.multiply(parameter.over_rms, rms))
+            upper[i] += np.log(slide_beyond) * (kind.slides and parameter.unit == "m")
         elif parameter.role == "exponent":
             with np.errstate(divide="ignore"):
                 lower[i], upper[i] = np.log(parameter.within)

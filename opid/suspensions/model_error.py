@@ -70,8 +70,13 @@ class ModelError:
     of_equivalents: FloatArray
 
 
-def measure_model_error(fit: Fit) -> ModelError:
-    """Return what limits an answer, for a fit of one suspension that leaves more than the noise of the sensors."""
+def measure_model_error(fit: Fit, *, is_wrong: bool = False) -> ModelError:
+    """Return what limits an answer, for a fit of one suspension that leaves more than the noise of the sensors.
+
+    Args:
+        fit: of one suspension.
+        is_wrong: whether its model is known to be wrong, whatever the difference of the two fits says.
+    """
     known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
     moved = np.zeros(fit.theta.size)
     departure = np.inf
@@ -89,7 +94,7 @@ def measure_model_error(fit: Fit) -> ModelError:
         pass
     spread, of_equivalents = np.outer(moved, moved), np.zeros(4)
     limit: Limit = "unmeasured forces"
-    if departure > known.same_std:
+    if is_wrong or departure > known.same_std:
         limit = "model"
         of_pieces, by_piece = _over_pieces(fit)
         spread += of_pieces

@@ -398,6 +398,15 @@ def _confounded(part: Fitted, number: int, term: Term, std: float) -> Iterator[C
         )
         yield ConfoundedTerm(group.name, term.name, "damping", reason)
         return
+    if term.kind.slides:
+        way_m, scale_m = max(float(np.ptp(travel)) for travel in _travels(part.fit, number)), term.values[1]
+        if way_m < settings.least_way_to_slide * scale_m:
+            reason = (
+                f"slides after {1e3 * scale_m:.3g} mm, and the motion went over {1e3 * way_m:.3g} mm from end to end, "
+                f"where {settings.least_way_to_slide:g} times that travel would tell it from stiffness"
+            )
+            yield ConfoundedTerm(group.name, term.name, "stiffness", reason, "record a larger motion")
+            return
     travel, velocity = (np.concatenate(each) for each in zip(*map(part.fit.motion, group.slots), strict=True))
     for parameter, scale in zip(term.kind.parameters, term.values, strict=True):
         # a kind whose scale may be long by nature bends within it all the same

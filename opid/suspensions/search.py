@@ -474,6 +474,20 @@ def _with_fewer_terms(found: Found) -> Found:
     return _ended_with(found, best, again)
 
 
+def asks_for_law(fit: Fit, kinds: Sequence[str]) -> bool:
+    """Return whether a law of the library promises to explain what a fit leaves: no force that nobody measured does.
+
+    Args:
+        fit: whose law was not searched.
+        kinds: of which the law may be.
+    """
+    dictionaries = DrivenLaws(fit.model.settings.search, fit.model.settings.fit.promise_in_search).dictionaries(
+        fit, kinds or library()
+    )
+    promised = max((each.most_promised() for each in dictionaries.values()), default=0.0)
+    return promised > fit.model.settings.process.most_promised
+
+
 def with_simpler_laws(found: Found, kinds: Sequence[str]) -> Iterator[Found]:
     """Yield what was found with a term less in its laws, or with a relative of what then remembers.
 

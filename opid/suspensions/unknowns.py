@@ -257,7 +257,12 @@ class Unknowns:
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
             travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
             places = self.law_places(number)
-            lower[places], upper[places] = free_bounds(group.law, travel_rms=travel_rms, velocity_rms=velocity_rms)
+            lower[places], upper[places] = free_bounds(
+                group.law,
+                travel_rms=travel_rms,
+                velocity_rms=velocity_rms,
+                slide_beyond=self.settings.fit.slide_beyond,
+            )
         farthest = self.settings.fit.farthest_std
         for k, fault in enumerate(self.faults, start=self.first_fault):
             lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std

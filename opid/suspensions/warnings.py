@@ -164,6 +164,11 @@ def _limited_by(part: Fitted) -> str:
     assert part.error is not None  # more than noise is left
     least, most = (f"{100 * end(part.unexplained):.2g}" for end in (min, max))
     left = least if least == most else f"{least} to {most}"
+    if part.error.limit == "model" and part.error.departure <= part.settings.process.same_std:
+        return (
+            f"the answer is limited by the model, which leaves {left} % of the body's acceleration: another law of the "
+            "library promises to explain a part of that, so the given one is not the strut's; let it be searched"
+        )
     if part.error.limit == "model":
         return (
             f"the answer is limited by the model, which leaves {left} % of the body's acceleration: how the errors are "
