@@ -18,9 +18,9 @@ import numpy as np
 from tqdm import tqdm
 from trials import Case, Trial, trial
 
-from opid.mechanics.landing_gear import LandingGear
-from opid.mechanics.laws import LINEAR, default_law, law
-from opid.mechanics.sensors import Sensor
+from opid.mechanics.laws.law import LINEAR, default_law, law
+from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.sensors import Sensor
 
 ZETA = (0.05, 0.1, 0.2, 0.3)
 NOISE_MM_PER_S2 = (0.0, 5.0, 20.0)

@@ -27,12 +27,12 @@ from estimator import AircraftIdentification, AnyStudy, aircraft_study, gear_stu
 from tqdm import tqdm
 
 from opid.estimate import Estimate
-from opid.mechanics.airframe import Airframe, Loading
-from opid.mechanics.sensors import Sensor
-from opid.mechanics.taxiing_aircraft import aircraft_test
-from opid.mechanics.virtual_aircraft import random_aircraft, with_bending
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.study import MeasuredInterface, StructureSettings
+from opid.virtual.taxi_tests.aircraft import random_aircraft, with_bending
+from opid.virtual.taxi_tests.airframe import Airframe, Loading
+from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
 NOISE = 5e-3
 TOLERANCE_M = 0.01

@@ -10,15 +10,15 @@ import sys
 import time
 
 import numpy as np
+from plain_backbones import plain_backbone
+from shooting import shoot
 
-from opid.mechanics.backbones import backbone, family_evaluator
-from opid.mechanics.continuation import continued_backbone
-from opid.mechanics.laws import Law, Term
-from opid.mechanics.plain_backbones import plain_backbone
-from opid.mechanics.shooting import shoot
-from opid.mechanics.wing_engine import WingEngine
-from opid.updating.reduction import craig_bampton, modes_of
-from opid.updating.surrogate import UPDATED, wing_engine_structure
+from opid.mechanics.backbones.continuation import continued_backbone
+from opid.mechanics.backbones.family import backbone, family_evaluator
+from opid.mechanics.laws.law import Law, Term
+from opid.updating.structure.reduction import craig_bampton, modes_of
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import WingEngine
 
 SENSOR = "10"
 # the two modes of the paper, after six in which the structure swings on its springs

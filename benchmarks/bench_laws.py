@@ -20,7 +20,7 @@ import numpy as np
 from scipy import signal
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.laws import LAWS, Law, Term
+from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.mechanics.memory import force_along
 from opid.suspensions.bench.law import BenchLaw, law_of_bench
 from opid.suspensions.bench.record import Bench

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, Recording

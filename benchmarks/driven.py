@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from opid.mechanics.driven import Interface, driven_response, half_steps
-from opid.mechanics.laws import default_law
+from opid.mechanics.laws.law import default_law
 
 FS, DURATION_S, MASS_KG = 512.0, 40.0, 1850.0
 STIFFNESS, DAMPING = 3.9e5, 6e3

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from opid.mechanics.airframe import Loading
 from opid.signals.recording import Recording
 from opid.suspensions.identification import identify as identify_study
 from opid.suspensions.paper.chain import PaperChain
@@ -16,6 +15,7 @@ from opid.suspensions.paper.result import PaperIdentification
 from opid.suspensions.result import Identification
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
+from opid.virtual.taxi_tests.airframe import Loading
 
 AnyStudy = Study
 GearIdentification = Identification | PaperIdentification

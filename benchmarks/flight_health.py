@@ -24,14 +24,14 @@ from aircraft_figures import NOISE, TOLERANCE_M
 from estimator import aircraft_study, identify
 from tqdm import tqdm
 
-from opid.mechanics.airframe import Loading
-from opid.mechanics.sensors import Sensor
-from opid.mechanics.taxiing_aircraft import aircraft_test
-from opid.mechanics.virtual_aircraft import random_aircraft
 from opid.report.as_json import json_text, result_json
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.study import MeasuredInterface, StructureSettings
+from opid.virtual.taxi_tests.aircraft import random_aircraft
+from opid.virtual.taxi_tests.airframe import Loading
+from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
 LOSS, HARMED = 0.05, 2
 SOONER = (3, 5, 10, 20)

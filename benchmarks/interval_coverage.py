@@ -19,8 +19,8 @@ from scenarios import linear_case, random_case
 from tqdm import tqdm
 from trials import Case, Trial, trial
 
-from opid.mechanics.landing_gear import LandingGear
 from opid.suspensions.paper.settings import PaperSettings
+from opid.virtual.taxi_tests.landing_gear import LandingGear
 
 
 def print_coverage(title: str, trials: list[Trial], *, one_truth: bool) -> None:

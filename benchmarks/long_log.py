@@ -41,8 +41,8 @@ BYTES_PER_ROW = {".h5": 48, ".csv": 64}
 
 def taxi_runs(n_taxi: int, seed: int) -> list[np.ndarray]:
     """Simulate the heavy and the light run: (n_taxi, 6) m/s^2 each."""
-    from opid.mechanics.landing_gear import LandingGear, taxi_run
-    from opid.mechanics.sensors import Sensor
+    from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+    from opid.virtual.taxi_tests.sensors import Sensor
 
     heavy = LandingGear()
     light = replace(heavy, sprung_mass_kg=heavy.sprung_mass_kg - MASS_REMOVED_KG)
@@ -138,7 +138,7 @@ def read(paths: list[Path], n: int) -> str:
 
 def inspect(paths: list[Path], n: int) -> str:
     """Inspect the first log."""
-    from opid.signals.health import inspect as inspect_log
+    from opid.signals.health.inspection import inspect as inspect_log
     from opid.signals.logs import open_log
 
     health = inspect_log(open_log(paths[0]))
@@ -168,7 +168,7 @@ def identify(paths: list[Path], n: int) -> str:
 
 def study_of(paths: list[Path]) -> "Study":
     """Read both logs."""
-    from opid.suspensions.study_file import study_from_logs
+    from opid.studies.suspension_study import study_from_logs
 
     return study_from_logs(paths, sprung="upper_z", unsprung="lower_z", mass_changes_kg=[-MASS_REMOVED_KG])
 

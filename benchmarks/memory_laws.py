@@ -23,8 +23,8 @@ from trials import Case, simulated, study_of
 
 from opid import identify
 from opid.mechanics.hysteresis import iwan
-from opid.mechanics.landing_gear import LandingGear
-from opid.mechanics.laws import LINEAR, law
+from opid.mechanics.laws.law import LINEAR, law
+from opid.virtual.taxi_tests.landing_gear import LandingGear
 
 KINDS = ("dahl_friction", "lugre_friction", "bouc_wen", "iwan_friction")
 

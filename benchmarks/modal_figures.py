@@ -25,23 +25,23 @@ from tqdm import tqdm
 from opid.mechanics.hysteresis import Sliders, iwan
 from opid.mechanics.rig import Rig, rig_run
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.appropriation import appropriate_force, levels_for
-from opid.modal.case_studies import case_study_2
-from opid.modal.coordinates import ModalTest, modal_test
-from opid.modal.equation import mode_lines
-from opid.modal.excitation import SineBeat, quiet_s, sine_beat_voltage
+from opid.modal.forced.equation import mode_lines
+from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
+from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.forced.restoring_fit import fit_unweighted
 from opid.modal.identification import identify_modes
-from opid.modal.interaction import modal_interaction
-from opid.modal.mode_fit import fit_mode
+from opid.modal.linear.coordinates import ModalTest, modal_test
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.modes import LinearModes
 from opid.modal.power_law import power_law
-from opid.modal.restoring_fit import fit_unweighted
+from opid.modal.resonance.appropriation import appropriate_force, levels_for
+from opid.modal.resonance.interaction import modal_interaction
 from opid.modal.study import ModalStudy, StudyTest
-from opid.modal.virtual_cases import virtual_series
-from opid.modal.virtual_study import virtual_study
 from opid.signals.recording import Recording
 from opid.signals.units import STANDARD_GRAVITY
+from opid.virtual.modal_tests.case_studies import case_study_2
+from opid.virtual.modal_tests.cases import virtual_series
+from opid.virtual.modal_tests.series import virtual_study
 
 FREQUENCY_HZ, ZETA, TOP, FS = 120.0, 0.004, 1e-3, 4096.0
 OMEGA = 2 * np.pi * FREQUENCY_HZ

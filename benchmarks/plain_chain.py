@@ -19,7 +19,7 @@ import numpy as np
 from estimator import GearRun, GearStudy
 from scipy import integrate, optimize, signal
 
-from opid.mechanics.laws import LAWS, Law, Term, default_law
+from opid.mechanics.laws.law import LAWS, Law, Term, default_law
 from opid.signals.recording import FloatArray
 
 HIGH_PASS_HZ, MARGIN_S = 0.5, 4.0

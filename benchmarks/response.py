@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from opid.mechanics.landing_gear import LandingGear, gear_structure, tyre_force
 from opid.mechanics.response import time_response
-from opid.mechanics.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, tyre_force
+from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
 
 FS, LONG_S, SHORT_S = 4096.0, 40.0, 4.0
 GEAR = LandingGear()

@@ -11,10 +11,10 @@ import numpy as np
 from drawn_laws import ALL_KINDS, law_of_kind, random_law, random_pair, typical_motion
 from trials import Case
 
-from opid.mechanics.landing_gear import LandingGear
-from opid.mechanics.laws import LINEAR, Law, default_law
-from opid.mechanics.sensors import Sensor
+from opid.mechanics.laws.law import LINEAR, Law, default_law
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
+from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.sensors import Sensor
 
 LawMode = Literal["given", "searched"]
 PAPER_GROUND_N_PER_M = 1.67e5

@@ -12,11 +12,11 @@ import numpy as np
 from scipy import fft
 from scipy.signal.windows import tukey
 
-from opid.modal.coordinates import ModalTest, modal_test
+from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.identification import model_of
-from opid.modal.mode_fit import fit_mode
+from opid.modal.linear.coordinates import ModalTest, modal_test
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, modal_response
-from opid.modal.modes import LinearModes
 from opid.signals.recording import Channel, Recording
 
 FS = 1e7 / 2**14

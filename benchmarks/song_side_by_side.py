@@ -24,21 +24,21 @@ import numpy as np
 from jinja2 import Environment
 
 from opid import plots
-from opid.mechanics.control_based_continuation import measured_curve
-from opid.mechanics.quadrature_curves import MeasuredCurve, Specimen
-from opid.mechanics.wing_engine import WingEngine
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
 from opid.plots.style import VERMILION
-from opid.report.directory import write_together
-from opid.report.updating_pictures import class_labels
+from opid.report.updating.pictures import class_labels
+from opid.signals.directory import write_together
+from opid.studies.updating_study import FACTOR_PRIOR
 from opid.updating.identification import update_study
 from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
-from opid.updating.reduction import ReductionErrors, craig_bampton, modes_of, reduction_errors
 from opid.updating.result import BackboneBand, ClassPosterior, Updating
-from opid.updating.structure import AffineStructure
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.reduction import ReductionErrors, craig_bampton, modes_of, reduction_errors
 from opid.updating.study import UpdatingStudy
-from opid.updating.study_file import FACTOR_PRIOR
-from opid.updating.surrogate import UPDATED, wing_engine_structure
-from opid.updating.virtual_backbones import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES, as_backbone
+from opid.virtual.backbone_tests.control_based_continuation import measured_curve
+from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES, as_backbone
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import WingEngine
 
 TRUTH = PAPER_CLASSES[1]
 CONTROLLED, DRIVE, DAMPING_RATIO = "10", "7", 0.003
@@ -380,7 +380,7 @@ in the pictures: what is found here, on a finite-element surrogate of its struct
 def page(basis: str, tables: dict[str, Table], drawn: Sequence[Figure]) -> bytes:
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["base64"] = lambda image: base64.b64encode(image).decode()
-    style = resources.files("opid.report").joinpath("style.css").read_text(encoding="utf-8")
+    style = resources.files("opid.report").joinpath("templates", "style.css").read_text(encoding="utf-8")
     template = environment.from_string(PAGE)
     return template.render(style=style, basis=basis, tables=tables.items(), figures=drawn).encode()
 

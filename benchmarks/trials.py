@@ -19,8 +19,8 @@ from estimator import (
 )
 from plain_chain import PlainAnswer, least_squares, sparse_regression
 
-from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_test
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
+from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest, taxi_test
 
 SHORT = {
     "sprung_mass_kg": "M2",

@@ -19,10 +19,10 @@ from model_figures import short
 from scenarios import random_case
 
 from opid import identify
-from opid.mechanics.landing_gear import taxi_test
 from opid.mechanics.repeatability import Departure
 from opid.suspensions.settings import RepeatabilitySettings, Settings
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import taxi_test
 
 # relative standard deviations of springs, damping and friction of each run
 WORLDS = {

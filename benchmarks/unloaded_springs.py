@@ -18,10 +18,10 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 
 from opid import identify
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.weight import GRAVITY_M_PER_S2
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
 KINDS = ("cubic_stiffness", "arctan_displacement")
 

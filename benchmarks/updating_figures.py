@@ -21,18 +21,18 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from tqdm import tqdm
 
-from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.identification import update_study
-from opid.updating.likelihood import BackboneData, backbone_data, log_likelihood
-from opid.updating.measured import MeasuredBackbone
+from opid.updating.likelihood.backbones import BackboneData, backbone_data, log_likelihood
 from opid.updating.model_class import Prior
 from opid.updating.paper_classes import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.reduction import reduce
+from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.surrogate import UPDATED, wing_engine_structure
-from opid.updating.virtual_backbones import synthetic_backbones
+from opid.virtual.backbone_tests.measured import synthetic_backbones
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58

@@ -20,13 +20,13 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from tqdm import tqdm
 
-from opid.mechanics.backbones import backbone
-from opid.mechanics.control_based_continuation import measured_curve
-from opid.mechanics.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
+from opid.mechanics.backbones.family import backbone
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
 from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
-from opid.updating.reduction import reduce
-from opid.updating.surrogate import UPDATED, wing_engine_structure
-from opid.updating.virtual_backbones import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES
+from opid.updating.structure.reduction import reduce
+from opid.virtual.backbone_tests.control_based_continuation import measured_curve
+from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 TRUTH = PAPER_CLASSES[1]
 CONTROLLED, DRIVE = "10", "7"

@@ -38,7 +38,7 @@ def n_code_lines(path: Path) -> int:
 
 
 def rooms_of(path: Path) -> set[str]:
-    """Return the modules of opid that a file imports, e.g. "suspensions.fit"."""
+    """Return the modules of opid that a file imports, e.g. "suspensions.fitting.fit"."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []

@@ -16,16 +16,16 @@ from estimator import AnyStudy, gear_study
 from numba import njit
 from scipy import signal
 
-from opid.mechanics.airframe import Loading
-from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test, tyre_force
-from opid.mechanics.laws import FloatArray
+from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import time_response
-from opid.mechanics.road import SpeedProfile, iso8608_road
-from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
-from opid.mechanics.taxiing_aircraft import aircraft_test
-from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.signals.recording import Recording, recording_from_arrays
+from opid.virtual.taxi_tests.aircraft import default_aircraft
+from opid.virtual.taxi_tests.airframe import Loading
+from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test, tyre_force
+from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
 GEAR = LandingGear()
 REMOVED_KG = 220.0

@@ -14,12 +14,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import opid
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
-from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
 from opid.plots import house_style
 from opid.suspensions.own_structure import StructureIdentification, identify_structure
+from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
 
 FS, SECONDS, STEPS = 256.0, 40.0, 4
 FLOORS = ("base", "floor1", "floor2", "roof")

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import opid
-from opid.modal.virtual_cases import virtual_series
-from opid.modal.virtual_study import virtual_study
+from opid.virtual.modal_tests.cases import virtual_series
+from opid.virtual.modal_tests.series import virtual_study
 
 
 def measured() -> tuple[opid.LinearModes, dict[str, opid.Recording]]:

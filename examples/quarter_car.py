@@ -13,13 +13,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import opid
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
-from opid.mechanics.road import iso8608_road
-from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
 from opid.plots import house_style
 from opid.suspensions.own_structure import StructureIdentification, identify_structure
+from opid.virtual.taxi_tests.road import iso8608_road
+from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
 
 FS, SECONDS, LEAD_IN, SPEED = 512.0, 30.0, 5.0, 20.0
 SANDBAGS_KG = 60.0

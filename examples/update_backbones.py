@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from opid.report import updating_text, write_updating_report
-from opid.updating.backbone_file import read_backbone, write_backbone
+from opid.updating.data.backbone_file import read_backbone, write_backbone
 from opid.updating.identification import update_study
-from opid.updating.matrices_file import read_structure, write_structure
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.reduction import reduce
+from opid.updating.structure.matrices_file import read_structure, write_structure
+from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.surrogate import UPDATED, wing_engine_structure
-from opid.updating.virtual_backbones import synthetic_backbones
+from opid.virtual.backbone_tests.measured import synthetic_backbones
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 # f(z) = theta scale z^3, z in m and f in N, the same at all joints; and one with a quintic term beside
 PRIOR = Prior("uniform", 0.0, 10.0)

@@ -6,19 +6,19 @@ from unittest import mock
 
 import numpy as np
 
-from opid.mechanics import taxiing_aircraft
-from opid.mechanics.airframe import Loading
-from opid.mechanics.landing_gear import LandingGear, taxi_run
-from opid.mechanics.sensors import Sensor
-from opid.mechanics.taxiing_aircraft import aircraft_test
-from opid.mechanics.virtual_aircraft import default_aircraft, with_bending
-from opid.mechanics.wheel_tracks import iso8608_tracks
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.candidates import Task
-from opid.suspensions.noise import KnownNoise
-from opid.suspensions.search import Question
+from opid.suspensions.fitting.noise import KnownNoise
+from opid.suspensions.fitting.search import Question
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
+from opid.virtual.taxi_tests import taxiing_aircraft
+from opid.virtual.taxi_tests.aircraft import default_aircraft, with_bending
+from opid.virtual.taxi_tests.airframe import Loading
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
 
 NOISE = 5e-3
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}

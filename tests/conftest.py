@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from opid.mechanics.landing_gear import LandingGear, taxi_test
+from opid.studies.suspension_study import read_study
 from opid.suspensions.identification import identify
-from opid.suspensions.study_file import read_study
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
 
 @pytest.fixture(scope="session")

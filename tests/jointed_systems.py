@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from opid.mechanics.jointed_modes import JointedModes, jointed_modes
-from opid.mechanics.laws import Law, Term
+from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.mechanics.laws.law import Law, Term
 
 N_PLATE = 6
 SENSORS = (*(f"plate {k + 1}" for k in range(N_PLATE)), "tip 1", "tip 2", "tip 3", "tip 4")

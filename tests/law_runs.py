@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from opid.mechanics.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test
-from opid.mechanics.laws import LINEAR
+from opid.mechanics.laws.law import LINEAR
 from opid.suspensions.candidates import gear_body
-from opid.suspensions.fit import fit_model
-from opid.suspensions.law_parameters import to_free
-from opid.suspensions.model import Model
-from opid.suspensions.run import driven_run
+from opid.suspensions.fitting.fit import fit_model
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.law_parameters import to_free
+from opid.suspensions.model.run import driven_run
+from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import SensorPair, Sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, study_of_gear
-from opid.suspensions.unknowns import Group
+from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test
 
 MASS_KG, STIFFNESS, DAMPING, NOISE = 1850.0, 3.9e5, 6e3, 5e-3
 

@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 from scipy import sparse
 
-from opid.mechanics.jointed_modes import JointedModes, jointed_modes
-from opid.updating.measured import MeasuredBackbone
+from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.structure import AffineStructure
-from opid.updating.virtual_backbones import synthetic_backbones
+from opid.updating.structure.affine import AffineStructure
+from opid.virtual.backbone_tests.measured import synthetic_backbones
 
 MASS = np.diag([3.6, 1.2, 1.0, 0.8, 0.8])
 # rigid motion, bending and torsion of a plate, on whose two arms hang the tips

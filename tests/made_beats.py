@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.signal.windows import blackmanharris
 
-from opid.modal.coordinates import modal_test
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, simulate
-from opid.modal.modes import LinearModes
 from opid.modal.power_law import power_law
 from opid.signals.recording import Channel, Recording
 

@@ -7,11 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.mechanics.airframe import Loading
-from opid.mechanics.taxiing_aircraft import aircraft_test
-from opid.mechanics.virtual_aircraft import default_aircraft
 from opid.signals.recording import recording_from_arrays
-from opid.suspensions.law_search import library
+from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.result import (
     BodyParameters,
     BodyRatios,
@@ -23,6 +20,9 @@ from opid.suspensions.result import (
 )
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
+from opid.virtual.taxi_tests.aircraft import default_aircraft
+from opid.virtual.taxi_tests.airframe import Loading
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
 """Of the sensors on the airframe, beside the struts."""

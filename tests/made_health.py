@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import signal
 
-from opid.signals.health_result import (
+from opid.signals.health.result import (
     ChannelHealth,
     ClockHealth,
     Finding,

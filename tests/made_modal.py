@@ -5,14 +5,14 @@ from functools import cache
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.modal.appropriation import Appropriation, AppropriationLevel
-from opid.modal.coordinates import modal_test
-from opid.modal.free_decay import decay_of
-from opid.modal.level_shifts import LevelShift
+from opid.modal.decay.free_decay import decay_of
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.level_shifts import LevelShift
+from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.model import NonlinearModalModel, simulate
-from opid.modal.modes import LinearModes, condition_number, modal_assurance
-from opid.modal.phase_lock import PhaseLock
 from opid.modal.power_law import power_law
+from opid.modal.resonance.appropriation import Appropriation, AppropriationLevel
+from opid.modal.resonance.phase_lock import PhaseLock
 from opid.modal.result import ForceCurve, ModalIdentification, ModeFit, OrderRung
 from opid.modal.study import ModalStudy, StudyTest
 from opid.modal.truth_test import truth_test

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.mechanics.jointed_modes import JointedModes
-from opid.updating.measured import MeasuredBackbone
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.result import (
     BackboneBand,

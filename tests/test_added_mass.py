@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.signals.spectra import CrossSpectra, Transmissibility
 from opid.suspensions.paper.added_mass import absolute_parameters, match_peaks, two_peak_mass
 from opid.suspensions.paper.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
 from opid.suspensions.paper.transmissibility import Peak, suspension_transmissibility
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
 # restored peaks of the paper's Table 3: heavy, light, and the mass ratio that they give
 TABLE_3 = [

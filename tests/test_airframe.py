@@ -5,7 +5,11 @@ import pytest
 from scipy import integrate, signal
 
 from opid.errors import InputError
-from opid.mechanics.airframe import (
+from opid.mechanics.laws.law import LINEAR
+from opid.mechanics.response import time_response
+from opid.mechanics.structure import linear_matrices, natural_frequencies
+from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
+from opid.virtual.taxi_tests.airframe import (
     Airframe,
     BendingMode,
     Gear,
@@ -15,15 +19,11 @@ from opid.mechanics.airframe import (
     loaded,
     place_directions,
 )
-from opid.mechanics.landing_gear import LandingGear, gear_structure, tyre_force
-from opid.mechanics.laws import LINEAR
-from opid.mechanics.response import time_response
-from opid.mechanics.road import SpeedProfile, iso8608_road
-from opid.mechanics.sensors import Sensor
-from opid.mechanics.structure import linear_matrices, natural_frequencies
-from opid.mechanics.taxiing_aircraft import aircraft_run, aircraft_test, tyre_forces
-from opid.mechanics.virtual_aircraft import default_aircraft, random_aircraft, with_bending
-from opid.mechanics.wheel_tracks import iso8608_tracks
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, tyre_force
+from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_run, aircraft_test, tyre_forces
+from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
 
 BESIDE = {"nose": (4.4, 0.3), "left": (0.2, 1.1), "right": (-0.5, -1.9)}
 FURTHER = {"tail": (-4.5, 0.0), "cabin": (2.0, 0.4)}

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.bolted_structures import level_dependence
 from opid.mechanics.hysteresis import iwan
-from opid.mechanics.laws import LINEAR, law
+from opid.mechanics.laws.law import LINEAR, law
 from opid.mechanics.rig import Rig
 from opid.mechanics.shaker import Shaker
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.appropriation import appropriate_force, levels_for
-from opid.modal.case_studies import case_study_1
-from opid.modal.modes import LinearModes, modes_of_structure
-from opid.modal.phase_lock import PhaseLock
+from opid.modal.linear.modes import LinearModes, modes_of_structure
+from opid.modal.resonance.appropriation import appropriate_force, levels_for
+from opid.modal.resonance.phase_lock import PhaseLock
+from opid.virtual.modal_tests.bolted_structures import level_dependence
+from opid.virtual.modal_tests.case_studies import case_study_1
 
 HZ, ZETA, KG = 120.0, 0.004, 2.0
 OMEGA = 2.0 * np.pi * HZ

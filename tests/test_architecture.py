@@ -192,7 +192,11 @@ def test_the_default_method_loads_no_other_one():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {name.removeprefix("opid.") for name in done.stdout.split() if name.startswith("opid.")}
     machines = {"landing_gear", "taxiing_aircraft", "virtual_aircraft", "airframe", "road", "wheel_tracks"}
-    others = {"suspensions.own_structure", "suspensions.sparse_regression", *(f"mechanics.{name}" for name in machines)}
+    others = {
+        "suspensions.own_structure",
+        "suspensions.law_search.sparse_regression",
+        *(f"mechanics.{name}" for name in machines),
+    }
     assert "suspensions.candidates" in loaded
     assert loaded & others == set()
     assert [name for name in loaded if name.startswith(("suspensions.paper", "suspensions.bench"))] == []

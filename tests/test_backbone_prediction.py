@@ -2,8 +2,8 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.mechanics.backbones import backbone
-from opid.updating.likelihood import backbone_data
+from opid.mechanics.backbones.family import backbone
+from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 

@@ -17,12 +17,12 @@ from jointed_systems import (
     spring,
     two_pylons,
 )
+from plain_backbones import plain_backbone
 
 from opid.errors import InputError
-from opid.mechanics.backbones import backbone, backbone_family, first_harmonic_factor
-from opid.mechanics.jointed_modes import JointedModes, jointed_modes
-from opid.mechanics.laws import LINEAR, Law, default_law
-from opid.mechanics.plain_backbones import plain_backbone
+from opid.mechanics.backbones.family import backbone, backbone_family, first_harmonic_factor
+from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.mechanics.laws.law import LINEAR, Law, default_law
 
 AMPLITUDE = np.linspace(0.2e-3, 2.5e-3, 12)
 SYSTEM = two_pylons(0.05)

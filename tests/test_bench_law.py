@@ -8,7 +8,7 @@ from measured_data import measured
 from scipy import signal
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.laws import LAWS, LINEAR, law
+from opid.mechanics.laws.law import LAWS, LINEAR, law
 from opid.report import bench_json, bench_text
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench

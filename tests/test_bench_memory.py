@@ -9,13 +9,13 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from opid.estimate import Estimate
-from opid.mechanics.laws import Law, default_law, law
+from opid.mechanics.laws.law import Law, default_law, law
 from opid.mechanics.memory import Motion, gradient_along, recorded_motion
 from opid.report import bench_json, bench_text
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.loop import cycle_of
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.least_squares import separable_fit, start_laws
+from opid.suspensions.fitting.least_squares import separable_fit, start_laws
 
 FS, N = 500.0, 4000
 STIFFNESS, DAMPING = 2e4, 500.0

@@ -5,9 +5,9 @@ import pytest
 from scripts import script
 
 import opid
-from opid.mechanics.kinds import LAWS
-from opid.mechanics.landing_gear import LandingGear, gear_structure
+from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.response import time_response
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.airframe import Loading, airframe_mass, loaded
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.structure import Joint, Structure
-from opid.mechanics.virtual_aircraft import default_aircraft
-from opid.suspensions.body import RIGID, ImpossibleBodyError, mobility, own_body, rigid_body, vertical
+from opid.suspensions.model.body import RIGID, ImpossibleBodyError, mobility, own_body, rigid_body, vertical
+from opid.virtual.taxi_tests.aircraft import default_aircraft
+from opid.virtual.taxi_tests.airframe import Loading, airframe_mass, loaded
 
 PLACES = [(5.0, 0.0), (0.0, 1.6), (0.0, -1.6)]
 SENSORS = [(5.3, 0.2), (0.25, 1.4), (0.25, -1.4), (-4.0, 0.1)]

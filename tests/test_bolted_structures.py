@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.bolted_structures import component_assembly, fixture_and_plate, level_dependence
 from opid.mechanics.hysteresis import Sliders
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.structure import Joint, Structure, linear_matrices, natural_frequencies
+from opid.virtual.modal_tests.bolted_structures import component_assembly, fixture_and_plate, level_dependence
 
 # 10 g at the component that moves most, 300 g at the drive point
 TOP_OF_CASE, TOP_OF_PLATE = 98.1, 2943.0

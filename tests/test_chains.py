@@ -7,10 +7,10 @@ import pytest
 from scipy.signal import lfilter
 
 from opid.errors import InputError
-from opid.updating.arviz_export import inference_groups, to_inference_data
-from opid.updating.chains import Chain, covariance_root, evaluate, spread_starts, starting_densities
-from opid.updating.diagnostics import diagnose, effective_samples, presses_against, split_r_hat
 from opid.updating.model_class import Prior
+from opid.updating.sampling.arviz_export import inference_groups, to_inference_data
+from opid.updating.sampling.chains import Chain, covariance_root, evaluate, spread_starts, starting_densities
+from opid.updating.sampling.diagnostics import diagnose, effective_samples, presses_against, split_r_hat
 
 
 def autoregressive(rng, shape, memory):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.updating.class_tables import class_table, kind_named, model_class, prior_of
+from opid.studies.class_tables import class_table, kind_named, model_class, prior_of
 from opid.updating.model_class import Prior
 
 

@@ -6,8 +6,8 @@ import pytest
 from cli_runs import opid, refused
 from made_body import small_body
 
+from opid.studies.suspension_study import read_study
 from opid.suspensions import identification
-from opid.suspensions.study_file import read_study
 
 SMALL = ("--duration", 6, "--fs", 128)
 

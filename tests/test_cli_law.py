@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cli_runs import opid, refused
 
-from opid.mechanics.laws import LAWS, default_law
+from opid.mechanics.laws.law import LAWS, default_law
 from opid.mechanics.memory import recorded_motion
 from opid.suspensions.bench import law as bench_law
 

@@ -10,8 +10,8 @@ from cli_runs import opid, refused
 from made_modal import SOFT, small_result, small_study
 
 from opid.modal import identification
-from opid.modal.study_file import read_modal_study, write_modal_study
 from opid.signals.units import STANDARD_GRAVITY
+from opid.studies.modal_study import read_modal_study, write_modal_study
 
 PAGE = Path(__file__).parents[1] / "docs" / "nonlinear_modal_models.md"
 LBF = 4.4482216152605
@@ -72,7 +72,9 @@ def test_the_same_seed_gives_the_same_files(simulated, tmp_path):
 
 def test_stated_modes_may_be_wrong_by_a_share(tmp_path, monkeypatch):
     seen = {}
-    monkeypatch.setattr("opid.modal.virtual_study.virtual_study", lambda series, **given: seen.update(given) or 1 / 0)
+    monkeypatch.setattr(
+        "opid.virtual.modal_tests.series.virtual_study", lambda series, **given: seen.update(given) or 1 / 0
+    )
     with pytest.raises(ZeroDivisionError):
         opid("simulate", "sine-beats", tmp_path, "--frequency-error", 0.1, "--damping-error", 5)
     assert seen["given"].frequency_hz[2] == pytest.approx(120.0 * 1.001)

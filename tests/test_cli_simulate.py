@@ -5,11 +5,11 @@ import pytest
 from cli_runs import opid, refused
 
 from opid import cli
-from opid.mechanics import landing_gear
-from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
-from opid.mechanics.sensors import Sensor
 from opid.report import read_truth
 from opid.signals.logs import read_log
+from opid.virtual.taxi_tests import landing_gear
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
 
 
 @pytest.mark.usefixtures("few_figures")

@@ -12,11 +12,11 @@ from test_updating_study_file import STUDY, curve_of, small_chain
 from opid import cli
 from opid.errors import NotDeterminedError
 from opid.report import read_updating_truth
+from opid.studies.updating_study import read_updating_study
 from opid.updating import identification
-from opid.updating.backbone_file import write_backbone
-from opid.updating.matrices_file import write_structure
-from opid.updating.measured import MeasuredBackbone
-from opid.updating.study_file import read_updating_study
+from opid.updating.data.backbone_file import write_backbone
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.structure.matrices_file import write_structure
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def quick(monkeypatch):
         return small_updating(linear=None)
 
     monkeypatch.setattr(identification, "update_study", update_study)
-    monkeypatch.setattr("opid.report.updating_report.updating_pictures", lambda *_: ())  # tested by themselves
+    monkeypatch.setattr("opid.report.updating.report.updating_pictures", lambda *_: ())  # tested by themselves
     return given
 
 
@@ -92,11 +92,11 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
 
 
 def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.report.updating_chains.find_spec", lambda name: None)
+    monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: None)
     refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install 'opid[bayes]'")
     assert quick == []
-    monkeypatch.setattr("opid.report.updating_chains.find_spec", lambda name: "there")
-    monkeypatch.setattr("opid.report.updating_chains.to_inference_data", lambda chain, names: Written(names))
+    monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: "there")
+    monkeypatch.setattr("opid.report.updating.chains.to_inference_data", lambda chain, names: Written(names))
     done = opid("update", study, "--chains", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert f"Chains: {tmp_path / 'out' / 'chains_class_3.nc'}" in done.stdout
@@ -114,7 +114,7 @@ class Written:
 
 
 def test_the_options_are_those_of_the_library():
-    from opid.updating.likelihood import FORMS
+    from opid.updating.likelihood.backbones import FORMS
     from opid.updating.study import FEWEST_SAMPLES, SAMPLERS
 
     options = {option.name: option for option in cli.main.commands["update"].params}
@@ -182,7 +182,7 @@ def test_a_controlled_test_keeps_the_curves_that_reach_quadrature(tmp_path, monk
         name = f"mode {modes[0]}, quadrature at {sensors[0]}"
         return (MeasuredBackbone(name, modes[0], "10", hz, level[:, None] * shape, system.sensors),)
 
-    monkeypatch.setattr("opid.updating.virtual_backbones.virtual_backbones", virtual_backbones)
+    monkeypatch.setattr("opid.virtual.backbone_tests.measured.virtual_backbones", virtual_backbones)
     done = opid("simulate", "backbones", tmp_path, "--by", "continuation", "--curves", 2, 1, "--points", 10)
     assert done.exit_code == 0, done.output
     assert seen == [(7, "14"), (7, "13"), (8, "14"), (8, "13"), (8, "12"), (8, "11"), (8, "10")]
@@ -200,7 +200,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
     def virtual_backbones(*_, **__):
         raise NotDeterminedError("no quadrature")
 
-    monkeypatch.setattr("opid.updating.virtual_backbones.virtual_backbones", virtual_backbones)
+    monkeypatch.setattr("opid.virtual.backbone_tests.measured.virtual_backbones", virtual_backbones)
     done = opid("simulate", "backbones", tmp_path / "out", "--by", "continuation")
     refused(done, "no sensor reaches quadrature in mode 7", status=1)
     assert not (tmp_path / "out" / "study.toml").exists()
@@ -208,7 +208,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
-    monkeypatch.setattr("opid.report.updating_report.updating_pictures", lambda *_: ())
+    monkeypatch.setattr("opid.report.updating.report.updating_pictures", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])

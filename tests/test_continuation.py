@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 from jointed_systems import CUBIC, EVEN, QUADRATIC, one_mass, spring, two_pylons
+from shooting import shoot
 
 from opid.errors import InputError
-from opid.mechanics.backbones import backbone
-from opid.mechanics.continuation import continued_backbone
-from opid.mechanics.jointed_modes import JointedModes
-from opid.mechanics.laws import default_law
-from opid.mechanics.shooting import shoot
-from opid.mechanics.wing_engine import WingEngine
-from opid.updating.reduction import craig_bampton, modes_of
-from opid.updating.surrogate import UPDATED, wing_engine_structure
+from opid.mechanics.backbones.continuation import continued_backbone
+from opid.mechanics.backbones.family import backbone
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.law import default_law
+from opid.updating.structure.reduction import craig_bampton, modes_of
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import WingEngine
 
 SYSTEM = two_pylons(0.05)
 ENDS = {"first_amplitude_m": 0.2e-3, "last_amplitude_m": 4e-3}

@@ -5,16 +5,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
-from opid.mechanics.backbones import backbone
-from opid.mechanics.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
-from opid.mechanics.jointed_modes import JointedModes, jointed_modes
-from opid.mechanics.laws import law
-from opid.mechanics.quadrature_curves import Specimen, phase_error, quadrature_curve
+from opid.mechanics.backbones.family import backbone
+from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.mechanics.backbones.quadrature_curves import Specimen, phase_error, quadrature_curve
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import advance, state_at
 from opid.mechanics.shaker import Shaker
-from opid.mechanics.shaker_feedback import closed_loop, modal_reading
-from opid.updating.reduction import reduce
-from opid.updating.surrogate import UPDATED, wing_engine_structure
+from opid.updating.structure.reduction import reduce
+from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
+from opid.virtual.backbone_tests.shaker_feedback import closed_loop, modal_reading
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 CUBIC = law("cubic_stiffness", stiffness_n_per_m3=1.58 * 6.8e7)
 NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)

@@ -3,9 +3,9 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.modal.decay_fit import fit_decays
-from opid.modal.decay_flow import predicted_decay, slow_flow
-from opid.modal.free_decay import free_decay, law_of_decays
+from opid.modal.decay.fit import fit_decays
+from opid.modal.decay.flow import predicted_decay, slow_flow
+from opid.modal.decay.free_decay import free_decay, law_of_decays
 from opid.modal.power_law import harmonic_share
 
 FS = 2048.0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from opid.mechanics.kinds import BUILT_IN
+from opid.mechanics.laws.kinds import BUILT_IN
 from opid.suspensions.settings import Verdicts
 
 ROOT = Path(__file__).parent.parent

@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, UnboundedResponseError, driven_response, half_steps
-from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_run
-from opid.mechanics.laws import LAWS, default_law
+from opid.mechanics.laws.law import LAWS, default_law
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear, taxi_run
 
 FS = 512.0
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
 from opid.errors import InputError, NotDeterminedError
-from opid.updating.chains import Chain, spread_starts
-from opid.updating.evidence import laplace, laplace_of_samples, log_probability_inside, quadrature
-from opid.updating.maximum import maximum_a_posteriori
-from opid.updating.metropolis import metropolis
+from opid.updating.sampling.chains import Chain, spread_starts
+from opid.updating.sampling.evidence import laplace, laplace_of_samples, log_probability_inside, quadrature
+from opid.updating.sampling.maximum import maximum_a_posteriori
+from opid.updating.sampling.metropolis import metropolis
 
 LOW, HIGH = np.array([0.0, 0.0, -20.0]), np.array([10.0, 10.0, 20.0])
 

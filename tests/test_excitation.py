@@ -3,8 +3,8 @@ import pytest
 from scipy import signal
 
 from opid.errors import InputError
-from opid.modal.beat_window import first_minimum_hz, main_lobe_width_hz
-from opid.modal.excitation import (
+from opid.modal.forced.beat_window import first_minimum_hz, main_lobe_width_hz
+from opid.modal.forced.excitation import (
     SineBeat,
     beat_between_neighbours,
     beat_over_drive_point_peak,
@@ -12,8 +12,8 @@ from opid.modal.excitation import (
     shaped_sweep,
     sine_beat_voltage,
 )
-from opid.modal.frequency_response import resynthesised
-from opid.modal.modes import LinearModes
+from opid.modal.linear.frequency_response import resynthesised
+from opid.modal.linear.modes import LinearModes
 
 FS = 2048.0
 MODES = LinearModes(

@@ -7,17 +7,17 @@ import pytest
 from body_runs import NOISE, aircraft, short_runs, study
 from law_runs import MASS_KG, STIFFNESS, fitted, runs_of, study_of
 
-from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
-from opid.mechanics.sensors import Sensor, measure
 from opid.signals.recording import Recording
 from opid.suspensions.candidates import gear_body
-from opid.suspensions.faults import GROUND, Hypothesis, let_in
-from opid.suspensions.fit import carried_over, fit_model
+from opid.suspensions.fitting.faults import GROUND, Hypothesis, let_in
+from opid.suspensions.fitting.fit import carried_over, fit_model
+from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
+from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import FaultSettings
-from opid.suspensions.start import start_values
-from opid.suspensions.unknowns import Group
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.sensors import Sensor, measure
 
 FS, LAW = 256.0, "arctan_velocity"
 

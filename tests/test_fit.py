@@ -9,13 +9,10 @@ from body_runs import NOISE, aircraft, arrays_of, short_runs, study, task_of
 from law_runs import fitted, gear_model, runs_of, shared, true_values, vector_of
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
-from opid.mechanics.laws import LINEAR, Law, default_law, law
-from opid.mechanics.sensors import Sensor
+from opid.mechanics.laws.law import LINEAR, Law, default_law, law
 from opid.mechanics.structure import Structure
-from opid.suspensions.body import own_body, rigid_body
 from opid.suspensions.candidates import fit_alone, fit_rigid, groups_of, is_mass_free, loading_matrix, static_loads
-from opid.suspensions.fit import (
+from opid.suspensions.fitting.fit import (
     carried_over,
     first_vector,
     fit_model,
@@ -24,13 +21,16 @@ from opid.suspensions.fit import (
     refit,
     with_laws,
 )
-from opid.suspensions.law_search import library
-from opid.suspensions.model import Model
-from opid.suspensions.run import driven_run
+from opid.suspensions.fitting.start import start_values
+from opid.suspensions.law_search.pursuit import library
+from opid.suspensions.model.body import own_body, rigid_body
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.run import driven_run
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import Settings
-from opid.suspensions.start import start_values
 from opid.suspensions.study import MeasuredInterface, PointMass
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.sensors import Sensor
 
 FS = 256
 

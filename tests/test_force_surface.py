@@ -5,11 +5,11 @@ import pytest
 from law_runs import DAMPING, MASS_KG, STIFFNESS, fitted, runs_of
 
 from opid import identify
-from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
-from opid.mechanics.laws import LINEAR, law
-from opid.suspensions.fit import refit
-from opid.suspensions.force_surface import force_points, force_surface
+from opid.mechanics.laws.law import LINEAR, law
+from opid.suspensions.fitting.fit import refit
+from opid.suspensions.law_search.force_surface import force_points, force_surface
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
 
 
 @pytest.fixture(scope="module")

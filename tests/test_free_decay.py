@@ -6,9 +6,9 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.hysteresis import iwan
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.coordinates import modal_test
-from opid.modal.free_decay import decay_of, free_decay
-from opid.modal.modes import LinearModes
+from opid.modal.decay.free_decay import decay_of, free_decay
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import LinearModes
 from opid.signals.recording import recording_from_arrays
 
 FS = 4096.0

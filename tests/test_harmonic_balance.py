@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from jointed_systems import CUBIC, EVEN, GAS, QUADRATIC, QUARTIC, QUINTIC, ROOT, one_mass, pylon_matrices, two_pylons
 from scipy.integrate import quad
+from shooting import shoot
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones import backbone
-from opid.mechanics.harmonic_balance import (
+from opid.mechanics.backbones.family import backbone
+from opid.mechanics.backbones.harmonic_balance import (
     balance,
     harmonics_of,
     joint_harmonics,
@@ -15,8 +16,7 @@ from opid.mechanics.harmonic_balance import (
     residual,
     solve_at,
 )
-from opid.mechanics.laws import default_law
-from opid.mechanics.shooting import shoot
+from opid.mechanics.laws.law import default_law
 
 SYSTEM = two_pylons(0.05)
 EVEN_LAWS = [EVEN, EVEN + CUBIC, GAS]

@@ -8,11 +8,11 @@ import pytest
 from scipy import signal
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_run
-from opid.mechanics.sensors import Sensor
-from opid.signals.health import check_levels, check_pair, inspect, looks_unsprung, without_spikes
+from opid.signals.health.inspection import check_levels, check_pair, inspect, looks_unsprung, without_spikes
 from opid.signals.log import Log, LoggedChannel, Track, in_blocks
 from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.sensors import Sensor
 
 FS = 512.0
 N = 10240

@@ -11,7 +11,7 @@ from made_logs import log_of, messages, noise
 from measured_data import DATA, needs_data
 
 from opid.signals.clock import reconstructed_clock, uniform_clock
-from opid.signals.health import inspect
+from opid.signals.health.inspection import inspect
 from opid.signals.log import Log, LoggedChannel, Track, in_blocks
 from opid.signals.log_settings import ChannelSettings, LogSettings
 

@@ -10,10 +10,10 @@ from made_logs import log_of, messages, noise
 from scipy import signal
 
 from opid.signals import spectra
-from opid.signals.chunks import rows_of_a_bin
-from opid.signals.health import inspect
-from opid.signals.spectral_lines import names_of_lines
-from opid.signals.spectrum_health import OVERLAPPED_BINS
+from opid.signals.health.chunks import rows_of_a_bin
+from opid.signals.health.inspection import inspect
+from opid.signals.health.lines import names_of_lines
+from opid.signals.health.spectrum import OVERLAPPED_BINS
 
 FS = 1024.0
 N = 60 * 1024

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from made_logs import log_of, messages, noise, track_of
 
 from opid.errors import InputError
-from opid.signals.channel_health import LevelCheck
-from opid.signals.chunks import CHUNK_VALUES, rows_of_a_bin
-from opid.signals.health import inspect
+from opid.signals.health.channel import LevelCheck
+from opid.signals.health.chunks import CHUNK_VALUES, rows_of_a_bin
+from opid.signals.health.inspection import inspect
+from opid.signals.health.spikes import without_spikes
+from opid.signals.health.thinning import RowStretches, Thinning
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.recording import recording_from_arrays
 from opid.signals.segments import taxi_segment
-from opid.signals.spikes import without_spikes
-from opid.signals.thinning import RowStretches, Thinning
 
 FS = 500.0
 N = 1_200_000
@@ -226,7 +226,7 @@ def test_stretches_close_together_become_one_when_there_are_too_many():
 
 
 def test_the_levels_are_those_of_pairs_of_seconds_where_a_log_is_very_long(monkeypatch):
-    monkeypatch.setattr("opid.signals.channel_health.MOST_LEVELS", 100)
+    monkeypatch.setattr("opid.signals.health.channel.MOST_LEVELS", 100)
     assert LevelCheck(1, envelope=False)._bins._most == 100
     samples = noise(150 * 512) + np.repeat(np.arange(150), 512)[:, None]
     (levels,) = inspect(log_of(samples, fs=512.0)).levels

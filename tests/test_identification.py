@@ -10,14 +10,14 @@ import pytest
 from law_runs import gear_study, study_of
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
-from opid.mechanics.laws import default_law, law
-from opid.mechanics.sensors import Sensor
+from opid.mechanics.laws.law import default_law, law
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import METHODS, identify
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
 
 TRUTH = LandingGear()
 

@@ -12,14 +12,13 @@ from law_runs import logs_of
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.mechanics.airframe import Loading
-from opid.mechanics.landing_gear import LandingGear
 from opid.signals.recording import Channel, Recording
-from opid.suspensions import driven_laws, identification
-from opid.suspensions import warnings as doubts
+from opid.suspensions import identification
+from opid.suspensions.answer import warnings as doubts
+from opid.suspensions.answer.refusals import why_no_mass
 from opid.suspensions.candidates import Fitted, groups_of
 from opid.suspensions.identification import identify
-from opid.suspensions.refusals import why_no_mass
+from opid.suspensions.law_search import driven as driven_laws
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import (
@@ -31,6 +30,8 @@ from opid.suspensions.study import (
     Study,
     study_of_gear,
 )
+from opid.virtual.taxi_tests.airframe import Loading
+from opid.virtual.taxi_tests.landing_gear import LandingGear
 
 LAW = "arctan_velocity"
 GEAR = LandingGear()

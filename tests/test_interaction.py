@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.rig import Rig
 from opid.mechanics.shaker import Shaker
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.appropriation import appropriate_force
-from opid.modal.case_studies import case_study_2
-from opid.modal.interaction import modal_interaction
-from opid.modal.modes import LinearModes, modes_of_structure
-from opid.modal.phase_lock import PhaseLock
+from opid.modal.linear.modes import LinearModes, modes_of_structure
+from opid.modal.resonance.appropriation import appropriate_force
+from opid.modal.resonance.interaction import modal_interaction
+from opid.modal.resonance.phase_lock import PhaseLock
+from opid.virtual.modal_tests.case_studies import case_study_2
 
 LOW_HZ, HIGH_HZ = 100.0, 204.0
 SHAPES = np.array([[0.8, 0.05], [-0.5, 0.7], [0.3, -0.6]])

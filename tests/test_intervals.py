@@ -5,17 +5,17 @@ import pytest
 from law_runs import DAMPING, MASS_KG, STIFFNESS, fitted, logs_of, runs_of, shared
 
 from opid.estimate import Estimate
-from opid.mechanics.landing_gear import DEFAULT_LAW
-from opid.mechanics.laws import LINEAR
-from opid.mechanics.sensors import Sensor
-from opid.suspensions.intervals import (
+from opid.mechanics.laws.law import LINEAR
+from opid.suspensions.answer.intervals import (
     Parameters,
     bootstrap_over_white,
     honest_covariance,
     std_over_white,
 )
-from opid.suspensions.noise import measure_whiteness
-from opid.suspensions.run import driven_run
+from opid.suspensions.fitting.noise import measure_whiteness
+from opid.suspensions.model.run import driven_run
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW
+from opid.virtual.taxi_tests.sensors import Sensor
 
 
 @pytest.fixture(scope="module")

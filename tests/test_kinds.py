@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from opid.mechanics.kinds import BUILT_IN
+from opid.mechanics.laws.kinds import BUILT_IN
 
 CASES = [
     pytest.param(kind, place, id=f"{kind.name}-{('z', 'v', 'a', 'b')[place]}")

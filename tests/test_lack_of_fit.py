@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from opid.updating.doubts import LEAST_MISFIT, RARE, doubts_of_class, unexplained_share
-from opid.updating.lack_of_fit import LackOfFit, lack_of_fit
-from opid.updating.likelihood import backbone_data, log_likelihood
+from opid.updating.likelihood.backbones import backbone_data, log_likelihood
+from opid.updating.likelihood.lack_of_fit import LackOfFit, lack_of_fit
 from opid.updating.result import Diagnostics
 
 GRID = np.linspace(0.3, 4.0, 371)[:, None]

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, gear_structure, taxi_run, taxi_test
-from opid.mechanics.laws import LINEAR, default_law
-from opid.mechanics.sensors import Sensor
+from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import natural_frequencies
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, taxi_run, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
 
 FAULTY = Sensor(noise_m_per_s2=0.02, gain=1.01, corner_hz=0.33, cross_axis=0.03, bits=16, range_m_per_s2=500.0)
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from law_runs import fitted, runs_of, shared, true_values
 
-from opid.mechanics.kinds import Kind, Parameter
-from opid.mechanics.landing_gear import DEFAULT_LAW
-from opid.mechanics.laws import LAWS, LINEAR, Law, default_law, law
-from opid.mechanics.own_kinds import register_kind, unregister_kind
-from opid.suspensions.driven_laws import DrivenLaws, cannot_be
-from opid.suspensions.fit import fit_model, refit
-from opid.suspensions.law_parameters import faint_terms, pulls_at_a_stop
-from opid.suspensions.law_search import (
+from opid.mechanics.laws.kinds import Kind, Parameter
+from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law, law
+from opid.mechanics.laws.own_kinds import register_kind, unregister_kind
+from opid.suspensions.fitting.fit import fit_model, refit
+from opid.suspensions.fitting.search import Found, with_simpler_laws
+from opid.suspensions.law_search.driven import DrivenLaws, cannot_be
+from opid.suspensions.law_search.pursuit import (
     LawStep,
     _limits,
     add_neighbours,
@@ -24,9 +23,10 @@ from opid.suspensions.law_search import (
     library,
     search_laws,
 )
-from opid.suspensions.run import driven_run
-from opid.suspensions.search import Found, with_simpler_laws
+from opid.suspensions.model.law_parameters import faint_terms, pulls_at_a_stop
+from opid.suspensions.model.run import driven_run
 from opid.suspensions.settings import SearchSettings
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW
 
 SETTINGS = SearchSettings()
 LAWS_OF_RUNS = DrivenLaws(SETTINGS)

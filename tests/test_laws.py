@@ -16,11 +16,11 @@ import opid.mechanics
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
 from opid.mechanics.kernels import force_kernel, law_arrays
-from opid.mechanics.landing_gear import LandingGear, gear_structure
-from opid.mechanics.laws import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
+from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term, default_law, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
-from opid.suspensions.law_search import library
+from opid.suspensions.law_search.pursuit import library
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure
 
 NAMES = list(LAWS)
 SUMS = ["arctan_velocity+cubic_stiffness", "arctan_mixed+quadratic_damping+signed_power_stiffness"]
@@ -244,7 +244,7 @@ def test_every_kind_is_described():
 
 
 def test_laws_load_without_numba():
-    code = "import sys, opid.mechanics.laws; sys.exit('numba' in sys.modules)"
+    code = "import sys, opid.mechanics.laws.law; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -269,7 +269,7 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
         "import numpy as np\n"
         "from opid.mechanics.kernels import law_arrays\n"
         "from opid.mechanics.kernels.steps import _force_many as kernel\n"
-        "from opid.mechanics.laws import law\n"
+        "from opid.mechanics.laws.law import law\n"
         "_, codes, values, *_ = law_arrays(law('cubic_stiffness', stiffness_n_per_m3=1.0))\n"
         "force = kernel(codes, values, np.array([2.0]), np.zeros(1))[0]\n"
         "print(force, kernel.stats.cache_hits.total())"

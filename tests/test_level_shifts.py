@@ -5,11 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
-from opid.modal.coordinates import modal_test
-from opid.modal.level_shifts import level_shifts, nonlinear_modes
-from opid.modal.linear_fit import linear_fit
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.fit import linear_fit
+from opid.modal.linear.level_shifts import level_shifts, nonlinear_modes
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, simulate
-from opid.modal.modes import LinearModes
 from opid.modal.power_law import power_law
 from opid.signals.recording import Channel, Recording
 

@@ -6,9 +6,9 @@ import pytest
 from scipy.stats import invgamma, multivariate_normal
 
 from opid.errors import InputError
-from opid.mechanics.backbones import backbone
-from opid.updating.curve_noise import OWN_WEIGHT, RATIOS, STEP, WIDE, curve_noise, draw_errors, log_marginal
-from opid.updating.likelihood import (
+from opid.mechanics.backbones.family import backbone
+from opid.updating.data.curve_noise import OWN_WEIGHT, RATIOS, STEP, WIDE, curve_noise, draw_errors, log_marginal
+from opid.updating.likelihood.backbones import (
     NoiseSettings,
     backbone_data,
     coefficient_of_variation,

@@ -6,15 +6,15 @@ import pytest
 from scipy import integrate, sparse, stats
 
 from opid.errors import InputError
-from opid.updating.linear_likelihood import linear_data, log_likelihood, log_posterior
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.likelihood.linear import linear_data, log_likelihood, log_posterior
 from opid.updating.linear_updating import _peak, update_linear
-from opid.updating.maximum import maximum_a_posteriori
-from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
-from opid.updating.reduction import lowest_modes, modal_assurance
-from opid.updating.ritz import ritz_model, ritz_modes
-from opid.updating.structure import AffineStructure
-from opid.updating.surrogate import UPDATED, wing_engine_structure
+from opid.updating.sampling.maximum import maximum_a_posteriori
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.reduction import lowest_modes, modal_assurance
+from opid.updating.structure.ritz import ritz_model, ritz_modes
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 TRUTH = np.array(list(UPDATED.values()))
 COV = {7: 4e-3, 8: 6e-3}

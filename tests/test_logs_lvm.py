@@ -8,9 +8,9 @@ import pytest
 from measured_data import measured
 
 from opid.errors import InputError
-from opid.signals import text_lines
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import open_log, read_log
+from opid.signals.logs.text import lines as text_lines
 
 SAMPLE = "reader_samples/raw_ambient_testVI.lvm"
 SEPARATORS = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}

@@ -16,10 +16,10 @@ from measured_data import measured
 from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, read_log
-from opid.signals.text_header import name_and_unit
-from opid.signals.text_lines import lines_of
-from opid.signals.text_stamps import nanoseconds
-from opid.signals.text_table import TextTable, numbers_of
+from opid.signals.logs.text.header import name_and_unit
+from opid.signals.logs.text.lines import lines_of
+from opid.signals.logs.text.stamps import nanoseconds
+from opid.signals.logs.text.table import TextTable, numbers_of
 
 LOWER = [0.5, -1.25, 3.0, 2.0, 1e-3]
 UPPER = [1.0, 2.0, -3.5, 0.0, 4.0]
@@ -43,7 +43,7 @@ def wrote(tmp_path):
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Read texts some bytes at a time, so that blocks end anywhere."""
-    monkeypatch.setattr("opid.signals.text_table.lines_of", partial(lines_of, bytes_at_once=23))
+    monkeypatch.setattr("opid.signals.logs.text.table.lines_of", partial(lines_of, bytes_at_once=23))
 
 
 def all_of(track):

@@ -6,8 +6,8 @@ from scipy import sparse
 from scipy.io import mmwrite, savemat
 
 from opid.errors import InputError
-from opid.updating.matrices_file import read_structure, write_structure
-from opid.updating.structure import AffineStructure
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.matrices_file import read_structure, write_structure
 
 N_DOF = 6
 DOFS = tuple(f"{node} UX" for node in range(1, N_DOF + 1))

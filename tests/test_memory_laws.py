@@ -11,17 +11,17 @@ from opid import identify
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, driven_response
 from opid.mechanics.hysteresis import Sliders
-from opid.mechanics.kinds import BUILT_IN, Kind, Parameter
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import LINEAR, Law, Term, TermSet, WithCandidates, default_law, law
-from opid.mechanics.own_kinds import register_kind
+from opid.mechanics.laws.kinds import BUILT_IN, Kind, Parameter
+from opid.mechanics.laws.law import LINEAR, Law, Term, TermSet, WithCandidates, default_law, law
+from opid.mechanics.laws.own_kinds import register_kind
 from opid.mechanics.prediction import Noise, predict
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.report.as_text import formula
-from opid.suspensions.law_search import library
+from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
 from opid.suspensions.study import Run
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
 WITH_MEMORY = [kind for kind in BUILT_IN if kind.memory is not None]
 NAMES = [kind.name for kind in WITH_MEMORY]

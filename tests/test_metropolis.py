@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.updating.chains import spread_starts
-from opid.updating.diagnostics import diagnose, effective_samples, split_r_hat
-from opid.updating.ensemble import ensemble
-from opid.updating.metropolis import adaptive_metropolis, metropolis
+from opid.updating.sampling.chains import spread_starts
+from opid.updating.sampling.diagnostics import diagnose, effective_samples, split_r_hat
+from opid.updating.sampling.ensemble import ensemble
+from opid.updating.sampling.metropolis import adaptive_metropolis, metropolis
 
 MEAN = np.array([1.6, -1.0])
 # as narrow and as correlated as the posterior of the paper's class 4

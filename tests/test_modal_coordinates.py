@@ -3,9 +3,9 @@ import pytest
 from made_beats import FOUR, FS, beat, measured
 
 from opid.errors import InputError
-from opid.modal.coordinates import modal_test
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import force_projection
 from opid.modal.model import NonlinearModalModel, modal_response
-from opid.modal.modes import force_projection
 from opid.signals.recording import Channel, Recording
 
 LEVEL = beat(5.0, whole_s=1.0, beat_s=0.3)

@@ -3,10 +3,10 @@ import pytest
 
 from opid.errors import InputError
 from opid.mechanics.structure import Structure, frequency_response
-from opid.modal.coordinates import modal_test
-from opid.modal.frequency_response import cmif, measured_response, modal_responses, resynthesised
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.frequency_response import cmif, measured_response, modal_responses, resynthesised
+from opid.modal.linear.modes import LinearModes, modes_of_structure
 from opid.modal.model import NonlinearModalModel, simulate
-from opid.modal.modes import LinearModes, modes_of_structure
 from opid.signals.recording import Channel, Recording
 
 FS, N = 2048.0, 8192

@@ -6,20 +6,20 @@ from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ZETA, beat, beats, me
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import rig_run
-from opid.modal import mode_tests
-from opid.modal.case_studies import case_study_2
-from opid.modal.coordinates import modal_test
+from opid.modal.forced import mode_tests
+from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.forced.mode_tests import band_of_mode, largest_mode
+from opid.modal.forced.other_modes import doubts_of_other_modes
+from opid.modal.forced.span import MOST_SHARE, WARNED_SHARE, doubts_of_shapes, faults_of_shapes, outside_shapes
 from opid.modal.identification import identify_modes
-from opid.modal.mode_fit import fit_mode
-from opid.modal.mode_tests import band_of_mode, largest_mode
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, modal_response
-from opid.modal.modes import LinearModes
-from opid.modal.other_modes import doubts_of_other_modes
 from opid.modal.power_law import power_law
-from opid.modal.span import MOST_SHARE, WARNED_SHARE, doubts_of_shapes, faults_of_shapes, outside_shapes
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Channel, Recording
 from opid.signals.resampling import resampled
+from opid.virtual.modal_tests.case_studies import case_study_2
 
 LEVELS = (5.0, 16.0, 33.0, 55.0)
 ORDERS = {"stiffness_order": 3, "damping_order": 3}

@@ -6,8 +6,8 @@ from scipy.interpolate import CubicSpline
 
 from opid.errors import InputError
 from opid.mechanics.structure import frequency_response
+from opid.modal.linear.modes import force_projection
 from opid.modal.model import NonlinearModalModel, modal_response, simulate
-from opid.modal.modes import force_projection
 from opid.modal.power_law import power_law
 
 

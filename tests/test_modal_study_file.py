@@ -5,13 +5,13 @@ import pytest
 from made_modal import SENSORS, SOFT, beat, measured, small_modes, small_study
 
 from opid.errors import InputError
-from opid.modal.coordinates import modal_test
 from opid.modal.doubts import doubts_of_records
-from opid.modal.modes_file import write_modes
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes_file import write_modes
 from opid.modal.study import ModalStudy, StudyTest
-from opid.modal.study_file import read_modal_study, write_modal_study
 from opid.signals.logs import write_log
 from opid.signals.recording import Recording
+from opid.studies.modal_study import read_modal_study, write_modal_study
 
 MODES = '[modes]\nfile = "modes.csv"\ndrive_point = "case_x"\n'
 TEST = '\n[[tests]]\nlog = "beat.csv"\nforce = "force"\n'
@@ -73,7 +73,7 @@ def test_modes_of_a_test_of_its_own_are_written_and_read(tmp_path):
 
 
 def test_many_samples_are_written_as_hdf5(tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.modal.study_file.LARGEST_CSV", 100)
+    monkeypatch.setattr("opid.studies.modal_study.LARGEST_CSV", 100)
     study = small_study()
     write_modal_study(study, tmp_path / "study.toml")
     assert (tmp_path / "strong.h5").is_file()

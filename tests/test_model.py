@@ -7,17 +7,17 @@ import pytest
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws import LAWS, LINEAR, Law, Term, default_law, law
+from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term, default_law, law
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
-from opid.suspensions.body import ImpossibleBodyError, own_body, rigid_body, vertical
 from opid.suspensions.candidates import fall_of, gear_body
-from opid.suspensions.law_parameters import to_free
-from opid.suspensions.model import Model
-from opid.suspensions.run import driven_run
+from opid.suspensions.model.body import ImpossibleBodyError, own_body, rigid_body, vertical
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.law_parameters import to_free
+from opid.suspensions.model.run import driven_run
+from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
 from opid.suspensions.settings import FaultSettings, FitSettings, Settings
-from opid.suspensions.unknowns import Group
 
 FS, SECONDS, FINER = 512.0, 3.0, 8
 PLACES = [(5.0, 0.0), (0.0, 1.6), (0.0, -1.5)]

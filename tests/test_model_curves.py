@@ -7,26 +7,27 @@ import numpy as np
 import pytest
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.backbones import backbone_family
+from opid.mechanics.backbones.family import backbone_family
 from opid.report.as_json import plain
-from opid.updating import doubts, model_curves, prediction
+from opid.updating import doubts, prediction
+from opid.updating.data.noise_settings import NoiseSettings
 from opid.updating.doubts import doubts_of_choice, doubts_of_class
-from opid.updating.likelihood import backbone_data, likelihood_function, log_likelihood
-from opid.updating.model_curves import (
+from opid.updating.likelihood import model_curves
+from opid.updating.likelihood.backbones import backbone_data, likelihood_function, log_likelihood
+from opid.updating.likelihood.model_curves import (
     curves_of,
     met_modes,
     where_it_fails,
     where_modes_interact,
     without_interactions,
 )
-from opid.updating.noise_settings import NoiseSettings
 from opid.updating.paper_classes import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.reduction import reduce
 from opid.updating.result import Diagnostics
-from opid.updating.surrogate import UPDATED, wing_engine_structure
-from opid.updating.virtual_backbones import synthetic_backbones
+from opid.updating.structure.reduction import reduce
+from opid.virtual.backbone_tests.measured import synthetic_backbones
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 THETA = np.array([[1.4], [1.58], [1.7]])
 

@@ -9,22 +9,22 @@ from click.testing import CliRunner
 
 from opid import cli
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
-from opid.mechanics.road import SpeedProfile, iso8608_road
-from opid.mechanics.sensors import Sensor, decimate, measure
 from opid.mechanics.structure import Joint, Structure
 from opid.mechanics.weight import GRAVITY_M_PER_S2
 from opid.signals.recording import recording_from_arrays
+from opid.studies.suspension_study import write_study
 from opid.suspensions import candidates
 from opid.suspensions.identification import identify
-from opid.suspensions.model import Model
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.run import DrivenRun
 from opid.suspensions.result import GearParameters
-from opid.suspensions.run import DrivenRun
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
-from opid.suspensions.study_file import write_study
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
 
 FS, DURATION_S, LEAD_S = 256.0, 20.0, 6.0
 SHORT = {"duration_s": DURATION_S, "fs": FS}

@@ -3,7 +3,7 @@ import pytest
 
 from opid.errors import InputError
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.modes import (
+from opid.modal.linear.modes import (
     LinearModes,
     condition_number,
     force_projection,

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from opid.errors import InputError
-from opid.modal.modes import LinearModes
-from opid.modal.modes_file import looks_in_percent, looks_unit_normalised, read_modes, write_modes
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised, read_modes, write_modes
 
 ENDINGS = pytest.mark.parametrize("ending", ["npz", "csv"])
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from law_runs import study_of
 
-from opid.mechanics.landing_gear import LandingGear
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.report.as_json import result_json
 from opid.report.gear_text import gear_text
 from opid.suspensions.identification import identify
+from opid.virtual.taxi_tests.landing_gear import LandingGear
 
 SPRING = law("arctan_displacement", amplitude_n=400.0, scale_m=2e-3)
 FRICTION = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)

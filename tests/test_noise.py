@@ -8,12 +8,12 @@ from law_runs import fitted, runs_of, shared, true_values
 from scipy import signal
 
 import opid
-from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
-from opid.mechanics.sensors import Sensor
-from opid.suspensions.noise import known_noise, with_own_noise
+from opid.suspensions.fitting.noise import known_noise, with_own_noise
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
 
 TWO = ideal_sensors(2, 2)
 

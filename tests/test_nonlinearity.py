@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from opid.mechanics.laws import LAWS, Law, default_law, law
+from opid.mechanics.laws.law import LAWS, Law, default_law, law
 from opid.suspensions.paper.nonlinearity import fit_slice, fit_surface
 from opid.suspensions.paper.restoring_force import RestoringForce, SliceCurve
 

@@ -12,23 +12,23 @@ from scripts import script
 from opid import identify, read_study, result_text
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.landing_gear import LandingGear, gear_structure, taxi_run, taxi_test
-from opid.mechanics.laws import LAWS, LINEAR, law, law_from_parameters
+from opid.mechanics.laws.law import LAWS, LINEAR, law, law_from_parameters
 from opid.mechanics.response import time_response
 from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
-from opid.suspensions.body import rigid_body
+from opid.suspensions.answer.warnings import doubts_of_gas
 from opid.suspensions.candidates import gear_body
-from opid.suspensions.fit import carrying
+from opid.suspensions.fitting.fit import carrying
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
-from opid.suspensions.law_parameters import to_free
-from opid.suspensions.model import Model
-from opid.suspensions.run import driven_run
+from opid.suspensions.model.body import rigid_body
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.law_parameters import to_free
+from opid.suspensions.model.run import driven_run
+from opid.suspensions.model.unknowns import Group, known_before
 from opid.suspensions.sensor_facts import ideal_sensors
 from opid.suspensions.settings import GasSettings, Settings
 from opid.suspensions.study import Run, study_of_gear
-from opid.suspensions.unknowns import Group, known_before
-from opid.suspensions.warnings import doubts_of_gas
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, taxi_run, taxi_test
 
 MASS_KG = 1850.0
 WEIGHT_N = MASS_KG * GRAVITY_M_PER_S2
@@ -317,7 +317,7 @@ def test_a_piston_area_that_contradicts_the_static_pressure_is_doubted(area_m2):
 
 
 def test_a_study_file_says_the_area_of_the_piston(tmp_path):
-    from opid.suspensions.study_file import write_study
+    from opid.studies.suspension_study import write_study
 
     study = strut_study(on_air(0.004), piston_area_m2=0.004)
     write_study(study, tmp_path / "study.toml")

@@ -8,9 +8,9 @@ import pytest
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, driven_response
 from opid.mechanics.kernels import force_kernel, law_arrays
-from opid.mechanics.kinds import LAWS, Kind, Parameter
-from opid.mechanics.laws import default_law, law
-from opid.mechanics.own_kinds import register_kind, unregister_kind
+from opid.mechanics.laws.kinds import LAWS, Kind, Parameter
+from opid.mechanics.laws.law import default_law, law
+from opid.mechanics.laws.own_kinds import register_kind, unregister_kind
 
 FS = 256.0
 

@@ -8,14 +8,14 @@ import pytest
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.driven import Interface
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
-from opid.mechanics.sensors import decimate
 from opid.mechanics.structure import Joint, Structure
 from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
 from opid.signals.recording import Channel, Recording, recording_from_arrays
-from opid.suspensions import driven_laws
+from opid.suspensions.law_search import driven as driven_laws
 from opid.suspensions.own_structure import identify_structure
+from opid.virtual.taxi_tests.sensors import decimate
 
 FS, SECONDS, STEPS, NOISE = 256.0, 12.0, 4, 5e-3
 LOW_KG, HIGH_KG = 300.0, 180.0

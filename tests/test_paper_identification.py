@@ -7,9 +7,7 @@ import pytest
 from law_runs import weightless_test
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import default_law, law
-from opid.mechanics.sensors import Sensor
+from opid.mechanics.laws.law import default_law, law
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.paper.chain import compute_chain
 from opid.suspensions.paper.identification import identify_by_paper
@@ -18,6 +16,8 @@ from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
 
 SPRING = LandingGear(ground_stiffness_n_per_m=1.67e5)
 SHORT = {"duration_s": 20, "fs": 256}

@@ -13,7 +13,7 @@ from opid import plots
 from opid.errors import InputError
 from opid.plots.health import KINDS, health_picture
 from opid.plots.style import panels
-from opid.signals.health_result import Health, SpectralLine, Stretch
+from opid.signals.health.result import Health, SpectralLine, Stretch
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ from made_body import LOADING, body_without_mass, small_body
 
 from opid import plots
 from opid.estimate import Estimate
-from opid.mechanics.laws import law
-from opid.mechanics.virtual_aircraft import default_aircraft
+from opid.mechanics.laws.law import law
 from opid.plots.body_motion import sensor_names
 from opid.plots.style import GREEN, VERMILION
 from opid.suspensions.result import BodyParameters, BodyRatios
+from opid.virtual.taxi_tests.aircraft import default_aircraft
 
 TRUE = {
     "parameters": {"sprung_mass_kg": 5400.0, "x_cg_m": 0.6, "y_cg_m": 0.0},

@@ -9,10 +9,10 @@ from made_modal import SOFT, appropriation, small_decay, small_modes, small_resu
 
 from opid import plots
 from opid.errors import InputError
-from opid.modal.free_decay import law_of_decays
-from opid.modal.frequency_response import cmif, measured_response, resynthesised
-from opid.modal.interaction import modal_interaction
-from opid.plots.modal_fits import fourier_amplitude
+from opid.modal.decay.free_decay import law_of_decays
+from opid.modal.linear.frequency_response import cmif, measured_response, resynthesised
+from opid.modal.resonance.interaction import modal_interaction
+from opid.plots.modal.fits import fourier_amplitude
 from opid.plots.style import BLUE, INK, VERMILION
 from opid.signals.recording import Recording
 

@@ -13,7 +13,7 @@ from opid import plots
 from opid.errors import InputError
 from opid.plots import ForceBand
 from opid.plots.style import RUN_COLORS, VERMILION
-from opid.updating.reduction import ReductionErrors
+from opid.updating.structure.reduction import ReductionErrors
 
 
 def settings():

@@ -5,14 +5,15 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError, NotDeterminedError
-from opid.updating import likelihood, posterior
+from opid.updating import posterior
 from opid.updating.doubts import doubts_of_choice, doubts_of_classes
-from opid.updating.likelihood import backbone_data
-from opid.updating.maximum import maximum_a_posteriori
+from opid.updating.likelihood import backbones as likelihood
+from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.model_class import Prior
 from opid.updating.posterior import density_of, update_class
 from opid.updating.prior_sensitivity import wider
 from opid.updating.result import Evidence
+from opid.updating.sampling.maximum import maximum_a_posteriori
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ import pytest
 from measured_data import DATA, measured
 from scripts import script
 
-from opid.signals.health import check_pair
+from opid.signals.health.inspection import check_pair
+from opid.studies.suspension_study import read_study
+from opid.studies.suspension_tables import document_faults
 from opid.suspensions.identification import identify
-from opid.suspensions.study_file import read_study
-from opid.suspensions.study_tables import document_faults
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ import pytest
 from scipy import linalg, sparse
 
 from opid.errors import InputError
-from opid.updating.reduction import (
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.reduction import (
     craig_bampton,
     lowest_modes,
     modal_assurance,
@@ -13,8 +14,7 @@ from opid.updating.reduction import (
     reduce,
     reduction_errors,
 )
-from opid.updating.structure import AffineStructure
-from opid.updating.surrogate import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
 
 @cache

@@ -11,16 +11,16 @@ from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_study, study_of
 
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
-from opid.mechanics.landing_gear import LandingGear, taxi_run, taxi_test
-from opid.mechanics.laws import LAWS, LINEAR, default_law, law
+from opid.mechanics.laws.law import LAWS, LINEAR, default_law, law
 from opid.mechanics.repeatability import PARTS, Departure, part_of
 from opid.report.body_text import body_text
 from opid.report.gear_text import gear_text
-from opid.suspensions.fit import fit_model
+from opid.suspensions.fitting.fit import fit_model
+from opid.suspensions.fitting.repeatability import levels, with_departures
 from opid.suspensions.identification import identify
-from opid.suspensions.repeatability import levels, with_departures
 from opid.suspensions.settings import RepeatabilitySettings, Settings
 from opid.suspensions.study import Run
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
 
 LAW = "arctan_velocity"
 # runs that are stated to be alike are then taken to be, whatever they say

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from opid import plots
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.mechanics.laws import law_from_parameters
+from opid.mechanics.laws.law import law_from_parameters
 from opid.report import (
     health_json,
     health_text,
@@ -31,18 +31,18 @@ from opid.report import identification_report as report_module
 from opid.report.again import command_of, python_of
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import rounded
-from opid.report.directory import made_directory, require_directory, write_together
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_rows
 from opid.signals import files
-from opid.signals.health import inspect
+from opid.signals.directory import made_directory, require_directory, write_together
+from opid.signals.health.inspection import inspect
 from opid.signals.logs import read_log
+from opid.studies.suspension_study import read_study, study_from_logs
 from opid.suspensions.identification import identify
 from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
-from opid.suspensions.study_file import read_study, study_from_logs
 
 OLD_KEYS = {
     "schema",
@@ -396,7 +396,7 @@ def test_a_report_without_the_steps_of_the_paper_is_written(error, identified, t
 def test_an_identification_alone_does_not_take_the_steps_of_the_paper():
     code = (
         "import sys, opid, numpy as np\n"
-        "from opid.mechanics.landing_gear import LandingGear, taxi_test\n"
+        "from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test\n"
         "from opid.suspensions.study import Run, study_of_gear\n"
         "test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=12.0, fs=256.0)\n"
         "runs = [Run('heavy', test.heavy.recording), Run('light', test.light.recording, test.mass_change_kg)]\n"

@@ -10,8 +10,8 @@ from measured_data import SAMPLES, needs_samples
 
 from opid.report import health_json, health_text
 from opid.report.as_json import json_text
-from opid.signals.health import inspect
-from opid.signals.health_result import ClockHealth, Finding, Health, PairHealth, SpectralLine
+from opid.signals.health.inspection import inspect
+from opid.signals.health.result import ClockHealth, Finding, Health, PairHealth, SpectralLine
 from opid.signals.logs import open_log
 
 

@@ -8,12 +8,12 @@ import pytest
 from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 
 from opid.errors import InputError
-from opid.modal.free_decay import law_of_decays
+from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.result import Comparison
 from opid.report import modal_json, modal_text, read_modal_truth, write_modal_report
 from opid.report.as_json import json_text
-from opid.report.modal_pictures import modal_pictures
-from opid.report.modal_tables import decay_table, tables, truth_table, worst_sensors
+from opid.report.modal.pictures import modal_pictures
+from opid.report.modal.tables import decay_table, tables, truth_table, worst_sensors
 
 TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
 
@@ -74,7 +74,7 @@ def test_every_warning_stands_once_in_text_page_and_json(result):
 
 def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
-    monkeypatch.setattr("opid.report.modal_report.modal_pictures", lambda *_: ())
+    monkeypatch.setattr("opid.report.modal.report.modal_pictures", lambda *_: ())
 
     def command(settings, **given):
         found = replace(result, settings={"study": "my study.toml", **settings})

@@ -12,14 +12,14 @@ import pytest
 from made_updating import CUBIC, small_system, small_truth, small_updating
 
 from opid.errors import InputError
-from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.report import read_updating_truth, updating_json, updating_text, write_updating_report
 from opid.report.as_json import json_text
-from opid.report.updating_chains import write_chains
-from opid.report.updating_coverage import coverage_note, coverage_table
-from opid.report.updating_pictures import reached_extension, updating_pictures
-from opid.report.updating_reduction import order_sentences, reduction_sentences
-from opid.report.updating_tables import (
+from opid.report.updating.chains import write_chains
+from opid.report.updating.coverage import coverage_note, coverage_table
+from opid.report.updating.pictures import reached_extension, updating_pictures
+from opid.report.updating.reduction import order_sentences, reduction_sentences
+from opid.report.updating.tables import (
     basis,
     best_sentence,
     class_table,
@@ -27,8 +27,8 @@ from opid.report.updating_tables import (
     doubts_of,
     tables,
 )
-from opid.updating.reduction import ReductionErrors
 from opid.updating.result import Evidence
+from opid.updating.structure.reduction import ReductionErrors
 
 
 @pytest.fixture(scope="module")
@@ -281,7 +281,7 @@ def test_without_arviz_or_its_writer_chains_are_refused_in_a_sentence(result, ar
     monkeypatch.setattr(Groups, "to_netcdf", to_netcdf)
     with pytest.raises(InputError, match=r"no suitable backend\): pip install h5netcdf"):
         write_chains(result, tmp_path)
-    monkeypatch.setattr("opid.report.updating_chains.find_spec", lambda name: None)
+    monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"ArviZ, which writes chains, is not installed: pip install 'opid\[bayes\]'"):
         write_chains(result, tmp_path)
 

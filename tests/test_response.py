@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
 from opid.mechanics.hysteresis import Sliders, force_of, iwan
-from opid.mechanics.landing_gear import LandingGear, gear_structure, tyre_force
-from opid.mechanics.laws import LINEAR, default_law, law
+from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.response import advance, assembled, state_at, time_response
-from opid.mechanics.road import SpeedProfile, iso8608_road
 from opid.mechanics.structure import Joint, Structure, frequency_response, linear_matrices, natural_frequencies
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, tyre_force
+from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
 
 
 def no_force(n_dof):

@@ -5,12 +5,12 @@ import pytest
 from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ONE, ZETA, beat, beats, measured, softening
 
 from opid.errors import InputError
-from opid.modal.equation import mode_lines
-from opid.modal.mode_fit import fit_mode
+from opid.modal.forced.equation import mode_lines
+from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.forced.restoring_fit import fit_coefficients, fit_unweighted, modal_mass
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.modes import LinearModes
 from opid.modal.power_law import harmonic_share
-from opid.modal.restoring_fit import fit_coefficients, fit_unweighted, modal_mass
 
 BAND = (100.0, 140.0)
 CUBIC = {"stiffness_order": 3, "damping_order": 3}

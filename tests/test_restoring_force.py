@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_run
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.suspensions.paper.restoring_force import RestoringForce, binned_surface, restoring_force, slice_curve
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
 
 
 @pytest.fixture(scope="module")

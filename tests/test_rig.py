@@ -3,7 +3,7 @@ import pytest
 
 from opid.errors import InputError
 from opid.mechanics.hysteresis import iwan
-from opid.mechanics.laws import law
+from opid.mechanics.laws.law import law
 from opid.mechanics.response import time_response
 from opid.mechanics.rig import Rig, drive, free_decay, impact, open_rig, rig_run
 from opid.mechanics.shaker import Shaker

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from opid.errors import InputError
-from opid.mechanics.road import ROAD_CLASSES, SpeedProfile, iso8608_road, road_psd
+from opid.virtual.taxi_tests.road import ROAD_CLASSES, SpeedProfile, iso8608_road, road_psd
 
 
 def road(road_class="B", *, footprint_m=0.0, seed=1, length_m=1000.0):

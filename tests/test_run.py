@@ -8,10 +8,10 @@ import pytest
 
 from opid.errors import InputError
 from opid.mechanics.driven import half_steps
-from opid.mechanics.sensors import Sensor, measure
-from opid.suspensions.run import driven_run
+from opid.suspensions.model.run import driven_run
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
 from opid.suspensions.settings import RunSettings
+from opid.virtual.taxi_tests.sensors import Sensor, measure
 
 FS, N = 256.0, 4000
 LOOSE = SensorFacts(gain_tolerance=0.03, corner_hz=0.4, corner_tolerance=0.3)

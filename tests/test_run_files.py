@@ -7,9 +7,9 @@ from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.studies.suspension_study import log_readings, read_study, study_from_logs, write_study
 from opid.suspensions.sensor_facts import SensorFacts
 from opid.suspensions.study import Run, study_of_gear
-from opid.suspensions.study_file import log_readings, read_study, study_from_logs, write_study
 
 NAMES = ["lower_z", "upper_z"]
 

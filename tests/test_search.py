@@ -8,19 +8,19 @@ from body_runs import LOADS, NOISE, PLACES, aircraft, arrays_of, study, task_of
 from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_model, runs_of, study_of
 
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.landing_gear import DEFAULT_LAW, LandingGear
-from opid.mechanics.laws import LINEAR, default_law, law
-from opid.mechanics.sensors import Sensor
-from opid.mechanics.taxiing_aircraft import aircraft_test
+from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.signals.recording import Recording
-from opid.suspensions import search
 from opid.suspensions.candidates import fit_rigid, gear_body, loading_matrix
+from opid.suspensions.fitting import search
+from opid.suspensions.fitting.search import Question, find_model, folded_power, is_hopeless, judged
+from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
-from opid.suspensions.run import driven_run
-from opid.suspensions.search import Question, find_model, folded_power, is_hopeless, judged
-from opid.suspensions.start import start_values
+from opid.suspensions.model.run import driven_run
+from opid.suspensions.model.unknowns import Group
 from opid.suspensions.study import PointMass, Run
-from opid.suspensions.unknowns import Group
+from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
 FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 

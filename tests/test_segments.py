@@ -10,7 +10,7 @@ from made_logs import log_of, noise, track_of
 
 from opid.errors import InputError
 from opid.signals import segments
-from opid.signals.health import inspect
+from opid.signals.health.inspection import inspect
 from opid.signals.segments import LEAST_S, MOST_S, LeftOut, Segment, sound_segments, taxi_segment
 
 FS = 64.0  # a bin is a second

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.sensors import Sensor, decimate, measure
+from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
 
 FS = 512.0
 TIME_S = np.arange(int(20 * FS)) / FS

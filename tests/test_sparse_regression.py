@@ -3,11 +3,11 @@
 import pytest
 from law_runs import fitted, runs_of
 
-from opid.mechanics.laws import default_law
-from opid.suspensions.driven_laws import DrivenLaws
-from opid.suspensions.law_search import chosen, library
+from opid.mechanics.laws.law import default_law
+from opid.suspensions.law_search.driven import DrivenLaws
+from opid.suspensions.law_search.pursuit import chosen, library
+from opid.suspensions.law_search.sparse_regression import RegressionSettings, regress, search_by_regression
 from opid.suspensions.settings import SearchSettings
-from opid.suspensions.sparse_regression import RegressionSettings, regress, search_by_regression
 
 
 @pytest.mark.parametrize("name", ["cubic_stiffness", "arctan_velocity+cubic_stiffness"])

@@ -5,14 +5,14 @@ import pytest
 from law_runs import weightless_test
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import Law, law
-from opid.mechanics.sensors import Sensor
-from opid.suspensions.law_search import chosen
+from opid.mechanics.laws.law import Law, law
+from opid.suspensions.law_search.pursuit import chosen
 from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.restoring_force import restoring_force
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
 
 QUIET = Sensor(noise_m_per_s2=0.0)
 START = {"stiffness_per_mass": 150.0, "damping_per_mass": 1.0}

@@ -5,12 +5,12 @@ import pytest
 from measured_data import DATA, needs_data
 from scipy import signal
 
-from opid.mechanics.landing_gear import LandingGear, taxi_run
-from opid.mechanics.laws import law
-from opid.mechanics.sensors import Sensor
-from opid.signals.health import inspect
+from opid.mechanics.laws.law import law
+from opid.signals.health.inspection import inspect
+from opid.signals.health.spikes import SPIKES, without_spikes
 from opid.signals.recording import recording_from_arrays
-from opid.signals.spikes import SPIKES, without_spikes
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.sensors import Sensor
 
 
 def stick_slip(seed, duration_s=8.0):

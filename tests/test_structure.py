@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, gear_structure
-from opid.mechanics.laws import default_law
+from opid.mechanics.laws.law import default_law
 from opid.mechanics.structure import (
     Joint,
     Structure,
@@ -14,6 +13,7 @@ from opid.mechanics.structure import (
     linear_transmissibility,
     natural_frequencies,
 )
+from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure
 
 positive = st.floats(0.1, 10.0)
 

@@ -10,12 +10,12 @@ from made_chain import DOFS, curve_of, small_chain
 from scipy import linalg
 
 from opid.errors import InputError
-from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.updating.data.checks import backbone_faults, nominal_modes, overlaps, sensor_faults, structure_faults
+from opid.updating.data.noise_settings import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.noise_settings import NoiseSettings
 from opid.updating.study import UpdatingStudy
-from opid.updating.study_checks import backbone_faults, nominal_modes, overlaps, sensor_faults, structure_faults
-from opid.updating.surrogate import wing_engine_structure
+from opid.virtual.backbone_tests.structure import wing_engine_structure
 
 
 def test_sound_backbones_have_no_faults():

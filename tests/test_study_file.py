@@ -11,6 +11,8 @@ from made_body import LOADING, PLACES, short_test
 from opid.errors import InputError
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.studies.suspension_study import log_readings, read_study, study_from_logs, write_study
+from opid.studies.suspension_tables import read_loading
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair
 from opid.suspensions.study import (
     BodySensor,
@@ -21,8 +23,6 @@ from opid.suspensions.study import (
     Study,
     study_of_gear,
 )
-from opid.suspensions.study_file import log_readings, read_study, study_from_logs, write_study
-from opid.suspensions.study_tables import read_loading
 
 GEAR_NAMES = ("lower_z", "upper_z", "lower_x", "upper_x")
 BODY_NAMES = ("n_low", "n_up", "l_low", "l_up", "r_low", "r_up", "tail")

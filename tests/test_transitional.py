@@ -7,9 +7,9 @@ import pytest
 from scipy import special
 
 from opid.errors import InputError, NotDeterminedError
-from opid.updating.diagnostics import effective_samples
 from opid.updating.model_class import Prior
-from opid.updating.transitional import transitional
+from opid.updating.sampling.diagnostics import effective_samples
+from opid.updating.sampling.transitional import transitional
 
 
 def priors_of(*priors):

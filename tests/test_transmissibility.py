@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.mechanics.landing_gear import LandingGear, taxi_run
 from opid.signals.spectra import transmissibility
 from opid.suspensions.paper.transmissibility import (
     suspension_transmissibility,
     transmissibility_peaks,
     transmissibility_without_force,
 )
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from law_runs import weightless_test
 
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import default_law
+from opid.mechanics.laws.law import default_law
 from opid.suspensions.identification import identify
 from opid.suspensions.study import Run, study_of_gear
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
 LAW_NAMES = (
     "linear",

@@ -7,9 +7,9 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating import identification, posterior
+from opid.updating.data.noise_settings import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH, NoiseSettings
 from opid.updating.identification import update_study
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.noise_settings import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH, NoiseSettings
 from opid.updating.study import UpdatingStudy
 
 BOUNDS = Prior("uniform", 0.3, 3.0)

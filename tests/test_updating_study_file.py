@@ -7,12 +7,12 @@ import pytest
 from made_chain import DOFS, curve_of, small_chain
 
 from opid.errors import InputError
-from opid.updating.backbone_file import write_backbone
-from opid.updating.matrices_file import write_structure
+from opid.studies.updating_study import read_updating_study, write_updating_study
+from opid.updating.data.backbone_file import write_backbone
+from opid.updating.data.checks import nominal_modes
+from opid.updating.data.noise_settings import LeftOut
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.noise_settings import LeftOut
-from opid.updating.study_checks import nominal_modes
-from opid.updating.study_file import read_updating_study, write_updating_study
+from opid.updating.structure.matrices_file import write_structure
 
 STUDY = """
 title = "A chain"

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.modal.case_studies import CASE_SHAKER
-from opid.modal.virtual_cases import CUBIC_TOP, virtual_series
-from opid.modal.virtual_study import stated_modes, top_displacement, virtual_study
 from opid.signals.units import STANDARD_GRAVITY
+from opid.virtual.modal_tests.case_studies import CASE_SHAKER
+from opid.virtual.modal_tests.cases import CUBIC_TOP, virtual_series
+from opid.virtual.modal_tests.series import stated_modes, top_displacement, virtual_study
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,16 @@ import pytest
 from scipy.optimize import brentq
 
 from opid import identify
-from opid.mechanics.airframe import Loading
 from opid.mechanics.driven import Interface, UnboundedResponseError
-from opid.mechanics.landing_gear import LandingGear, taxi_test
-from opid.mechanics.laws import LINEAR, default_law, law
-from opid.mechanics.sensors import Sensor
-from opid.mechanics.taxiing_aircraft import aircraft_test
-from opid.mechanics.virtual_aircraft import default_aircraft
+from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, find_rest, laws_at_rest, resting
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
+from opid.virtual.taxi_tests.aircraft import default_aircraft
+from opid.virtual.taxi_tests.airframe import Loading
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
 CHANNELS = ("upper_z", "lower_z")
 LAWS = ("cubic_stiffness", "gas_column", "arctan_displacement", "arctan_velocity+dead_zone_stiffness")

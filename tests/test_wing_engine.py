@@ -6,7 +6,14 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh, spsolve
 
 from opid.errors import InputError
-from opid.mechanics.wing_engine import JOINTS, SENSORS, WingEngine, beam_mass, beam_stiffness, wing_engine_matrices
+from opid.virtual.backbone_tests.wing_engine import (
+    JOINTS,
+    SENSORS,
+    WingEngine,
+    beam_mass,
+    beam_stiffness,
+    wing_engine_matrices,
+)
 
 NOMINAL, UPDATED = (1.0, 1.0), (0.88, 0.31)
 

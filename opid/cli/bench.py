@@ -45,7 +45,7 @@ def law(
     force need be measured: --force is the acceleration of a body that the specimen alone holds, and F = -m a.
     """
     from opid.report import bench_text, write_bench_report
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
     from opid.suspensions.bench.law import law_of_bench
     from opid.suspensions.bench.record import bench_from_recording, quasi_static_bench
 

@@ -35,7 +35,7 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     """
     from opid.report.as_json import json_text
     from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
     from opid.suspensions.flights.comparison import compare as compare_flights
     from opid.suspensions.flights.results import read_flights
 

@@ -14,7 +14,7 @@ from opid.cli.group import main, progress
 from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
-    from opid.modal.free_decay import Decay
+    from opid.modal.decay.free_decay import Decay
     from opid.signals.recording import Recording
 
 ORDERS = ("stiffness_order", "damping_order")
@@ -48,9 +48,9 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
 
     From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
     """
-    from opid.modal.free_decay import law_of_decays
-    from opid.report.decay_report import decay_text, write_decay_report
-    from opid.report.directory import require_directory
+    from opid.modal.decay.free_decay import law_of_decays
+    from opid.report.modal.decay_report import decay_text, write_decay_report
+    from opid.signals.directory import require_directory
 
     target = None if out is None else require_directory(out)
     facts = {"log": str(log), **settings}
@@ -73,7 +73,7 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
 
 def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -> Decay:
     """The free decay in a channel of a log; what there is to doubt is said with the options of this command."""
-    from opid.modal.free_decay import QUANTITIES, UNITS, free_decay
+    from opid.modal.decay.free_decay import QUANTITIES, UNITS, free_decay
 
     say("the record")
     record = _record(log, settings, UNITS)

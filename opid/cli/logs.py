@@ -13,8 +13,8 @@ from opid.cli.group import BadInput, main, progress
 from opid.errors import InputError
 
 if TYPE_CHECKING:
-    from opid.signals.health_result import Health
-    from opid.suspensions.study_file import LogReading
+    from opid.signals.health.result import Health
+    from opid.studies.suspension_study import LogReading
 
 CHANNELS_A_PICTURE, MOST_PICTURES = 12, 2
 """A picture takes seconds: of a log with more channels than these hold the most telling are drawn."""
@@ -37,7 +37,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     """
     from opid.report import health_json, health_text
     from opid.report.as_json import json_text
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
     if studies:
@@ -89,14 +89,14 @@ class _Inspected:
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
     """How the log is to be read, and which of its channels."""
     from opid.signals.log_settings import AS_WRITTEN
-    from opid.suspensions.study_file import LogReading, log_readings
+    from opid.studies.suspension_study import LogReading, log_readings
 
     return (LogReading(AS_WRITTEN),) if study is None else log_readings(study, log)
 
 
 def _health(log: Path, reading: LogReading, *, of_study: bool) -> Health:
-    from opid.signals.health import inspect as inspect_log
-    from opid.signals.health_result import Finding
+    from opid.signals.health.inspection import inspect as inspect_log
+    from opid.signals.health.result import Finding
     from opid.signals.logs import open_log
 
     with progress() as say:
@@ -123,7 +123,7 @@ def _choice(runs: tuple[str, ...]) -> str:
 def _write_pictures(found: Sequence[_Inspected], out: Path) -> list[str]:
     """Draw each log, some channels on every picture, and return the names of the files."""
     from opid.plots import figure_of, health_picture, png
-    from opid.report.directory import write_together
+    from opid.signals.directory import write_together
 
     images = {}
     for stem, each in zip(_distinct([each.log.stem for each in found]), found, strict=True):

@@ -124,7 +124,7 @@ def identify(
     if method != "model" and method_of_law != "pursuit":
         raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
     from opid.report import read_body_truth, read_truth, result_text, write_report
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
     from opid.suspensions.identification import identify as identify_study
 
     target = require_directory(out or Path(f"{result_name(paths[0])}_result"))
@@ -160,7 +160,7 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
 
 
 def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
-    from opid.suspensions.study_file import read_study, study_from_logs
+    from opid.studies.suspension_study import read_study, study_from_logs
 
     studies = [path for path in paths if path.suffix.lower() == ".toml"]
     if studies:

@@ -10,8 +10,8 @@ import click
 from opid.cli.group import end, main, progress, result_name
 
 if TYPE_CHECKING:
-    from opid.updating.reduction import ReductionErrors
     from opid.updating.result import Updating
+    from opid.updating.structure.reduction import ReductionErrors
     from opid.updating.study import UpdatingStudy
 
 N_COMPARED = 20
@@ -47,11 +47,11 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
     from dataclasses import replace
 
     from opid.report import read_updating_truth, updating_text, write_updating_report
-    from opid.report.directory import require_directory
-    from opid.report.updating_chains import require_arviz, write_chains
-    from opid.report.updating_reduction import reduction_sentences
+    from opid.report.updating.chains import require_arviz, write_chains
+    from opid.report.updating.reduction import reduction_sentences
+    from opid.signals.directory import require_directory
+    from opid.studies.updating_study import read_updating_study
     from opid.updating.identification import update_study
-    from opid.updating.study_file import read_updating_study
 
     target = require_directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_updating_truth(truth)
@@ -74,8 +74,8 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
 
 def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors | None, ReductionErrors | None]:
     """How both reduced structures differ from the whole one, the one that was used first; None with none to reduce."""
-    from opid.updating.reduction import craig_bampton, reduction_errors
-    from opid.updating.structure import AffineStructure
+    from opid.updating.structure.affine import AffineStructure
+    from opid.updating.structure.reduction import craig_bampton, reduction_errors
 
     structure, linear = study.structure, result.linear
     if not isinstance(structure, AffineStructure):

@@ -12,8 +12,8 @@ from opid.cli.group import progress
 from opid.cli.virtual_tests import simulate
 
 if TYPE_CHECKING:
-    from opid.mechanics.airframe import Airframe
-    from opid.mechanics.taxiing_aircraft import AircraftTest
+    from opid.virtual.taxi_tests.airframe import Airframe
+    from opid.virtual.taxi_tests.taxiing_aircraft import AircraftTest
 
 POSITION_TOLERANCE_M = 0.01
 """What the study says of its coordinates, as of those of a real drawing."""
@@ -60,7 +60,7 @@ def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> Non
     study.toml for `opid identify`, which states the noise and coordinates to 1 cm, and truth.json.
     """
     from opid.report import write_aircraft_test
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
 
     require_directory(out)
     settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)
@@ -89,10 +89,10 @@ def _aircraft_test(seed: int, settings: dict[str, Any]) -> AircraftTest:
     """Run the field test that the options describe."""
     import numpy as np
 
-    from opid.mechanics.airframe import Loading
-    from opid.mechanics.sensors import Sensor
-    from opid.mechanics.taxiing_aircraft import aircraft_test
-    from opid.mechanics.virtual_aircraft import default_aircraft, random_aircraft, with_bending
+    from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
+    from opid.virtual.taxi_tests.airframe import Loading
+    from opid.virtual.taxi_tests.sensors import Sensor
+    from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
 
     aircraft_rng, test_rng = np.random.default_rng(seed).spawn(2)
     airframe = random_aircraft(aircraft_rng) if settings["is_random"] else default_aircraft()

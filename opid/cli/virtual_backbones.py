@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from opid.mechanics.jointed_modes import JointedModes
-    from opid.updating.measured import MeasuredBackbone
+    from opid.mechanics.backbones.jointed_modes import JointedModes
+    from opid.updating.data.measured import MeasuredBackbone
     from opid.updating.model_class import ModelClass
 
 DRIVE, DAMPING_RATIO = "7", 0.003
@@ -80,14 +80,14 @@ def backbones(
 
     from opid.errors import InputError
     from opid.report import updating_truth_json, write_updating_field_test
-    from opid.report.directory import require_directory
-    from opid.report.updating_tables import counted
+    from opid.report.updating.tables import counted
+    from opid.signals.directory import require_directory
+    from opid.studies.updating_study import FACTOR_PRIOR
     from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
-    from opid.updating.reduction import reduce
+    from opid.updating.structure.reduction import reduce
     from opid.updating.study import UpdatingStudy
-    from opid.updating.study_file import FACTOR_PRIOR
-    from opid.updating.surrogate import UPDATED, wing_engine_structure
-    from opid.updating.virtual_backbones import synthetic_backbones
+    from opid.virtual.backbone_tests.measured import synthetic_backbones
+    from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
 
     if by == "continuation" and points < FEWEST_CONTROLLED:
         raise InputError(
@@ -132,8 +132,8 @@ def _by_continuation(
     say: Callable[[str], None],
 ) -> tuple[MeasuredBackbone, ...]:
     from opid.errors import NotDeterminedError
-    from opid.mechanics.quadrature_curves import Specimen
-    from opid.updating.virtual_backbones import AMPLITUDE_M, BENDING_MODES, virtual_backbones
+    from opid.mechanics.backbones.quadrature_curves import Specimen
+    from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENDING_MODES, virtual_backbones
 
     specimen = Specimen(system, true.law(theta), DAMPING_RATIO, DRIVE)
     measured: list[MeasuredBackbone] = []

@@ -38,10 +38,10 @@ def sine_beats(
     """
     import numpy as np
 
-    from opid.modal.virtual_cases import virtual_series
-    from opid.modal.virtual_study import stated_modes, virtual_study
     from opid.report import write_modal_field_test
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
+    from opid.virtual.modal_tests.cases import virtual_series
+    from opid.virtual.modal_tests.series import stated_modes, virtual_study
 
     require_directory(out)
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}

@@ -10,8 +10,8 @@ import click
 from opid.cli.group import end, main, progress
 
 if TYPE_CHECKING:
-    from opid.mechanics.landing_gear import LandingGear, TaxiTest
-    from opid.mechanics.laws import Law
+    from opid.mechanics.laws.law import Law
+    from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest
 
 
 @main.command()
@@ -28,11 +28,11 @@ def demo(out: Path, seed: int) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.mechanics.landing_gear import LandingGear, taxi_test
     from opid.report import read_truth, result_text, write_field_test, write_report
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
+    from opid.studies.suspension_study import read_study
     from opid.suspensions.identification import identify
-    from opid.suspensions.study_file import read_study
+    from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
     require_directory(out)
     with progress() as say:
@@ -92,7 +92,7 @@ def taxi(out: Path, seed: int, **settings: Any) -> None:
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
     from opid.report import write_field_test
-    from opid.report.directory import require_directory
+    from opid.signals.directory import require_directory
 
     require_directory(out)
     with progress() as say:
@@ -109,8 +109,8 @@ def _taxi_test(seed: int, settings: dict[str, Any]) -> TaxiTest:
     """Run the field test that the options of `simulate taxi` describe."""
     import numpy as np
 
-    from opid.mechanics.landing_gear import taxi_test
-    from opid.mechanics.sensors import Sensor
+    from opid.virtual.taxi_tests.landing_gear import taxi_test
+    from opid.virtual.taxi_tests.sensors import Sensor
 
     fine = settings["bits"] is None
     lower = {
@@ -138,8 +138,8 @@ def _taxi_test(seed: int, settings: dict[str, Any]) -> TaxiTest:
 
 
 def _gear(settings: dict[str, Any]) -> LandingGear:
-    from opid.mechanics.landing_gear import LandingGear
-    from opid.mechanics.laws import default_law
+    from opid.mechanics.laws.law import default_law
+    from opid.virtual.taxi_tests.landing_gear import LandingGear
 
     mass, stiffness, ground = (settings[name] for name in ("sprung_mass", "stiffness", "ground_stiffness"))
     damping, ratio = settings["damping"], settings["damping_ratio"]
@@ -160,8 +160,8 @@ def _with_friction(law: Law, friction_n: float | None) -> Law:
     """Give the friction term of a law another amplitude; none at all for an amplitude of 0."""
     from dataclasses import replace
 
-    from opid.mechanics.kinds import LAWS
-    from opid.mechanics.laws import Law
+    from opid.mechanics.laws.kinds import LAWS
+    from opid.mechanics.laws.law import Law
 
     if friction_n is None:
         return law

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.kernels import law_arrays, predictions
-from opid.mechanics.laws import LINEAR, FloatArray, TermSet
+from opid.mechanics.laws.law import LINEAR, FloatArray, TermSet
 
 # half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
 _HALF_WIDTH = 32

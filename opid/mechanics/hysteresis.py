@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.laws import FloatArray
+from opid.mechanics.laws.law import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws import FloatArray, Law, Term, TermSet, WithCandidates
+from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidates
 
 # evaluations that a recorded motion keeps: those of a fit of three or four inner parameters
 _N_KEPT = 8
@@ -111,7 +111,7 @@ class RecordedMotion(Motion):
         sample: (m,) their places on the path; between its samples where that is thinned.
         path: of the whole record.
 
-    >>> from opid.mechanics.laws import default_law
+    >>> from opid.mechanics.laws.law import default_law
     >>> v = np.full(1000, 0.01)
     >>> motion = recorded_motion(np.cumsum(v) / 1000.0, v, 1000.0).part(np.array([0, 50, 999]))
     >>> motion.force(default_law("dahl_friction")).round(1)
@@ -214,7 +214,7 @@ def force_along(law: TermSet, z: FloatArray, v: FloatArray, fs: float) -> FloatA
         v: (n,) its rate, m/s: a straight line between samples.
         fs: samples a second, Hz.
 
-    >>> from opid.mechanics.laws import default_law
+    >>> from opid.mechanics.laws.law import default_law
     >>> t = np.arange(1000) / 1000.0
     >>> friction = force_along(default_law("dahl_friction"), 0.01 * t, np.full(1000, 0.01), 1000.0)
     >>> friction[[0, 50, 999]].round(1)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, UnboundedResponseError, directions, joint_arrays
 from opid.mechanics.kernels import predictions
-from opid.mechanics.laws import FloatArray
+from opid.mechanics.laws.law import FloatArray
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from opid.mechanics.driven import N_HEAD, Interface
-from opid.mechanics.kinds import Kind
-from opid.mechanics.laws import Law, Term
+from opid.mechanics.laws.kinds import Kind
+from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.weight import depends_on_travel
 
 PARTS = ("spring", "damper", "friction")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError
 from opid.mechanics.kernels import law_arrays, runge_kutta_4
-from opid.mechanics.laws import FloatArray
+from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.structure import Structure
 
 # what a memory may decay by in a step: its rate times the step; at 2.8 the steps would grow without bound. The truth is

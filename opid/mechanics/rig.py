@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.laws import FloatArray
+from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import Assembled, State, advance, assembled, state_at
 from opid.mechanics.shaker import Shaker, armature_force, on_shaker
 from opid.mechanics.structure import Structure, natural_frequencies

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from opid.errors import InputError, nearest
 from opid.mechanics.hysteresis import Sliders
-from opid.mechanics.laws import LINEAR, FloatArray, Law
+from opid.mechanics.laws.law import LINEAR, FloatArray, Law
 
 ComplexArray = NDArray[np.complex128]
 

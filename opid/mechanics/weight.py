@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.mechanics.driven import Interface, UnboundedResponseError
-from opid.mechanics.laws import Law, TermSet
+from opid.mechanics.laws.law import Law, TermSet
 from opid.signals.recording import FloatArray
 
 GRAVITY_M_PER_S2 = 9.80665

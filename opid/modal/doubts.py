@@ -9,15 +9,15 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.modal.decay_fit import DecayLaw
-from opid.modal.equation import mode_lines
-from opid.modal.level_shifts import LevelShift
-from opid.modal.modes import LARGEST_CONDITION, LinearModes, condition_number, with_sensors
-from opid.modal.modes_file import looks_in_percent, looks_unit_normalised
-from opid.modal.restoring_fit import Coefficients
+from opid.modal.decay.fit import DecayLaw
+from opid.modal.forced.equation import mode_lines
+from opid.modal.forced.restoring_fit import Coefficients
+from opid.modal.linear.level_shifts import LevelShift
+from opid.modal.linear.modes import LARGEST_CONDITION, LinearModes, condition_number, with_sensors
+from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
 from opid.modal.result import ForceCurve, ModeFit, TruthTest
 from opid.modal.study import ModalStudy
-from opid.signals.health import inspect
+from opid.signals.health.inspection import inspect
 
 WARNED_MASS = 0.05
 """Departure of the modal mass from 1 that is told."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.modal.decay_fit import DecayLaw
+from opid.modal.decay.fit import DecayLaw
+from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.doubts import (
     doubts_of_modes,
     doubts_of_other_shifts,
@@ -19,12 +20,11 @@ from opid.modal.doubts import (
     nothing_nonlinear,
     require_modes,
 )
-from opid.modal.free_decay import Decay, decay_of, law_of_decays
-from opid.modal.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.mode_fit import fit_mode
-from opid.modal.mode_tests import largest_mode, tests_beside, tests_of_mode
+from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.forced.mode_tests import largest_mode, tests_beside, tests_of_mode
+from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
+from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.model import NonlinearModalModel
-from opid.modal.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.modal.truth_test import truth_test

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.modes import LinearModes, force_projection
+from opid.modal.linear.modes import LinearModes, force_projection
 from opid.signals.recording import Channel, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 

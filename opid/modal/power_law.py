@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.laws import Law, Term
+from opid.mechanics.laws.law import Law, Term
 
 STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
 DAMPING_KINDS = {2: "quadratic_damping", 3: "cubic_damping", 4: "quartic_damping", 5: "quintic_damping"}

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.mechanics.laws import Law
-from opid.modal.coordinates import ModalTest
-from opid.modal.decay_fit import DecayLaw
-from opid.modal.free_decay import Decay
-from opid.modal.level_shifts import LevelShift
+from opid.mechanics.laws.law import Law
+from opid.modal.decay.fit import DecayLaw
+from opid.modal.decay.free_decay import Decay
+from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.level_shifts import LevelShift
+from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.modes import LinearModes
 from opid.signals.recording import FloatArray, Recording
 
 SCHEMA = "opid.modal/1"

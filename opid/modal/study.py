@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from opid.modal.coordinates import ModalTest
-from opid.modal.modes import LinearModes
+from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import LinearModes
 from opid.modal.power_law import HIGHEST_ORDER
 from opid.signals.tables import refuse
 

@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.mechanics.memory import force_along
 from opid.plots.laws import color_of_step, name_steps, shown_steps
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, every, house_style, panels, thick
 from opid.suspensions.bench.law import BenchLaw
 from opid.suspensions.bench.loop import sine_of
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.law_search import chosen
+from opid.suspensions.law_search.pursuit import chosen
 
 __all__ = ["bench_curves", "bench_ladder", "bench_residual", "force_against_motion"]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.mechanics.laws import Law, law_from_parameters
+from opid.mechanics.laws.law import Law, law_from_parameters
 from opid.plots.body import further_sensors
 from opid.plots.style import (
     BLUE,

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from opid.mechanics.laws import Law, law_from_parameters
+from opid.mechanics.laws.law import Law, law_from_parameters
 from opid.plots.style import (
     COUNT_MAP,
     GREEN,

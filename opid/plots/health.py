@@ -26,7 +26,7 @@ from opid.plots.style import (
     panels,
     pretty,
 )
-from opid.signals.health_result import ChannelHealth, Health, Overview, SpectralLine, Stretch
+from opid.signals.health.result import ChannelHealth, Health, Overview, SpectralLine, Stretch
 
 __all__ = ["health_picture"]
 
@@ -61,7 +61,7 @@ def health_picture(
     stretch its scale: how far they reach is written beside them.
 
     Args:
-        health: from `opid.signals.health.inspect`.
+        health: from `opid.signals.health.inspection.inspect`.
         axes: (n_channels, 3) Axes, or None for a new figure.
         channels: names of those to draw; all where left out. Some 12 fit on one figure.
         segment_s: begin and end of the segment that is used, s, to be shaded.

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from opid.plots.style import GREY, INK, PALE, RUN_COLORS, SURFACE_MAP, house_style, panels, plain_numbers
-from opid.suspensions.force_surface import ForceSurface
-from opid.suspensions.law_search import F, LawStep, chosen
+from opid.suspensions.law_search.force_surface import ForceSurface
+from opid.suspensions.law_search.pursuit import F, LawStep, chosen
 
 __all__ = ["color_of_step", "force_departures", "force_sections", "model_ladder", "name_steps", "shown_steps"]
 

@@ -22,8 +22,8 @@ from opid.plots.style import (
     run_title,
     thick,
 )
-from opid.suspensions.fit import Fit
-from opid.suspensions.law_search import LawStep
+from opid.suspensions.fitting.fit import Fit
+from opid.suspensions.law_search.pursuit import LawStep
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit

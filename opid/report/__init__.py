@@ -9,17 +9,17 @@ Bayesian updating.
 
 from opid.report.as_json import result_json
 from opid.report.bench_report import bench_json, bench_text, write_bench_report
-from opid.report.body_field_test import body_truth_json, read_body_truth, write_aircraft_test
 from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
-from opid.report.field_test import read_truth, truth_json, write_field_test
 from opid.report.health_report import health_json, health_text
 from opid.report.identification_report import result_text, write_report
-from opid.report.modal_field_test import write_modal_field_test
-from opid.report.modal_report import modal_json, write_modal_report
-from opid.report.modal_tables import modal_text, read_modal_truth
-from opid.report.updating_field_test import updating_truth_json, write_updating_field_test
-from opid.report.updating_report import updating_json, write_updating_report
-from opid.report.updating_tables import read_updating_truth, updating_text
+from opid.report.modal.report import modal_json, write_modal_report
+from opid.report.modal.tables import modal_text, read_modal_truth
+from opid.report.updating.report import updating_json, write_updating_report
+from opid.report.updating.tables import read_updating_truth, updating_text
+from opid.virtual.files.aircraft import body_truth_json, read_body_truth, write_aircraft_test
+from opid.virtual.files.backbones import updating_truth_json, write_updating_field_test
+from opid.virtual.files.gear import read_truth, truth_json, write_field_test
+from opid.virtual.files.modal import write_modal_field_test
 
 __all__ = [
     "bench_json",

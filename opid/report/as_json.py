@@ -20,9 +20,9 @@ from opid.estimate import Estimate
 from opid.report.body_text import reason, recommended, units_of
 from opid.report.gear_text import alternatives_of
 from opid.signals.recording import FloatArray
-from opid.suspensions.faults import Demand
-from opid.suspensions.force_surface import VisitedForce
-from opid.suspensions.law_search import LawStep, chosen
+from opid.suspensions.fitting.faults import Demand
+from opid.suspensions.law_search.force_surface import VisitedForce
+from opid.suspensions.law_search.pursuit import LawStep, chosen
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.mechanics.kinds import Parameter
+from opid.mechanics.laws.kinds import Parameter
 
 WIDTH = 80
-# what stands in the LaTeX of `opid.mechanics.laws`, in plain text
+# what stands in the LaTeX of `opid.mechanics.laws.law`, in plain text
 _PLAIN = (
     (r"\tfrac{2}{\pi}", "(2/pi)"),
     (r"\operatorname{sgn}", "sgn"),
@@ -134,7 +134,7 @@ def parameter_label(parameter: Parameter) -> str:
     Args:
         parameter: of a kind of law.
 
-    >>> from opid.mechanics.laws import LAWS
+    >>> from opid.mechanics.laws.law import LAWS
     >>> [parameter_label(each) for each in LAWS["gas_column"].parameters]
     ['static force', 'gas length', 'exponent']
     """
@@ -149,7 +149,7 @@ def formula(latex: str) -> str:
     """Return the LaTeX of a law as plain text.
 
     Args:
-        latex: as in `opid.mechanics.laws`.
+        latex: as in `opid.mechanics.laws.law`.
     """
     for written, plain in _PLAIN:
         latex = latex.replace(written, plain)

@@ -11,11 +11,11 @@ from typing import Any
 
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
-from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
+from opid.signals.directory import write_together
 from opid.suspensions.bench.law import SCHEMA, BenchLaw
 from opid.suspensions.bench.simulation import Simulation
-from opid.suspensions.law_search import chosen
+from opid.suspensions.law_search.pursuit import chosen
 
 LABELS = {
     "stiffness_n_per_m": ("stiffness K", "N/m"),

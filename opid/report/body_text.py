@@ -21,8 +21,8 @@ from opid.report.as_text import (
 )
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
-from opid.suspensions.intervals import limits_of_mass
-from opid.suspensions.noise import over_noise
+from opid.suspensions.answer.intervals import limits_of_mass
+from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
 
 PARAMETER_LABELS = {

@@ -11,8 +11,8 @@ from typing import Any
 
 from opid.report.as_json import json_text, plain
 from opid.report.as_text import aligned, rounded, wrapped
-from opid.report.directory import write_together
 from opid.report.page import Picture, drawn, rendered
+from opid.signals.directory import write_together
 from opid.suspensions.flights.comparison import Change, Comparison
 from opid.suspensions.flights.departures import Point, Series
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from opid.report.as_json import chain_of
 from opid.report.page import Picture
-from opid.suspensions.force_surface import ForceSurface
+from opid.suspensions.law_search.force_surface import ForceSurface
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification

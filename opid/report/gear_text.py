@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from opid.mechanics.laws import law_from_parameters
+from opid.mechanics.laws.law import law_from_parameters
 from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification

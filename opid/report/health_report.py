@@ -10,7 +10,7 @@ from typing import Any
 
 from opid.report.as_json import plain
 from opid.report.as_text import WIDTH, aligned, wrapped
-from opid.signals.health_result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
+from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
 
 SCHEMA = "opid.health/1"
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
@@ -30,7 +30,7 @@ def health_text(name: str, health: Health) -> str:
 
     Args:
         name: of the log.
-        health: from `opid.signals.health.inspect`.
+        health: from `opid.signals.health.inspection.inspect`.
     """
     parts = [*_clock_lines(_shown(name), health), "", *_channel_lines(health.channels), ""]
     of_channels = list(_spectral_lines(_telling(health.channels)))

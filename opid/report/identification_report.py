@@ -23,10 +23,10 @@ from opid.report.body_text import (
     sensor_sentences,
     suspension_rows,
 )
-from opid.report.directory import write_together
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_limits, gear_rows, gear_text
 from opid.report.page import Truth, drawn, rendered
+from opid.signals.directory import write_together
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 

@@ -65,7 +65,7 @@ def rendered(template: str, images: Mapping[str, bytes], **values: Any) -> str:
     from opid.plots.style import pretty
 
     def text(name: str) -> str:
-        return resources.files("opid.report").joinpath(name).read_text(encoding="utf-8")
+        return resources.files("opid.report").joinpath("templates", name).read_text(encoding="utf-8")
 
     environment = Environment(
         loader=FunctionLoader(text), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True

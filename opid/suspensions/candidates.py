@@ -13,26 +13,22 @@ from functools import cached_property, partial
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
-from opid.suspensions.body import Body, rigid_body, vertical
-from opid.suspensions.faults import Demand, implausible_demands
-from opid.suspensions.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
-from opid.suspensions.intervals import Parameters, known_parameters
-from opid.suspensions.law_search import chosen
-from opid.suspensions.model import Model, noise_level
-from opid.suspensions.model_error import ModelError, follow_freely, measure_model_error, unexplained
-from opid.suspensions.noise import KnownNoise, is_noise, mean_level, with_noise_of_the_band, with_own_noise
-from opid.suspensions.repeatability import (
+from opid.suspensions.answer.intervals import Parameters, known_parameters
+from opid.suspensions.answer.model_error import ModelError, follow_freely, measure_model_error, unexplained
+from opid.suspensions.fitting.faults import Demand, implausible_demands
+from opid.suspensions.fitting.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
+from opid.suspensions.fitting.noise import KnownNoise, is_noise, mean_level, with_noise_of_the_band, with_own_noise
+from opid.suspensions.fitting.repeatability import (
     Repeatability,
     mends_much,
     repeatability_of,
     with_departures,
     with_own_repeatability,
 )
-from opid.suspensions.run import DrivenRun, driven_run
-from opid.suspensions.search import (
+from opid.suspensions.fitting.search import (
     Found,
     Ladder,
     Question,
@@ -43,11 +39,15 @@ from opid.suspensions.search import (
     judged,
     with_simpler_laws,
 )
+from opid.suspensions.fitting.start import Start, start_values
+from opid.suspensions.law_search.pursuit import chosen
+from opid.suspensions.model.body import Body, rigid_body, vertical
+from opid.suspensions.model.driven_model import Model, noise_level
+from opid.suspensions.model.run import DrivenRun, driven_run
+from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import Sensors
 from opid.suspensions.settings import Settings, Verdicts
-from opid.suspensions.start import Start, start_values
 from opid.suspensions.study import Axis, PointMass, Study
-from opid.suspensions.unknowns import Group
 
 Noise = tuple[FloatArray, FloatArray]
 Arrays = Sequence[tuple[FloatArray, FloatArray, FloatArray]]

@@ -10,23 +10,23 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
-from opid.mechanics.laws import default_law
-from opid.signals.health import check_channels, without_spikes
+from opid.mechanics.laws.law import default_law
+from opid.signals.health.inspection import check_channels, without_spikes
 from opid.signals.recording import FloatArray
-from opid.suspensions.answer import found_numbers
+from opid.suspensions.answer.intervals import bootstrap_over_white, limits, std_over_white
+from opid.suspensions.answer.numbers import found_numbers
+from opid.suspensions.answer.refusals import find_confounded_terms, is_bent, loose_motions, why_no_mass, why_refused
+from opid.suspensions.answer.warnings import Answer, collect_warnings
 from opid.suspensions.candidates import Arrays, Choice, Fitted, Task, fit_alone, fit_rigid, parts_of
-from opid.suspensions.faults import ground_imitations
-from opid.suspensions.force_surface import force_surface
-from opid.suspensions.intervals import bootstrap_over_white, limits, std_over_white
-from opid.suspensions.law_search import alternatives, library
-from opid.suspensions.model import noise_level
-from opid.suspensions.noise import known_noise, measure_whiteness, over_noise
-from opid.suspensions.refusals import find_confounded_terms, is_bent, loose_motions, why_no_mass, why_refused
+from opid.suspensions.fitting.faults import ground_imitations
+from opid.suspensions.fitting.noise import known_noise, measure_whiteness, over_noise
+from opid.suspensions.fitting.search import METHODS_OF_LAW, Question
+from opid.suspensions.law_search.force_surface import force_surface
+from opid.suspensions.law_search.pursuit import alternatives, library
+from opid.suspensions.model.driven_model import noise_level
 from opid.suspensions.result import Candidate, Equivalent, Evidence, Identification, Options, RunResidual
-from opid.suspensions.search import METHODS_OF_LAW, Question
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
-from opid.suspensions.warnings import Answer, collect_warnings
 
 if TYPE_CHECKING:
     from opid.suspensions.paper.result import PaperIdentification
@@ -64,7 +64,7 @@ def identify(
         study: interfaces, runs, and what is said of the structure and the sensors.
         method: "model"; of one gear also "classical", the chain of Iwaniec & Uhl (2007) with every step mended, or
             "paper", what its printed formula makes of the strongest matched peaks.
-        law: to fit at every interface (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched where left out.
+        law: to fit at every interface (`opid.mechanics.laws.law.LAWS`, sums joined by "+"); searched where left out.
         band_hz: lines that are compared, Hz; those of the settings where left out (classical chain: 0.5 to 12 Hz).
         high_pass_hz: corner of the integration of the classical chain, Hz.
         ground: whether springs from the body to the ground may be let in, which happens only if the runs demand them;

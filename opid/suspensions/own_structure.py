@@ -14,31 +14,31 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws import LINEAR, default_law
+from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import Structure
 from opid.mechanics.weight import depends_on_travel
-from opid.signals.health import check_channels, findings_in_words, without_spikes
+from opid.signals.health.inspection import check_channels, findings_in_words, without_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.tables import refuse
-from opid.suspensions.answer import at_rest
-from opid.suspensions.body import Body, own_body
+from opid.suspensions.answer.intervals import Parameters, limits_of_mass
+from opid.suspensions.answer.numbers import at_rest
+from opid.suspensions.answer.warnings import WITHOUT_INTERVALS, doubts_of_exponents, run_differences
 from opid.suspensions.candidates import Arrays, Fitted, Task, fall_of, fitted, is_mass_free
-from opid.suspensions.fit import Fit, fastest_rate, first_vector
-from opid.suspensions.intervals import Parameters, limits_of_mass
-from opid.suspensions.law_search import library
-from opid.suspensions.model import Model
-from opid.suspensions.noise import known_noise, measure_whiteness, sensor_ratio, thinned
-from opid.suspensions.repeatability import Repeatability
+from opid.suspensions.fitting.fit import Fit, fastest_rate, first_vector
+from opid.suspensions.fitting.noise import known_noise, measure_whiteness, sensor_ratio, thinned
+from opid.suspensions.fitting.repeatability import Repeatability
+from opid.suspensions.fitting.search import Question
+from opid.suspensions.fitting.start import Start
+from opid.suspensions.law_search.pursuit import library
+from opid.suspensions.model.body import Body, own_body
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.run import DrivenRun, driven_run
+from opid.suspensions.model.unknowns import Group
 from opid.suspensions.result import SpringEstimate
-from opid.suspensions.run import DrivenRun, driven_run
-from opid.suspensions.search import Question
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
 from opid.suspensions.settings import Settings, Verdicts
-from opid.suspensions.start import Start
 from opid.suspensions.study import SAME_RATE, Axis, repeatability_faults
-from opid.suspensions.unknowns import Group
-from opid.suspensions.warnings import WITHOUT_INTERVALS, doubts_of_exponents, run_differences
 
 NEGATIVE = (
     "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
@@ -113,7 +113,7 @@ def identify_structure(
         unknown: names of joints whose stiffness and damping are to be found.
         unknown_mass: degrees of freedom whose mass is to be found. In kg if another mass or spring is known or the
             loading changes, as ratios to the first of them else.
-        law: of every suspension (`opid.mechanics.laws.LAWS`, sums joined by "+"); searched where left out.
+        law: of every suspension (`opid.mechanics.laws.law.LAWS`, sums joined by "+"); searched where left out.
         loadings: for each run the masses, kg, that it carries more than the structure, by degree of freedom.
         start: stiffness (N/m) and damping (N s/m) of each suspension, roughly, by degree of freedom: needed where the
             sensors do not see all degrees of freedom.

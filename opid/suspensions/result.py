@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws import LINEAR, Law
+from opid.mechanics.laws.law import LINEAR, Law
 from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
-from opid.suspensions.faults import Demand, GroundImitations
-from opid.suspensions.fit import Fit
-from opid.suspensions.force_surface import ForceSurface, VisitedForce, visited_force
-from opid.suspensions.law_search import LawStep
-from opid.suspensions.noise import Whiteness
-from opid.suspensions.repeatability import Repeatability
+from opid.suspensions.fitting.faults import Demand, GroundImitations
+from opid.suspensions.fitting.fit import Fit
+from opid.suspensions.fitting.noise import Whiteness
+from opid.suspensions.fitting.repeatability import Repeatability
+from opid.suspensions.law_search.force_surface import ForceSurface, VisitedForce, visited_force
+from opid.suspensions.law_search.pursuit import LawStep
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Study
 
 if TYPE_CHECKING:
-    from opid.suspensions.model_error import Limit, ModelError
+    from opid.suspensions.answer.model_error import Limit, ModelError
     from opid.suspensions.paper.chain import PaperChain
 
 FrequencyOf = Literal["linear part", "tangent at rest", "all but what the law remembers"]

@@ -8,12 +8,12 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.diagnostics import Pressure
-from opid.updating.lack_of_fit import LackOfFit
-from opid.updating.likelihood import BackboneData, curves_of, residuals
+from opid.updating.likelihood.backbones import BackboneData, curves_of, residuals
+from opid.updating.likelihood.lack_of_fit import LackOfFit
+from opid.updating.likelihood.model_curves import named_points
 from opid.updating.model_class import ModelClass
-from opid.updating.model_curves import named_points
 from opid.updating.result import BackboneBand, ClassPosterior, Diagnostics, Evidence
+from opid.updating.sampling.diagnostics import Pressure
 
 FEW_SAMPLES = 200.0
 """Effective samples below which a 95 % interval is rough."""

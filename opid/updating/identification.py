@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.updating.data.checks import overlaps
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.data.noise_settings import UNMENDED_GROWTH, LeftOut
 from opid.updating.doubts import doubts_of_choice, doubts_of_classes
-from opid.updating.likelihood import BackboneData, backbone_data
-from opid.updating.linear_error import growth_of_linear_error
+from opid.updating.likelihood.backbones import BackboneData, backbone_data
+from opid.updating.likelihood.linear_error import growth_of_linear_error
 from opid.updating.linear_updating import update_linear
-from opid.updating.measured import MeasuredBackbone
-from opid.updating.noise_settings import UNMENDED_GROWTH, LeftOut
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.reduction import reduce
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.study_checks import overlaps
 
 Say = Callable[[str], None]
 

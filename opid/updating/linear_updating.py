@@ -9,17 +9,17 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.chains import LogDensity, spread_starts
-from opid.updating.diagnostics import diagnose, presses_against
-from opid.updating.linear_likelihood import Cov, LinearData, ShapeStd, linear_data, log_posterior, mean_eigenvalue
-from opid.updating.maximum import Maximum, Support, maximum_a_posteriori
-from opid.updating.measured import MeasuredBackbone
-from opid.updating.metropolis import adaptive_metropolis
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.likelihood.linear import Cov, LinearData, ShapeStd, linear_data, log_posterior, mean_eigenvalue
 from opid.updating.model_class import Prior
-from opid.updating.reduction import lowest_modes
 from opid.updating.result import LinearMode, LinearPosterior
-from opid.updating.ritz import ritz_model
-from opid.updating.structure import AffineStructure
+from opid.updating.sampling.chains import LogDensity, spread_starts
+from opid.updating.sampling.diagnostics import diagnose, presses_against
+from opid.updating.sampling.maximum import Maximum, Support, maximum_a_posteriori
+from opid.updating.sampling.metropolis import adaptive_metropolis
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.reduction import lowest_modes
+from opid.updating.structure.ritz import ritz_model
 
 LEAST_RATIO = 0.01
 """Of the upper end of a prior: where its lower end is 0, the Ritz vectors serve from there."""

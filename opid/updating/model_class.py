@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, nearest
-from opid.mechanics.kinds import LAWS
-from opid.mechanics.laws import Law, Term
+from opid.mechanics.laws.kinds import LAWS
+from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 
 Family = Literal["uniform", "normal", "lognormal"]
@@ -86,7 +86,7 @@ class ModelClass:
 
     Args:
         name: of the class.
-        kinds: names of the kinds in `opid.mechanics.laws.LAWS`, each with an amplitude alone.
+        kinds: names of the kinds in `opid.mechanics.laws.law.LAWS`, each with an amplitude alone.
         scales: what each parameter is multiplied by, in the unit of the kind's amplitude; may be negative.
         priors: one a parameter.
 

@@ -10,21 +10,21 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.chains import Chain, LogDensity, Progress, spread_starts
-from opid.updating.diagnostics import diagnose, presses_against
 from opid.updating.doubts import MOVES_NOTHING, doubts_of_class, moves_nothing, unexplained_share
-from opid.updating.ensemble import ensemble
-from opid.updating.evidence import laplace, laplace_of_samples, quadrature
-from opid.updating.lack_of_fit import lack_of_fit
-from opid.updating.likelihood import BackboneData, likelihood_function
-from opid.updating.maximum import Maximum, maximum_a_posteriori
-from opid.updating.metropolis import adaptive_metropolis, metropolis
+from opid.updating.likelihood.backbones import BackboneData, likelihood_function
+from opid.updating.likelihood.lack_of_fit import lack_of_fit
+from opid.updating.likelihood.model_curves import where_it_fails, where_modes_interact
 from opid.updating.model_class import ModelClass
-from opid.updating.model_curves import where_it_fails, where_modes_interact
 from opid.updating.prior_sensitivity import prior_sensitivity
 from opid.updating.result import ClassPosterior, Diagnostics, Evidence
+from opid.updating.sampling.chains import Chain, LogDensity, Progress, spread_starts
+from opid.updating.sampling.diagnostics import diagnose, presses_against
+from opid.updating.sampling.ensemble import ensemble
+from opid.updating.sampling.evidence import laplace, laplace_of_samples, quadrature
+from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
+from opid.updating.sampling.metropolis import adaptive_metropolis, metropolis
+from opid.updating.sampling.transitional import Transitional, transitional
 from opid.updating.study import SAMPLERS, Sampler
-from opid.updating.transitional import Transitional, transitional
 
 N_CHAINS, SHORTEST = 20, 250
 """Metropolis chains side by side, for which the model is solved at once, and samples below which there are fewer."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.backbones import family_evaluator
+from opid.mechanics.backbones.family import family_evaluator
 from opid.signals.recording import FloatArray
-from opid.updating.backbone_data import BackboneData, ModeData
-from opid.updating.curve_noise import draw_errors
-from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_curves import curves_of, named_points, without_interactions
+from opid.updating.data.curve_noise import draw_errors
+from opid.updating.data.curves import BackboneData, ModeData
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.likelihood.model_curves import curves_of, named_points, without_interactions
 from opid.updating.result import BackboneBand, ClassPosterior
 
 LEAST_DRAWS = 0.5

@@ -8,11 +8,11 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.signals.recording import FloatArray
-from opid.updating.chains import LogDensity
-from opid.updating.diagnostics import presses_against
-from opid.updating.evidence import laplace
-from opid.updating.maximum import maximum_a_posteriori
 from opid.updating.model_class import ModelClass, Prior
+from opid.updating.sampling.chains import LogDensity
+from opid.updating.sampling.diagnostics import presses_against
+from opid.updating.sampling.evidence import laplace
+from opid.updating.sampling.maximum import maximum_a_posteriori
 
 
 def prior_sensitivity(

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.chains import Chain
-from opid.updating.measured import MeasuredBackbone
+from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
+from opid.updating.sampling.chains import Chain
 
 SCHEMA = "opid.updating/1"
 

@@ -11,15 +11,15 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.harmonic_balance import harmonics_of
-from opid.mechanics.jointed_modes import JointedModes
+from opid.mechanics.backbones.harmonic_balance import harmonics_of
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.tables import refuse
-from opid.updating.backbone_data import FORMS, Form, coefficient_of_variation, scatter_fault
-from opid.updating.measured import MeasuredBackbone
+from opid.updating.data.checks import mode_faults, sensor_faults, shortened
+from opid.updating.data.curves import FORMS, Form, coefficient_of_variation, scatter_fault
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.data.noise_settings import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.noise_settings import NoiseSettings
-from opid.updating.structure import AffineStructure
-from opid.updating.study_checks import mode_faults, sensor_faults, shortened
+from opid.updating.structure.affine import AffineStructure
 
 Sampler = Literal["adaptive", "metropolis", "transitional", "ensemble"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
@@ -45,7 +45,7 @@ class UpdatingStudy:
         classes: the laws that are compared; at least one.
         parameters: prior of each stiffness factor that phase I updates, by its name in the structure; none leaves the
             structure as it is.
-        form: of the likelihood, see `opid.updating.likelihood.backbone_data`.
+        form: of the likelihood, see `opid.updating.likelihood.backbones.backbone_data`.
         sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
             Carlo, or the affine-invariant "ensemble" of emcee.
         n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the

@@ -17,8 +17,8 @@ from opid.mechanics.kernels.backbone_steps import _backbones
 from opid.mechanics.kernels.choice import code_of
 from opid.mechanics.kernels.prediction_steps import _predictions
 from opid.mechanics.kernels.steps import _force_many, _remembered_along, _structure_steps
-from opid.mechanics.kinds import BUILT_IN, Kind
-from opid.mechanics.laws import FloatArray, Law, Term, TermSet
+from opid.mechanics.laws.kinds import BUILT_IN, Kind
+from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet
 
 __all__ = [
     "backbones",
@@ -46,8 +46,8 @@ class LawArrays(NamedTuple):
             that stand for them: one for each memory, or one for the mean of those that slip. The first memory is -1
             where there is none, and -2 - q where a faint term's first is that of the place q among those of all faint
             terms, which have no states.
-        elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.mechanics.kind.Kind`; of one
-            that slips h' / v and its derivatives by three inner values, else zero; its weight.
+        elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.mechanics.laws.kind.Kind`; of
+            one that slips h' / v and its derivatives by three inner values, else zero; its weight.
         elements_followed: the same of the memories of faint terms.
     """
 
@@ -65,7 +65,7 @@ def law_arrays(*laws: Law | TermSet) -> LawArrays:
     Args:
         laws: any laws.
 
-    >>> from opid.mechanics.laws import default_law
+    >>> from opid.mechanics.laws.law import default_law
     >>> law_arrays(default_law("arctan_velocity")).values[:, :4].tolist()
     [[400.0, 0.02, 1.0, 0.0]]
     """
@@ -132,7 +132,7 @@ def runge_kutta_4() -> Any:
 def backbones() -> Any:
     """Return the compiled Newton's method for backbones, `opid.mechanics.kernels.backbone_steps._backbones`.
 
-    It takes (system, sensors, harmonics, law, transform, amplitudes), as `opid.mechanics.backbones` makes them.
+    It takes (system, sensors, harmonics, law, transform, amplitudes), as `opid.mechanics.backbones.family` makes them.
     """
     return _backbones
 

@@ -15,7 +15,7 @@ from numba import carray, cfunc, extending, njit, types
 from numba.core import cgutils
 
 from opid.mechanics.kernels.compilation import part
-from opid.mechanics.kinds import BUILT_IN, LAWS, Kind
+from opid.mechanics.laws.kinds import BUILT_IN, LAWS, Kind
 
 # Any: the functions it decorates take one argument less than they state
 _intrinsic: Any = extending.intrinsic
@@ -27,7 +27,7 @@ def code_of(name: str) -> int:
     """Return the number by which compiled code knows a kind of law.
 
     Args:
-        name: of a kind in `opid.mechanics.kinds.LAWS`.
+        name: of a kind in `opid.mechanics.laws.kinds.LAWS`.
     """
     return _PLACES[name] if name in _PLACES else int(_compile_own(LAWS[name]).address)
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from numba import njit
 
-from opid.mechanics import kind, kinds, memory_kinds
+from opid.mechanics.laws import kind, kinds, memory_kinds
 
 Freedom = Literal["none", "fused", "any order"]
 # what LLVM may do with sums and products, in its own words

@@ -15,8 +15,7 @@ from opid.signals.files import written_whole
 from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
 from opid.signals.log_settings import AS_WRITTEN, LogSettings
 from opid.signals.logs import reader, writer
-from opid.signals.recording import Channel, Recording
-from opid.signals.text_header import (
+from opid.signals.logs.text.header import (
     DATE,
     EMPTY,
     EXAMPLE,
@@ -30,9 +29,9 @@ from opid.signals.text_header import (
     columns_of,
     header_of,
 )
-from opid.signals.text_lines import LONGEST_LINE, lines_of
-from opid.signals.text_stamps import has_date, looks_dated, moment, nanoseconds, past_midnight
-from opid.signals.text_table import (
+from opid.signals.logs.text.lines import LONGEST_LINE, lines_of
+from opid.signals.logs.text.stamps import has_date, looks_dated, moment, nanoseconds, past_midnight
+from opid.signals.logs.text.table import (
     MOST_COLUMNS,
     TextTable,
     cells_of,
@@ -44,6 +43,7 @@ from opid.signals.text_table import (
     rows_of,
     table_lines,
 )
+from opid.signals.recording import Channel, Recording
 from opid.signals.units import to_si
 
 _HEAD_BYTES = 1 << 17

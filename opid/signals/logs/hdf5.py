@@ -23,11 +23,11 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
 from opid.signals.files import written_whole
-from opid.signals.hdf5_heaps import SIGNATURE, is_readable_text, opened_with_care
 from opid.signals.log import Log
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader, writer
-from opid.signals.named_arrays import NamedArray, NamedGroup, tracks_of
+from opid.signals.logs.hdf5_heaps import SIGNATURE, is_readable_text, opened_with_care
+from opid.signals.logs.named_arrays import NamedArray, NamedGroup, tracks_of
 from opid.signals.recording import Recording
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from opid.signals.clock import GAP, JITTER_LIMIT
 from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, distinct, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.quiet import quiet
+from opid.signals.logs.quiet import quiet
 from opid.signals.recording import FloatArray
 
 _EBML = b"\x1a\x45\xdf\xa3"

@@ -19,10 +19,10 @@ from opid.errors import InputError
 from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
+from opid.signals.logs.text.lines import BYTES_AT_ONCE, lines_of
+from opid.signals.logs.text.stamps import moment, nanoseconds
+from opid.signals.logs.text.table import MOST_COLUMNS, TextTable, number_of, numbers_of
 from opid.signals.recording import FloatArray
-from opid.signals.text_lines import BYTES_AT_ONCE, lines_of
-from opid.signals.text_stamps import moment, nanoseconds
-from opid.signals.text_table import MOST_COLUMNS, TextTable, number_of, numbers_of
 
 _END = "***End_of_Header***"
 _MOST_HEADER_LINES = 1000

@@ -26,12 +26,12 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.column_names import NAME_KEYS, UNIT_KEYS
-from opid.signals.hdf5_heaps import SIGNATURE, opened_with_care
 from opid.signals.log import Log
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.hdf5 import MOST_OBJECTS, members, opened
-from opid.signals.named_arrays import NamedArray, NamedGroup, tracks_of
+from opid.signals.logs.hdf5_heaps import SIGNATURE, opened_with_care
+from opid.signals.logs.named_arrays import NamedArray, NamedGroup, tracks_of
 
 if TYPE_CHECKING:
     import h5py

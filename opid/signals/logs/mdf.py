@@ -15,7 +15,7 @@ from opid.errors import InputError
 from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, distinct, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import VALUES_PER_BYTE, reader
-from opid.signals.quiet import quiet
+from opid.signals.logs.quiet import quiet
 
 _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
 _FLAGS_AT = 60  # where version 4 says what its recorder left undone

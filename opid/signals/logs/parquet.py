@@ -22,7 +22,7 @@ from opid.signals.column_names import UNIT_KEYS, named, seconds_per_unit, sound_
 from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.parquet_pages import Chunks, require_sound_pages, stated_chunks
+from opid.signals.logs.parquet_pages import Chunks, require_sound_pages, stated_chunks
 from opid.signals.recording import FloatArray
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit, 
 from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, distinct, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.quiet import quiet
+from opid.signals.logs.quiet import quiet
 from opid.signals.recording import FloatArray
 
 _LOGGERS = tuple(f"nptdms.{name}" for name in ("base_segment", "reader", "scaling", "tdms_segment", "types", "tdms"))

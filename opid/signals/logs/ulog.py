@@ -15,7 +15,7 @@ from opid.errors import InputError
 from opid.signals.log import Block, Log, LoggedChannel, Track, distinct, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.quiet import quiet
+from opid.signals.logs.quiet import quiet
 
 _TIME = "timestamp"
 _UTC, _FIX = "time_utc_usec", "fix_type"

@@ -1,8 +1,8 @@
 """A law from a test bench: measured force against motion, F = F0 + K z + C z' + f, f of the motion and its past.
 
-The terms of f are searched on some thousand samples (`opid.suspensions.law_search` on a `BenchLaws`), the law that is
-found is fitted to all. Where parts of unknown mass move with the specimen the force is m z'' more, and the law is
-refined by the motion that it makes (`opid.suspensions.bench.simulation`). The intervals take the residual as it is,
+The terms of f are searched on some thousand samples (`opid.suspensions.law_search.pursuit` on a `BenchLaws`), the law
+that is found is fitted to all. Where parts of unknown mass move with the specimen the force is m z'' more, and the law
+is refined by the motion that it makes (`opid.suspensions.bench.simulation`). The intervals take the residual as it is,
 correlated over time or not.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws import LAWS, Law, Term, default_law
+from opid.mechanics.laws.law import LAWS, Law, Term, default_law
 from opid.mechanics.memory import recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
@@ -31,9 +31,9 @@ from opid.suspensions.bench.problem import (
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
-from opid.suspensions.law_parameters import not_reached, way_to_stop
-from opid.suspensions.law_search import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
-from opid.suspensions.least_squares import SeparableFit, clustered_covariance, independent_samples
+from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
+from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
+from opid.suspensions.model.law_parameters import not_reached, way_to_stop
 
 SCHEMA = "opid.law/1"
 Ladder = tuple[LawStep[BenchFit], ...]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws import FloatArray, Law
+from opid.mechanics.laws.law import FloatArray, Law
 from opid.mechanics.memory import gradient_along
 from opid.suspensions.bench.record import Bench
 

@@ -20,12 +20,12 @@ from typing import Literal
 
 import numpy as np
 
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.problem import Points
 from opid.suspensions.bench.record import Bench, rate_of
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, MemorySettings
-from opid.suspensions.least_squares import independent_samples
+from opid.suspensions.fitting.least_squares import independent_samples
 
 Past = Literal["hysteresis", "relaxation", "inertia"]
 Cause = Literal["hysteresis", "relaxation", "inertia", "vibration"]

@@ -14,14 +14,14 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws import LAWS, LINEAR, Law, Parameter
+from opid.mechanics.laws.law import LAWS, LINEAR, Law, Parameter
 from opid.mechanics.memory import Motion, RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
-from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary, orthonormal
-from opid.suspensions.law_parameters import has_slope, offered_terms, pulls_at_a_stop
-from opid.suspensions.least_squares import SeparableFit, independent_samples, separable_fit
+from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples, separable_fit
+from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary, orthonormal
+from opid.suspensions.model.law_parameters import has_slope, offered_terms, pulls_at_a_stop
 from opid.suspensions.settings import SearchSettings
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from opid.suspensions.least_squares import SeparableSettings
+from opid.suspensions.fitting.least_squares import SeparableSettings
 from opid.suspensions.settings import SearchSettings
 
 

@@ -16,15 +16,15 @@ from functools import cached_property
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.mechanics.response import State, advance, assembled
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, FloatArray, Recording
 from opid.signals.resampling import resampled
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import SimulationSettings
-from opid.suspensions.law_parameters import from_free, positive, to_free
-from opid.suspensions.least_squares import SeparableFit, independent_samples
+from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
+from opid.suspensions.model.law_parameters import from_free, positive, to_free
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from typing import Any
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.mechanics.laws import LAWS
+from opid.mechanics.laws.law import LAWS
 from opid.suspensions.result import SCHEMA
 
 RESULT_FILE = "result.json"

@@ -12,7 +12,7 @@ from typing import Any
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
-from opid.mechanics.laws import LAWS
+from opid.mechanics.laws.law import LAWS
 from opid.suspensions.flights.result_file import RESULT_FILE, GearRecord, ResultRecord, read_result
 
 STUDY_FILE = "study.toml"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.paper.direct_parameters import mass_over_stiffness
 from opid.suspensions.paper.joint_fit import JointFit

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.signals.motion import Motion, relative_motion
 from opid.signals.spectra import Transmissibility, transmissibility
 from opid.suspensions.paper.added_mass import PeakMatch, TwoPeakMass, match_peaks, two_peak_mass

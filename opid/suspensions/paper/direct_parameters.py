@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility
 from opid.suspensions.paper.settings import PaperSettings

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.mechanics.laws import LAWS, Law
+from opid.mechanics.laws.law import LAWS, Law
 from opid.signals.recording import FloatArray
+from opid.suspensions.answer.refusals import ConfoundedTerm, straight_term
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.preparation import PreparedRun
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.refusals import ConfoundedTerm, straight_term
 from opid.suspensions.result import GearParameters, GearRatios
 
 

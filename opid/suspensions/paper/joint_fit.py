@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.mechanics.laws import Law
+from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 

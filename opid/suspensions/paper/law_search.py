@@ -1,4 +1,4 @@
-"""Which law, on the equation of the sprung mass: the one search (`opid.suspensions.law_search`) over its lines.
+"""Which law, on the equation of the sprung mass: the one search (`opid.suspensions.law_search.pursuit`) over its lines.
 
 Columns of candidates are derivatives of the residual of the equation. Every law that is worth it is fitted to all runs
 at once, from the values that the columns suggest and from the time-domain fit of the restoring-force surface.
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.laws import LAWS, Law, Term, default_law
-from opid.suspensions.law_dictionary import LawDictionary, Node, make_dictionary
-from opid.suspensions.law_parameters import faint_terms, has_slope
-from opid.suspensions.law_search import LawStep, search_laws
+from opid.mechanics.laws.law import LAWS, Law, Term, default_law
+from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
+from opid.suspensions.law_search.pursuit import LawStep, search_laws
+from opid.suspensions.model.law_parameters import faint_terms, has_slope
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.nonlinearity import fit_surface
 from opid.suspensions.paper.restoring_force import RestoringForce

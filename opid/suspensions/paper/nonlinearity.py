@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.mechanics.laws import LAWS, Law, default_law
+from opid.mechanics.laws.law import LAWS, Law, default_law
 from opid.mechanics.memory import Motion, recorded_motion
 from opid.signals.recording import FloatArray
-from opid.suspensions.least_squares import (
+from opid.suspensions.fitting.least_squares import (
     SeparableFit,
     clustered_covariance,
     independent_samples,
@@ -114,7 +114,7 @@ def fit_surface(
 
     Args:
         surface: the points.
-        law_name: any law of `opid.mechanics.laws.LAWS` or a sum; "linear" fits the straight terms alone.
+        law_name: any law of `opid.mechanics.laws.law.LAWS` or a sum; "linear" fits the straight terms alone.
         settings: what is correlated in time, and from when a term is seen.
 
     Raises:

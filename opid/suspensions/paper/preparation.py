@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.signals.health import Finding, check_channels, without_spikes
+from opid.signals.health.inspection import Finding, check_channels, without_spikes
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import noise_floor
 from opid.suspensions.paper.restoring_force import RestoringForce, restoring_force

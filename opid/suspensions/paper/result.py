@@ -8,9 +8,9 @@ from datetime import date
 from typing import Literal
 
 from opid.estimate import Estimate
-from opid.mechanics.laws import Law
-from opid.suspensions.force_surface import VisitedForce
-from opid.suspensions.law_search import LawStep, alternatives
+from opid.mechanics.laws.law import Law
+from opid.suspensions.law_search.force_surface import VisitedForce
+from opid.suspensions.law_search.pursuit import LawStep, alternatives
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.joint_fit import JointFit

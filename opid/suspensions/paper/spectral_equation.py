@@ -26,12 +26,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from opid.errors import InputError
-from opid.mechanics.laws import Law, Term
+from opid.mechanics.laws.law import Law, Term
 from opid.signals.motion import relative_motion
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
-from opid.suspensions.law_parameters import free_bounds, from_free, positive, to_free
-from opid.suspensions.least_squares import clustered_covariance
+from opid.suspensions.fitting.least_squares import clustered_covariance
+from opid.suspensions.model.law_parameters import free_bounds, from_free, positive, to_free
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from opid.mechanics.weight import depends_on_travel
-from opid.signals.health import findings_in_words
+from opid.signals.health.inspection import findings_in_words
 from opid.suspensions.paper.estimates import gain_like_fraction, straight_terms
 from opid.suspensions.paper.result import PaperIdentification
 

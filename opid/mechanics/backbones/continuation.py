@@ -1,0 +1,261 @@
+"""Backbones followed by arclength, through turning points of the amplitude and interactions with other modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.errors import InputError
+from opid.mechanics.backbones.family import checked_amplitudes, laws_of_joints, refuse_unseen
+from opid.mechanics.backbones.harmonic_balance import Balance, balance, linear_start, modal_motion, residual, solve_at
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.law import FloatArray, Law
+
+MOST_ITERATIONS = 8
+"""Of Newton's method in one step: a longer way is taken in smaller steps."""
+EASY, HARD = 3, 5
+"""Iterations up to which the next step is longer, and from which it is shorter."""
+SMALLEST_STEP = 1e-9
+"""Share of the first step below which the curve is given up."""
+MOST_TURN = 0.9
+"""Least cosine between the directions of two steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuedBackbone:
+    """A backbone as a curve: amplitude and frequency may both turn back.
+
+    Attributes:
+        mode: number of the mode, from 1.
+        sensor: the sensor whose amplitude is followed.
+        amplitude: (n,) its first-harmonic amplitude along the curve, m; it may pass zero.
+        frequency_hz: (n,) Hz.
+        shapes: (n, n_sensors) first-harmonic displacement of all sensors, m.
+        harmonics: of the motion.
+        turning_points: (n_turns,) places in the curve of the points at which the amplitude turns back.
+        reason: why the curve ended before the amplitude asked for; empty where it reached that.
+        extension: (n, n_harmonics, n_joints) cosine coefficients of the joints' extensions, m.
+        modal_motion: (n, n_harmonics, n_modes) cosine coefficients of the modal coordinates, m kg^1/2.
+    """
+
+    mode: int
+    sensor: str
+    amplitude: FloatArray
+    frequency_hz: FloatArray
+    shapes: FloatArray
+    harmonics: tuple[int, ...]
+    turning_points: NDArray[np.int64]
+    reason: str
+    extension: FloatArray
+    modal_motion: FloatArray
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """(n,) all points are solutions."""
+        return np.ones(self.amplitude.size, dtype=np.bool_)
+
+
+def continued_backbone(
+    system: JointedModes,
+    law: Law | Sequence[Law],
+    *,
+    mode: int,
+    sensor: str,
+    first_amplitude_m: float,
+    last_amplitude_m: float,
+    harmonics: Sequence[int] = (1, 3, 5),
+    largest_step: float = 0.05,
+    most_points: int = 2000,
+) -> ContinuedBackbone:
+    """Return the backbone from a small amplitude to a large one by pseudo-arclength continuation.
+
+    The equations are those of `backbone`, with the amplitude among the unknowns and each step held perpendicular to the
+    direction of the curve, so that they are regular where the amplitude turns. Modes within an octave of a harmonic
+    keep their coordinate, so that interactions such as 3:1 are passed. Branches that cross are not taken.
+
+    Args:
+        system: the linear structure by its modes.
+        law: of all joints, or one for each; springs only.
+        mode: number of the mode, from 1.
+        sensor: name of the sensor whose amplitude is followed.
+        first_amplitude_m: where the curve begins, near the linear mode, m.
+        last_amplitude_m: the amplitude, in absolute value, at which it ends, m.
+        harmonics: of the motion, as in `backbone`.
+        largest_step: of the curve, as a share of the last amplitude and of the coordinates at it.
+        most_points: after which the curve is given up.
+
+    Raises:
+        InputError: as `backbone`; amplitudes of which the last is not larger; no solution at the first.
+
+    >>> from opid.mechanics.laws.law import law
+    >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
+    >>> curve = continued_backbone(one, law("cubic_stiffness", stiffness_n_per_m3=4e6), mode=1, sensor="mass",
+    ...                            first_amplitude_m=1e-4, last_amplitude_m=2e-3, harmonics=(1,))
+    >>> bool(np.allclose((2 * np.pi * curve.frequency_hz) ** 2, 100.0 + 3e6 * curve.amplitude**2, rtol=1e-9))
+    True
+    """
+    amplitudes = checked_amplitudes([first_amplitude_m, last_amplitude_m])
+    if amplitudes[0] >= amplitudes[1]:
+        raise InputError(
+            f"the amplitudes run from {first_amplitude_m:g} to {last_amplitude_m:g} m: give the smaller first"
+        )
+    if not (0.0 < largest_step <= 1.0 and most_points >= 2):
+        raise InputError(f"largest_step is {largest_step} and most_points {most_points}: give up to 1, and 2 or more")
+    refuse_unseen(system, system.place(mode), system.sensor(sensor))
+    equations = balance(system, laws_of_joints(law, system), mode=mode, sensor=sensor, harmonics=harmonics)
+    start = solve_at(equations, linear_start(equations, amplitudes[0]), amplitudes[0])
+    if start is None:
+        raise InputError(
+            f"no solution near the linear mode at the first amplitude, {first_amplitude_m:g} m at {sensor!r}: begin at "
+            "a smaller one"
+        )
+    scales = _scales(equations, linear_start(equations, amplitudes[1]), amplitudes[1])
+    points, turns, reason = _follow(equations, scales, start, amplitudes, largest_step, most_points)
+    return _as_curve(equations, mode, sensor, points, turns, reason)
+
+
+def _scales(equations: Balance, linear: FloatArray, last_amplitude_m: float) -> FloatArray:
+    """Size of each unknown at the last amplitude; that of the amplitude last."""
+    n = equations.n_joint_unknowns
+    coordinate = np.abs(linear[n:-1]).max()
+    extension = max(np.abs(linear[:n]).max(initial=0.0), 1e-3 * last_amplitude_m)
+    # a tenth of the eigenvalue is what a backbone may move by: there the curve is as steep as it is flat
+    return np.concatenate([
+        np.full(n, extension), np.full(linear.size - n - 1, coordinate), [0.1 * linear[-1], last_amplitude_m]
+    ])  # fmt: skip
+
+
+def _bordered(
+    equations: Balance, scales: FloatArray, point: FloatArray, direction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Values of the equations and their scaled Jacobian with the amplitude, bordered by a direction."""
+    actual = point * scales
+    value, jacobian = residual(equations, actual[:-1], actual[-1])
+    bordered = np.zeros((point.size, point.size))
+    bordered[:-1, :-1] = jacobian
+    bordered[-2, -1] = -1.0
+    bordered[:-1] *= scales
+    bordered[-1] = direction
+    return value, bordered
+
+
+def _direction(equations: Balance, scales: FloatArray, point: FloatArray, before: FloatArray) -> FloatArray:
+    """Unit vector along the curve, on from the direction before."""
+    _, bordered = _bordered(equations, scales, point, before)
+    along = np.linalg.solve(bordered, np.eye(point.size)[-1])
+    return along / np.linalg.norm(along)
+
+
+def _corrected(
+    equations: Balance, scales: FloatArray, predicted: FloatArray, direction: FloatArray
+) -> tuple[FloatArray, int] | None:
+    """The point of the curve perpendicular to the direction, and the iterations it took; None where there is none."""
+    point = predicted.copy()
+    for iteration in range(MOST_ITERATIONS):
+        value, bordered = _bordered(equations, scales, point, direction)
+        try:
+            step = np.linalg.solve(bordered, np.append(value, direction @ (point - predicted)))
+        except np.linalg.LinAlgError:
+            return None
+        point -= step
+        if not np.isfinite(point).all() or point[-2] <= 0.0:
+            return None
+        if np.abs(step).max() <= 1e-10 * np.abs(point).max():
+            return point, iteration + 1
+    return None
+
+
+def _follow(
+    equations: Balance,
+    scales: FloatArray,
+    start: FloatArray,
+    amplitudes: FloatArray,
+    largest_step: float,
+    most_points: int,
+) -> tuple[FloatArray, list[int], str]:
+    """The points of the curve, the places of its turns, and why it ended early."""
+    points = [np.append(start, amplitudes[0]) / scales]
+    turns: list[int] = []
+    along = _direction(equations, scales, points[0], np.eye(scales.size)[-1])
+    step = largest_step / 10.0
+    while abs(points[-1][-1]) < 1.0:
+        if len(points) >= most_points:
+            return _unscaled(points, scales), turns, _ended(points, scales, f"{most_points} points are taken")
+        found = _corrected(equations, scales, points[-1] + step * along, along)
+        turned = None if found is None else _direction(equations, scales, found[0], along)
+        if found is None or turned is None or turned @ along < MOST_TURN:
+            step /= 2.0
+            if step < SMALLEST_STEP * largest_step:
+                return _unscaled(points, scales), turns, _ended(points, scales, "Newton's method fails at any step")
+            continue
+        if along[-1] * turned[-1] < 0.0:
+            points.append(_turn(equations, scales, points[-1], along, step, turned))
+            turns.append(len(points) - 1)
+        points.append(found[0])
+        along = turned
+        step = min(step * (1.5 if found[1] <= EASY else 0.7 if found[1] >= HARD else 1.0), largest_step)
+    return _unscaled(_ended_at(equations, scales, points), scales), turns, ""
+
+
+def _turn(
+    equations: Balance, scales: FloatArray, point: FloatArray, along: FloatArray, step: float, turned: FloatArray
+) -> FloatArray:
+    """The point within a step at which the amplitude turns, by regula falsi on the direction of the amplitude."""
+    low, high, at_low, at_high = 0.0, step, along[-1], turned[-1]
+    best = point
+    for _ in range(8):
+        middle = low + (high - low) * np.clip(at_low / (at_low - at_high), 0.05, 0.95)
+        found = _corrected(equations, scales, point + middle * along, along)
+        if found is None:
+            break
+        best = found[0]
+        at_middle = _direction(equations, scales, best, along)[-1]
+        if at_middle * at_low > 0.0:
+            low, at_low = middle, at_middle
+        else:
+            high, at_high = middle, at_middle
+    return best
+
+
+def _ended_at(equations: Balance, scales: FloatArray, points: list[FloatArray]) -> list[FloatArray]:
+    """The points with the last one moved back onto the last amplitude."""
+    before, beyond = points[-2], points[-1]
+    target = np.sign(beyond[-1])
+    share = (target - before[-1]) / (beyond[-1] - before[-1])
+    guess = (before + share * (beyond - before)) * scales
+    found = solve_at(equations, guess[:-1], float(target * scales[-1]))
+    return points if found is None else [*points[:-1], np.append(found, target * scales[-1]) / scales]
+
+
+def _unscaled(points: list[FloatArray], scales: FloatArray) -> FloatArray:
+    return np.array(points) * scales
+
+
+def _ended(points: list[FloatArray], scales: FloatArray, why: str) -> str:
+    at = points[-1] * scales
+    return (
+        f"the curve ends at {np.sqrt(at[-2]) / (2 * np.pi):.6g} Hz and {at[-1]:.4g} m, point {len(points)}: {why}; "
+        "take other harmonics, a smaller largest_step or more points"
+    )
+
+
+def _as_curve(
+    equations: Balance, mode: int, sensor: str, points: FloatArray, turns: list[int], reason: str
+) -> ContinuedBackbone:
+    motion = np.array([modal_motion(equations, point[:-1]) for point in points])
+    n, first = equations.n_joint_unknowns, equations.harmonics.index(1)
+    return ContinuedBackbone(
+        mode=mode,
+        sensor=sensor,
+        amplitude=points[:, -1].copy(),
+        frequency_hz=np.sqrt(points[:, -2]) / (2 * np.pi),
+        shapes=motion[:, first] @ equations.system.at_sensors.T,
+        harmonics=equations.harmonics,
+        turning_points=np.array(turns, dtype=np.int64),
+        reason=reason,
+        extension=points[:, :n].reshape(len(points), len(equations.harmonics), len(equations.laws)),
+        modal_motion=motion,
+    )

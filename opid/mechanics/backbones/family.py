@@ -1,0 +1,395 @@
+"""Backbones: frequency and shape of a nonlinear normal mode over its amplitude, by harmonic balance on the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gamma
+
+from opid.errors import InputError, nearest
+from opid.mechanics.backbones.harmonic_balance import (
+    POWERS,
+    Transform,
+    harmonics_of,
+    period_transform,
+    refuse_held_free_modes,
+    refuse_velocity,
+)
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.kernels import backbones as backbones_kernel
+from opid.mechanics.kernels import code_of, law_arrays
+from opid.mechanics.laws.kinds import LAWS
+from opid.mechanics.laws.law import FloatArray, Law, Term
+
+# share of the largest value below which a shape counts as zero
+NOTHING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone:
+    """The backbone of one mode at prescribed first-harmonic amplitudes of one sensor.
+
+    Attributes:
+        mode: number of the mode, from 1.
+        sensor: the sensor whose amplitude is prescribed.
+        amplitude: (n,) its first-harmonic amplitude, m.
+        frequency_hz: (n,) Hz; nan where Newton's method failed.
+        shapes: (n, n_sensors) first-harmonic displacement of all sensors, m, `amplitude` at the prescribed one.
+        harmonics: of the motion.
+        converged: (n,) whether there is a solution.
+        reason: which points failed and what to try; empty where all converged.
+        extension: (n, n_harmonics, n_joints) cosine coefficients of the joints' extensions, m.
+    """
+
+    mode: int
+    sensor: str
+    amplitude: FloatArray
+    frequency_hz: FloatArray
+    shapes: FloatArray
+    harmonics: tuple[int, ...]
+    converged: NDArray[np.bool_]
+    reason: str
+    extension: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class BackboneFamily:
+    """The backbones of one mode for many coefficients of one law.
+
+    Attributes:
+        mode: number of the mode, from 1.
+        sensor: the sensor whose amplitude is prescribed.
+        amplitude: (n_points,) its first-harmonic amplitude, m.
+        harmonics: of the motion.
+        eigenvalue: (n_samples, n_points) square of the angular frequency, 1/s^2; nan where Newton's method failed.
+        shapes: (n_samples, n_points, n_sensors) first-harmonic displacement of all sensors, m.
+        converged: (n_samples, n_points) whether there is a solution.
+    """
+
+    mode: int
+    sensor: str
+    amplitude: FloatArray
+    harmonics: tuple[int, ...]
+    eigenvalue: FloatArray
+    shapes: FloatArray
+    converged: NDArray[np.bool_]
+
+    @property
+    def frequency_hz(self) -> FloatArray:
+        """(n_samples, n_points) Hz."""
+        return np.sqrt(self.eigenvalue) / (2 * np.pi)
+
+
+def backbone(
+    system: JointedModes,
+    law: Law | Sequence[Law],
+    *,
+    mode: int,
+    sensor: str,
+    amplitude: ArrayLike,
+    harmonics: Sequence[int] = (1,),
+) -> Backbone:
+    """Return the backbone of one mode by harmonic balance, condensed on the joints (Song et al. 2021, section 3.2).
+
+    With z_h the harmonics of the extensions and F_h those of the forces, l the square of the angular frequency, m the
+    mode and a the sensor,
+
+        z_1 - psi_m q + sum_{i != m} psi_i psi_i^T F_1 / (l_i - l) = 0,    (l_m - l) q + psi_m^T F_1 = 0,
+        phi_m(a) q - sum_{i != m} phi_i(a) psi_i^T F_1 / (l_i - l) = A,
+        z_h + sum_i psi_i psi_i^T F_h / (l_i - h^2 l) = 0 for the other harmonics.
+
+    Newton's method starts from the linear mode and goes from amplitude to amplitude.
+
+    Args:
+        system: the linear structure by its modes.
+        law: of all joints, or one for each of them; springs only.
+        mode: number of the mode, from 1.
+        sensor: name of the sensor whose amplitude is prescribed.
+        amplitude: (n,) first-harmonic amplitudes of that sensor, m, positive, in any order.
+        harmonics: of the motion, 1 among them. Odd laws leave out the even ones; others need 0.
+
+    Raises:
+        InputError: an unknown mode or sensor, one that the mode does not move, amplitudes or harmonics that cannot be,
+            a law of the rate, a number of laws that is not that of the joints.
+
+    >>> from opid.mechanics.laws.law import law
+    >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
+    >>> cubic = law("cubic_stiffness", stiffness_n_per_m3=4e6)
+    >>> curve = backbone(one, cubic, mode=1, sensor="mass", amplitude=[1e-3, 2e-3])
+    >>> ((2 * np.pi * curve.frequency_hz) ** 2).round(9).tolist()
+    [103.0, 112.0]
+    """
+    laws = laws_of_joints(law, system)
+    firsts, codes, values, *_ = law_arrays(*laws)
+    terms = tuple(term for each in laws for term in each.terms)
+    curves = _curves(system, terms, (firsts[:-1], firsts[1:], codes), mode, sensor, amplitude, harmonics)
+    eigenvalue, shapes, extension = (found[0] for found in curves.solve(values[np.newaxis]))
+    converged = np.isfinite(eigenvalue)
+    frequency_hz = np.sqrt(eigenvalue) / (2 * np.pi)
+    extension = extension.reshape(converged.size, len(curves.harmonics), len(system.joints))
+    reason = _reason(curves.amplitude, frequency_hz, sensor)
+    return Backbone(
+        mode, sensor, curves.amplitude, frequency_hz, shapes, curves.harmonics, converged, reason, extension
+    )
+
+
+def backbone_family(
+    system: JointedModes,
+    kinds: tuple[str, ...],
+    coefficients: ArrayLike,
+    *,
+    mode: int,
+    sensor: str,
+    amplitude: ArrayLike,
+    harmonics: Sequence[int] = (1,),
+) -> BackboneFamily:
+    """Return the backbones of one mode for many coefficients of a law that is the same at all joints.
+
+    Args:
+        system: the linear structure by its modes.
+        kinds: names of the kinds of law that are added up; springs only.
+        coefficients: (n_samples, n_parameters) values of all parameters of all kinds, in their order and SI units: with
+            kinds of one coefficient, one column a kind.
+        mode: number of the mode, from 1.
+        sensor: name of the sensor whose amplitude is prescribed.
+        amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
+        harmonics: of the motion, as in `backbone`.
+
+    Raises:
+        InputError: as `backbone`, an unknown kind, or coefficients of the wrong shape.
+
+    >>> one = JointedModes([100.0], [[1.0]], [[1.0]], ("mass",), ("spring",))
+    >>> family = backbone_family(one, ("cubic_stiffness",), [[0.0], [4e6]], mode=1, sensor="mass", amplitude=[1e-3])
+    >>> family.eigenvalue.round(9).tolist()
+    [[100.0], [103.0]]
+    """
+    evaluate = family_evaluator(system, kinds, mode=mode, sensor=sensor, amplitude=amplitude, harmonics=harmonics)
+    return evaluate(coefficients)
+
+
+def family_evaluator(
+    system: JointedModes,
+    kinds: tuple[str, ...],
+    *,
+    mode: int,
+    sensor: str,
+    amplitude: ArrayLike,
+    harmonics: Sequence[int] = (1,),
+) -> Callable[[ArrayLike], BackboneFamily]:
+    """Return coefficients -> `BackboneFamily`, with all that does not depend on them made once: for samplers.
+
+    Args:
+        system: as in `backbone_family`.
+        kinds: likewise.
+        mode: likewise.
+        sensor: likewise.
+        amplitude: likewise.
+        harmonics: likewise.
+
+    Raises:
+        InputError: as `backbone_family`, which the function returned raises for coefficients of the wrong shape.
+    """
+    for kind in kinds:
+        if kind not in LAWS:
+            raise InputError(f"there is no law {kind!r}: {nearest(kind, LAWS)}")
+    places = [(row, column) for row, kind in enumerate(kinds) for column in range(len(LAWS[kind].parameters))]
+    rows, columns = np.array(places, dtype=np.int64).reshape(-1, 2).T
+    terms = tuple(Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds)
+    n_joints = len(system.joints)
+    codes = np.array([code_of(kind) for kind in kinds], dtype=np.int64)
+    spans = (np.zeros(n_joints, dtype=np.int64), np.full(n_joints, len(kinds), dtype=np.int64), codes)
+    curves = _curves(system, terms, spans, mode, sensor, amplitude, harmonics)
+
+    def evaluate(coefficients: ArrayLike) -> BackboneFamily:
+        given = np.asarray(coefficients, dtype=np.float64)
+        if given.ndim != 2 or given.shape[1] != rows.size:
+            raise InputError(
+                f"the coefficients have shape {given.shape}: give (n_samples, {rows.size}), "
+                f"one column for each parameter of {', '.join(kinds)}"
+            )
+        values = np.ones((len(given), len(kinds), 3))
+        values[:, rows, columns] = given
+        eigenvalue, shapes, _ = curves.solve(values)
+        return BackboneFamily(
+            mode, sensor, curves.amplitude, curves.harmonics, eigenvalue, shapes, np.isfinite(eigenvalue)
+        )
+
+    return evaluate
+
+
+def first_harmonic_factor(power: ArrayLike) -> FloatArray:
+    """Return beta_p: the first harmonic of |z|^(p-1) z for z = A cos is beta_p A^p.
+
+    beta_p = 2 / sqrt(pi) Gamma((p + 2) / 2) / Gamma((p + 3) / 2).
+
+    Args:
+        power: p, any shape.
+
+    >>> first_harmonic_factor([1, 3, 5]).round(12).tolist()
+    [1.0, 0.75, 0.625]
+    """
+    p = np.asarray(power, dtype=np.float64)
+    return 2.0 / np.sqrt(np.pi) * gamma((p + 2.0) / 2.0) / gamma((p + 3.0) / 2.0)
+
+
+def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:
+    """Return one law a joint.
+
+    Args:
+        law: of all joints, or one for each.
+        system: with its joints.
+
+    Raises:
+        InputError: another number of laws than joints, or a law that rests elsewhere than at its origin.
+    """
+    laws = (law,) * len(system.joints) if isinstance(law, Law) else tuple(law)
+    if len(laws) != len(system.joints):
+        raise InputError(
+            f"there are {len(laws)} laws for the {len(system.joints)} joints: give one law, or one a joint"
+        )
+    for each in laws:
+        if each.rest_m and each.terms:
+            raise InputError(
+                f"{each.name} rests {each.rest_m:g} m from its origin: backbones take laws about the place of rest"
+            )
+    return laws
+
+
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """All that Newton's method needs beside the values of the laws."""
+
+    amplitude: FloatArray
+    harmonics: tuple[int, ...]
+    order: NDArray[np.int64]
+    powers: NDArray[np.int64]
+    arguments: tuple[Any, ...]
+    spans: tuple[Any, ...]
+    kernel: Any
+
+    def solve(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Eigenvalue, shapes and extensions at all amplitudes, in the order given, for (n_samples, n_terms, 3)."""
+        system, sensors, harmonics, transform = self.arguments
+        factors = values[:, :, 0].copy()
+        if transform[0].shape[1] == 0:
+            factors *= first_harmonic_factor(np.where(self.powers > 0, self.powers, values[:, :, 1]))
+        law = (*self.spans, self.powers, values, factors)
+        found = self.kernel(system, sensors, harmonics, law, transform, self.amplitude[self.order])
+        back = np.argsort(self.order)
+        eigenvalue, shapes, extension = (each[:, back] for each in found)
+        return eigenvalue, shapes, extension
+
+
+def _curves(
+    system: JointedModes,
+    terms: tuple[Term, ...],
+    spans: tuple[Any, ...],
+    mode: int,
+    sensor: str,
+    amplitude: ArrayLike,
+    harmonics: Sequence[int],
+) -> _Curves:
+    prescribed = checked_amplitudes(amplitude)
+    refuse_velocity(terms)
+    used = harmonics_of(terms, harmonics)
+    if 0 in used:
+        refuse_held_free_modes(system)
+    powers = np.array([POWERS.get(term.name, 0) for term in terms], dtype=np.int64)
+    closed = used == (1,) and bool((powers != 0).all())
+    nothing = np.empty((1, 0))
+    transform = Transform(nothing, nothing, nothing[0]) if closed else period_transform(terms, used)
+    products = transform.weights[:, np.newaxis] * transform.cosines[np.newaxis]
+    condensed, seen = _condensed(system, system.place(mode), system.sensor(sensor))
+    return _Curves(
+        amplitude=prescribed,
+        harmonics=used,
+        order=np.argsort(prescribed, kind="stable"),
+        powers=powers,
+        arguments=(
+            condensed,
+            seen,
+            np.array(used, dtype=np.int64),
+            (transform.cosines, transform.weights, products.reshape(len(used) ** 2, -1 if products.size else 0)),
+        ),
+        spans=spans,
+        kernel=backbones_kernel(),
+    )
+
+
+def _condensed(system: JointedModes, m: int, a: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """The modes as the kernel takes them; those that no joint moves are left out."""
+    refuse_unseen(system, m, a)
+    psi, phi = system.at_joints.T, system.at_sensors.T
+    size = np.linalg.norm(psi, axis=1)
+    moved = size > NOTHING * size.max(initial=0.0)
+    others = moved.copy()
+    others[m] = False
+    # q of the mode is put in from the equation of the sensor
+    relative = psi[others] - np.outer(phi[others, a] / phi[m, a], psi[m])
+    by_pairs = np.einsum("ij,ik->ijk", relative, psi[others]).reshape(int(others.sum()), psi.shape[1] ** 2)
+    at_sensor = phi[others, a]
+    own = np.array([system.eigenvalue[m], phi[m, a]])
+    every = np.einsum("ij,ik->ijk", psi[moved], psi[moved]).reshape(int(moved.sum()), psi.shape[1] ** 2)
+    condensed = (
+        own,
+        psi[m].copy(),
+        system.eigenvalue[others],
+        np.hstack([by_pairs, at_sensor[:, np.newaxis] * psi[others]]),
+        system.eigenvalue[moved],
+        every,
+    )
+    return condensed, (phi[m].copy(), phi[others], psi[others], at_sensor)
+
+
+def checked_amplitudes(amplitude: ArrayLike) -> FloatArray:
+    """Return amplitudes as an array of their own.
+
+    Args:
+        amplitude: (n,) m.
+
+    Raises:
+        InputError: none, or values that are not positive or not finite.
+    """
+    prescribed = np.array(amplitude, dtype=np.float64)
+    if prescribed.ndim != 1 or prescribed.size == 0 or not (np.isfinite(prescribed) & (prescribed > 0)).all():
+        raise InputError(f"the amplitudes are {amplitude!r}: give a list of positive numbers, m")
+    return prescribed
+
+
+def refuse_unseen(system: JointedModes, m: int, a: int) -> None:
+    """Refuse a mode that is a rigid-body motion, or that the sensor does not see.
+
+    Args:
+        system: the linear structure.
+        m: column of the mode.
+        a: row of the sensor.
+
+    Raises:
+        InputError: either of the two.
+    """
+    if system.eigenvalue[m] <= NOTHING * np.abs(system.eigenvalue).max():
+        raise InputError(
+            f"mode {m + 1} is a rigid-body motion at {system.frequency_hz[m]:.3g} Hz: name one with springs"
+        )
+    shape = np.abs(system.at_sensors[:, m])
+    if shape[a] <= NOTHING * shape.max():
+        raise InputError(
+            f"mode {m + 1} does not move the sensor {system.sensors[a]!r}: prescribe the amplitude of "
+            f"{system.sensors[int(np.argmax(shape))]!r}, where it is largest"
+        )
+
+
+def _reason(amplitude: FloatArray, frequency_hz: FloatArray, sensor: str) -> str:
+    failed = np.flatnonzero(np.isnan(frequency_hz))
+    if failed.size == 0:
+        return ""
+    points = ", ".join(f"{place + 1} ({amplitude[place]:.4g} m at {sensor!r})" for place in failed[:5])
+    more = f" and {failed.size - 5} more" if failed.size > 5 else ""
+    return (
+        f"no solution near the curve at point {points}{more}: take smaller steps of the amplitude or fewer harmonics, "
+        "or follow the curve with continued_backbone, which passes interactions with other modes"
+    )

@@ -1,0 +1,417 @@
+"""Backbones as single-point forcing finds them: one sensor in quadrature with the force, level after level.
+
+The records that a measurement fills, and the same curves by harmonic balance of the damped, forced structure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
+
+from opid.errors import InputError
+from opid.mechanics.backbones.family import checked_amplitudes, laws_of_joints
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.law import FloatArray, Law
+from opid.mechanics.shaker import Shaker
+from opid.mechanics.structure import ComplexArray
+
+_SAMPLES = 128
+# of the frequencies among which quadrature of the linear structure is looked for
+_N_SCANNED = 6001
+# share of the largest extension by which a solution may differ from its prediction
+_FROM_PREDICTION = 0.05
+# share of an amplitude
+_LEAST_STEP = 1 / 64
+
+
+@dataclass(frozen=True, eq=False)
+class Specimen:
+    """A structure with damped modes and nonlinear joints, and a shaker at the place of one of its sensors.
+
+    Args:
+        system: its modes, as its sensors and joints see them.
+        laws: one law a joint; a single `Law` counts for all.
+        damping_ratio: (n_modes,) zeta of each mode, or one number for all.
+        drive: name of the sensor at whose place the force acts.
+        shaker: None for a force that acts directly; else the feedback moves its armature, and the force is that in its
+            stinger. Its amplifier is taken as linear.
+
+    Raises:
+        InputError: counts that do not match, damping that is not positive, an unknown sensor, or a shaker that
+            distorts.
+    """
+
+    system: JointedModes
+    laws: Law | Sequence[Law]
+    damping_ratio: ArrayLike
+    drive: str
+    shaker: Shaker | None = None
+
+    def __post_init__(self) -> None:
+        n_modes = self.system.n_modes
+        damping = np.asarray(self.damping_ratio, dtype=np.float64)
+        if damping.shape not in ((), (n_modes,)) or not ((damping > 0.0) & (damping < 1.0)).all():
+            raise InputError(
+                f"damping_ratio is {self.damping_ratio!r}: give one number between 0 and 1, or {n_modes}, one a mode"
+            )
+        laws_of_joints(self.laws, self.system)
+        self.system.sensor(self.drive)
+        if self.shaker is not None and self.shaker.second_harmonic:
+            raise InputError("the shaker distorts: the feedback takes it as linear, set its second_harmonic to 0")
+
+    @property
+    def joint_laws(self) -> tuple[Law, ...]:
+        """One law a joint."""
+        return laws_of_joints(self.laws, self.system)
+
+    @property
+    def zeta(self) -> FloatArray:
+        """(n_modes,) damping ratios."""
+        return np.broadcast_to(np.asarray(self.damping_ratio, dtype=np.float64), (self.system.n_modes,))
+
+    @property
+    def modal_damping(self) -> FloatArray:
+        """(n_modes,) 2 zeta_i omega_i, 1/s."""
+        return 2.0 * self.zeta * np.sqrt(np.maximum(self.system.eigenvalue, 0.0))
+
+    @property
+    def drive_row(self) -> FloatArray:
+        """(n_modes,) motion of the drive point for a unit of each modal coordinate, kg^-1/2."""
+        return self.system.at_sensors[self.system.sensor(self.drive)]
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuationLevel:
+    """One amplitude, held at phase quadrature, and what was recorded then.
+
+    Harmonics are complex amplitudes by the number of the harmonic less one, x(t) = Re sum_h X_h exp(j h omega t).
+
+    Args:
+        wanted_m: amplitude that was asked for, m.
+        frequency_hz: at which it was recorded, Hz.
+        force: (n_harmonics,) of the force on the structure, N.
+        sensors: (n_sensors, n_harmonics) of the displacements, m.
+        phase_error_rad: phase of the sensor against the force, off quadrature, radians.
+        invasiveness: rms of the control's harmonics above the first over its first.
+        converged: whether phase, control and amplitude are within their tolerance.
+        n_records: that it took.
+        periods: of the drive that it took.
+        reason: why it has not converged, "" if it has.
+    """
+
+    wanted_m: float
+    frequency_hz: float
+    force: ComplexArray
+    sensors: ComplexArray
+    phase_error_rad: float
+    invasiveness: float
+    converged: bool
+    n_records: int
+    periods: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCurve:
+    """A backbone as single-point forcing finds it: one sensor in quadrature, level after level.
+
+    Args:
+        mode: number of the mode, from 1.
+        sensor: whose quadrature was held.
+        controlled_sensor: whose amplitude was stepped up.
+        sensors: names of all sensors, in the order of the levels' rows.
+        levels: in the order in which they were driven; after some that fail the curve ends.
+    """
+
+    mode: int
+    sensor: str
+    controlled_sensor: str
+    sensors: tuple[str, ...]
+    levels: tuple[ContinuationLevel, ...]
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """(n,) whether each level converged."""
+        return np.array([level.converged for level in self.levels])
+
+    @property
+    def frequency_hz(self) -> FloatArray:
+        """(n,) frequency of quadrature, Hz."""
+        return np.array([level.frequency_hz for level in self.levels])
+
+    @property
+    def harmonics(self) -> ComplexArray:
+        """(n, n_sensors, n_harmonics) of the displacements, m."""
+        return np.stack([level.sensors for level in self.levels])
+
+    @property
+    def force(self) -> ComplexArray:
+        """(n, n_harmonics) of the force, N."""
+        return np.stack([level.force for level in self.levels])
+
+    @property
+    def phase_error_rad(self) -> FloatArray:
+        """(n,) off quadrature, radians."""
+        return np.array([level.phase_error_rad for level in self.levels])
+
+    @property
+    def invasiveness(self) -> FloatArray:
+        """(n,) rms of the control's harmonics above the first over its first."""
+        return np.array([level.invasiveness for level in self.levels])
+
+    @property
+    def amplitude(self) -> FloatArray:
+        """(n, n_sensors) first harmonic, m, as far as it is in phase with the controlled sensor.
+
+        At resonance a mode lags the force by a quarter; what the force moves beside the mode is out of phase with it.
+        """
+        first = self.harmonics[:, :, 0]
+        held = first[:, [self.sensors.index(self.controlled_sensor)]]
+        return np.asarray(np.real(first * held.conj()) / np.abs(held))
+
+    @property
+    def controlled_amplitude(self) -> FloatArray:
+        """(n,) first harmonic of the controlled sensor, m."""
+        return np.abs(self.harmonics[:, self.sensors.index(self.controlled_sensor), 0])
+
+    @property
+    def reason(self) -> str:
+        """Why the curve is not whole: that of the first level that failed, "" if none did."""
+        return next((level.reason for level in self.levels if level.reason), "")
+
+
+def quadrature_curve(
+    specimen: Specimen,
+    *,
+    mode: int,
+    sensor: str,
+    controlled_sensor: str,
+    amplitude: ArrayLike,
+    harmonics: Sequence[int] = (1, 3, 5, 7),
+    widest_share: float = 0.03,
+) -> MeasuredCurve:
+    """Return the curve that single-point forcing tends to, by harmonic balance: what continuation measures, in no time.
+
+    A sensor may be in quadrature more than once. The curve begins at the linear quadrature that is nearest to the mode
+    and keeps to its branch by secants over the amplitude, with steps between the levels where they need them.
+
+    With R the receptance of the damped linear modes and f, real, the only harmonic of the force,
+
+        z_h + R_jj(h w) F_h(z) - R_jd(h w) f delta_h1 = 0,  Re X_s1 = 0,  |X_c1| = A
+
+    are solved for the extensions z of the joints, w and f at each amplitude A. The control is not part of it: it has
+    vanished.
+
+    Args:
+        specimen: the structure; its shaker is left out, the force acts directly.
+        mode: number of the mode, from 1.
+        sensor: whose quadrature is held.
+        controlled_sensor: whose amplitude is stepped up.
+        amplitude: (n,) of its first harmonic, m, growing.
+        harmonics: that are balanced, 1 among them; 0 and the even ones, too, where a law is not odd.
+        widest_share: how far the frequency may move from level to level, share of it.
+
+    Raises:
+        InputError: no such mode or sensor, amplitudes that are not positive and growing, harmonics without the first,
+            or a mode that the drive point or the controlled sensor does not move in.
+    """
+    wanted = growing_amplitudes(amplitude)
+    numbers = tuple(sorted({int(number) for number in harmonics}))
+    if 1 not in numbers or numbers[0] < 0:
+        raise InputError(f"harmonics are {tuple(harmonics)}: give whole numbers from 0 on, with 1 among them")
+    _, force_n = linear_start(specimen, mode, controlled_sensor)
+    system = specimen.system
+    columns = system.sensor(sensor), system.sensor(controlled_sensor)
+    linear_hz = float(system.frequency_hz[system.place(mode)])
+    found = _linear_quadrature(specimen, linear_hz, columns[0], widest_share)
+    balance = _Balance(specimen, numbers, columns, 0.0, found or linear_hz, force_n)
+    branch = _Branch(0.0, balance.linear_motion())
+    last, levels = 1.0, []
+    for a in map(float, wanted):
+        followed = _followed(balance, branch, a) if found else None
+        branch, here = followed or branch, replace(balance, amplitude=a)
+        _, ratio, force = here.unpacked(branch.x)
+        if followed is None or abs(ratio / last - 1.0) > widest_share or force <= 0.0:
+            reason = f"no quadrature at {sensor!r} within {widest_share:.0%} of {last * balance.frequency_hz:.3f} Hz"
+            levels.append(here.level(branch.x, numbers, reason))
+            break
+        last = ratio
+        levels.append(here.level(branch.x, numbers, ""))
+    return MeasuredCurve(mode, sensor, controlled_sensor, system.sensors, tuple(levels))
+
+
+@dataclass(frozen=True, eq=False)
+class _Branch:
+    """A solution x at one amplitude, m, and how it changes with that, 1/m."""
+
+    amplitude: float
+    x: FloatArray
+    slope: FloatArray | float = 0.0
+
+
+def _followed(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
+    """The solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
+    goal = amplitude
+    while branch.amplitude < amplitude:
+        step = goal - branch.amplitude
+        predicted = branch.x + step * branch.slope
+        there = replace(balance, amplitude=goal)
+        x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
+        off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
+        # a sensor may have two quadratures that lie close: what is far from the prediction is the other one
+        if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
+            branch, goal = _Branch(goal, x, (x - branch.x) / step), amplitude
+        elif step > _LEAST_STEP * amplitude:
+            goal = branch.amplitude + 0.5 * step
+        else:
+            return None
+    return branch
+
+
+def _linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_share: float) -> float | None:
+    """Frequency of quadrature of a sensor of the linear structure, the nearest to a mode's, Hz; None without one."""
+    system, shapes = specimen.system, specimen.system.at_sensors[column] * specimen.drive_row
+
+    def in_phase(share: ArrayLike) -> FloatArray:
+        omega = 2.0 * np.pi * linear_hz * (1.0 + np.asarray(share))[..., None]
+        stiffness = system.eigenvalue - omega**2
+        damping = omega * specimen.modal_damping
+        return np.asarray((shapes * stiffness / (stiffness**2 + damping**2)).sum(axis=-1))
+
+    shares = np.linspace(-widest_share, widest_share, _N_SCANNED)
+    values = in_phase(shares)
+    turns = np.flatnonzero(np.signbit(values[1:]) != np.signbit(values[:-1]))
+    if not turns.size:
+        return None
+    nearest = turns[np.argmin(np.abs(shares[turns]))]
+    return linear_hz * (1.0 + float(optimize.brentq(in_phase, shares[nearest], shares[nearest + 1], xtol=1e-14)))
+
+
+def growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
+    """Return amplitudes as an array (n,).
+
+    Args:
+        amplitude: (n,) m.
+
+    Raises:
+        InputError: unless they are positive and growing.
+    """
+    wanted = checked_amplitudes(amplitude)
+    if (np.diff(wanted) <= 0.0).any():
+        raise InputError(f"the amplitudes are {amplitude!r}: give them from small to large, m")
+    return wanted
+
+
+def linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple[FloatArray, float]:
+    """Return the extension of each joint and the force, N, for 1 m at the controlled sensor in the linear mode.
+
+    Args:
+        specimen: the structure.
+        mode: number of the mode, from 1.
+        controlled_sensor: a sensor.
+
+    Raises:
+        InputError: no such mode or sensor, or one of rigid motion, or one without motion there or at the drive point.
+    """
+    system, place = specimen.system, specimen.system.place(mode)
+    row, drive = system.at_sensors[system.sensor(controlled_sensor), place], specimen.drive_row[place]
+    eigenvalue = system.eigenvalue[place]
+    if eigenvalue <= 0.0:
+        raise InputError(f"mode {mode} has {system.frequency_hz[place]:g} Hz: only an elastic mode resonates")
+    largest = np.abs(system.at_sensors[:, place]).max()
+    for name, value in ((controlled_sensor, row), (specimen.drive, drive)):
+        if abs(value) <= 1e-9 * largest:
+            raise InputError(f"the sensor {name!r} does not move in mode {mode}: take another one")
+    force = specimen.modal_damping[place] * np.sqrt(eigenvalue) / abs(row * drive)
+    return system.at_joints[:, place] / abs(row) * np.sign(drive), float(force)
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """The equations of one level; unknowns are scaled by the amplitude, a frequency, and the force for 1 m, N/m."""
+
+    specimen: Specimen
+    numbers: tuple[int, ...]
+    columns: tuple[int, int]
+    amplitude: float
+    frequency_hz: float
+    force_n_per_m: float
+
+    def linear_motion(self) -> FloatArray:
+        """The unknowns for no amplitude, where nothing but the force moves the structure."""
+        system, omega = self.specimen.system, 2.0 * np.pi * self.frequency_hz
+        q = self.specimen.drive_row / (system.eigenvalue - omega**2 + 1j * omega * self.specimen.modal_damping)
+        stiffness = 1.0 / abs(q @ system.at_sensors[self.columns[1]])
+        z = np.zeros((len(self.numbers), len(system.joints)), dtype=complex)
+        z[self.numbers.index(1)] = system.at_joints @ q * stiffness
+        return np.concatenate([z.real.ravel(), z.imag.ravel(), [1.0, stiffness / self.force_n_per_m]])
+
+    def unpacked(self, x: FloatArray) -> tuple[ComplexArray, float, float]:
+        """Extensions (n_harmonics, n_joints) over the amplitude, frequency and force over their scales."""
+        parts = x[:-2].reshape(2, len(self.numbers), -1)
+        return parts[0] + 1j * parts[1], float(x[-2]), float(x[-1])
+
+    def motion(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
+        """Misfit of the joints (n_harmonics, n_joints), sensors (n_harmonics, n_sensors), both over the amplitude."""
+        z, ratio, force = self.unpacked(x)
+        system, specimen = self.specimen.system, self.specimen
+        omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
+        held = self._joint_force(self.amplitude * z, omega[:, 0])
+        modal = -held @ system.at_joints
+        force *= self.force_n_per_m * self.amplitude
+        modal[self.numbers.index(1)] += force * specimen.drive_row
+        q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / self.amplitude
+        return z - q @ system.at_joints.T, q @ system.at_sensors.T, force
+
+    def _joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
+        """Harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""
+        angle = np.outer(np.arange(_SAMPLES) * (2.0 * np.pi / _SAMPLES), self.numbers)
+        wave = np.exp(1j * angle)
+        extension, rate = (wave @ z).real, (wave @ (1j * omega[:, None] * z)).real
+        force = np.column_stack(
+            [law.force(extension[:, k], rate[:, k]) for k, law in enumerate(self.specimen.joint_laws)]
+        )
+        share = np.where(np.array(self.numbers) == 0, 1.0, 2.0) / _SAMPLES
+        return np.asarray(share[:, None] * (wave.conj().T @ force), dtype=np.complex128)
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """(n_unknowns,) all zero at quadrature."""
+        misfit, sensors, _ = self.motion(x)
+        first = sensors[self.numbers.index(1)]
+        held, quadrature = np.abs(first[self.columns[1]]), first[self.columns[0]].real
+        size = max(abs(first[self.columns[0]]), 1e-12)
+        return np.concatenate([misfit.real.ravel(), misfit.imag.ravel(), [held - 1.0, quadrature / size]])
+
+    def level(self, x: FloatArray, numbers: tuple[int, ...], reason: str) -> ContinuationLevel:
+        """The record of a solution."""
+        _, sensors, force = self.motion(x)
+        kept = max(numbers)
+        displacement = np.zeros((sensors.shape[1], kept), dtype=complex)
+        for number, row in zip(numbers, self.amplitude * sensors, strict=True):
+            if number:
+                displacement[:, number - 1] = row
+        forces = np.zeros(kept, dtype=complex)
+        forces[0] = force
+        error = phase_error(forces[0], displacement[self.columns[0], 0])
+        frequency = self.frequency_hz * self.unpacked(x)[1]
+        return ContinuationLevel(self.amplitude, frequency, forces, displacement, error, 0.0, not reason, 1, 0, reason)
+
+
+def phase_error(force: complex, displacement: complex) -> float:
+    """Return how far a displacement is off quadrature with a force, radians, within pi / 2 on either side.
+
+    It is positive below resonance. A sensor that moves against the drive point counts as one that moves with it.
+
+    Args:
+        force: its first harmonic.
+        displacement: likewise.
+
+    >>> round(phase_error(1.0, 0.1 - 1j), 4)
+    0.0997
+    """
+    ratio = force / displacement
+    return float(np.arctan2(ratio.real, abs(ratio.imag)) * np.sign(ratio.imag or 1.0)) if displacement else np.pi / 2

@@ -1,0 +1,439 @@
+"""Restoring-force laws as values: what a fit finds is what a simulation runs.
+
+A law is a sum of terms, f(z, v) = sum_i A_i g_i(z, v; inner parameters) in N, of the extension z (m) of a
+joint and its rate v (m/s). It stands beside the linear stiffness and damping of the joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import groupby
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.errors import InputError, meant_by, nearest
+from opid.mechanics.laws.kinds import LAWS, ForceAndDerivatives, Kind, Parameter
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a law: the name of its kind and the values of the parameters, the amplitude first.
+
+    Raises:
+        InputError: an unknown kind, a wrong number of values, or a value outside its role.
+    """
+
+    name: str
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.name not in LAWS:
+            raise InputError(_no_such_law(self.name))
+        try:
+            object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        except (TypeError, ValueError):
+            raise InputError(f"{self.name} got the values {self.values!r}: give numbers") from None
+        if len(self.values) != len(self.kind.parameters):
+            names = ", ".join(parameter.name for parameter in self.kind.parameters)
+            raise InputError(f"{self.name} got {len(self.values)} value(s): it takes {names}")
+        for parameter, value in zip(self.kind.parameters, self.values, strict=True):
+            positive = parameter.role in ("scale", "exponent")
+            if not math.isfinite(value) or (positive and value <= 0.0):
+                needed = "a positive number" if positive else "a finite number"
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+                raise InputError(f"{parameter.name} of {self.name} is {value:g}{unit}: give {needed}")
+
+    @property
+    def kind(self) -> Kind:
+        """The entry in `LAWS`."""
+        return LAWS[self.name]
+
+    @property
+    def amplitude(self) -> float:
+        """The value that the force is proportional to."""
+        return self.values[0]
+
+    @property
+    def inner(self) -> tuple[float, ...]:
+        """The other values."""
+        return self.values[1:]
+
+    def evaluate(self, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
+        """Return the force for unit amplitude and its derivatives by z, v and the first two inner values.
+
+        That of a term with memory is the force of a slow motion that goes on in one direction.
+
+        Args:
+            z: extension, m.
+            v: its rate, m/s, of the same shape.
+        """
+        return self.kind.function(z, v, *(*self.inner, 1.0, 1.0)[:2])
+
+    def evaluate_about(self, rest_m: float, z: FloatArray, v: FloatArray) -> ForceAndDerivatives:
+        """Return the same about a rest position: the force and its derivatives by inner values are zero there.
+
+        What is loaded slowly on another curve than it moves on is at rest on the first one (see `loading`).
+
+        Args:
+            rest_m: extension at rest, m.
+            z: extension from there, m.
+            v: its rate, m/s, of the same shape.
+        """
+        shape, by_z, by_v, first, second = self.evaluate(z + rest_m, v)
+        if rest_m == 0.0:
+            return shape, by_z, by_v, first, second
+        # a kind may divide zero by zero at rest before it puts the right value in place
+        with np.errstate(all="ignore"):
+            at_rest = self.evaluate(np.array(rest_m), np.array(0.0))
+        factor, _, by_first, by_second = self.loading(rest_m)
+        shape, first, second = shape - at_rest[0], first - at_rest[3], second - at_rest[4]
+        return (
+            factor * shape,
+            factor * by_z,
+            factor * by_v,
+            factor * (first + by_first * shape),
+            factor * (second + by_second * shape),
+        )
+
+    def static_force(self, z: FloatArray) -> tuple[Any, Any, Any, Any]:
+        """Return the force for unit amplitude of the term standing still, by z and by the first two inner values.
+
+        Args:
+            z: extension to which it was brought slowly, m.
+        """
+        slowly = (*self.kind.quasi_static, None, None)[:2]
+        inner = [
+            value if fixed is None else fixed for value, fixed in zip((*self.inner, 1.0, 1.0), slowly, strict=False)
+        ]
+        shape, by_z, _, *by_inner = self.kind.function(z, np.zeros_like(z), *inner)
+        first, second = (by if fixed is None else 0.0 for by, fixed in zip(by_inner, slowly, strict=True))
+        return shape, by_z, first, second
+
+    def loading(self, rest_m: float) -> tuple[float, float, float, float]:
+        """Return the factor on the amplitude where the term was brought slowly to rest, and what it depends on.
+
+        A gas that carries the force 1 - s there, as its slow curve s(z) says, moves as if it carried the factor at its
+        origin: with its quick curve q(z) that is (1 - s)/(1 - q).
+
+        Args:
+            rest_m: extension at rest, m.
+
+        Returns:
+            The factor, and the derivatives of its logarithm by the place and by the first two inner values.
+        """
+        if not self.kind.quasi_static:
+            return 1.0, 0.0, 0.0, 0.0
+        place = np.array(rest_m)
+        slow, slow_by, *slow_by_inner = self.static_force(place)
+        quick, quick_by, _, *quick_by_inner = self.evaluate(place, np.array(0.0))
+        left, moving = 1.0 - float(slow), 1.0 - float(quick)
+        by = [
+            float(q) / moving - float(s) / left
+            for s, q in zip((slow_by, *slow_by_inner), (quick_by, *quick_by_inner), strict=True)
+        ]
+        return left / moving, by[0], by[1], by[2]
+
+
+@dataclass(frozen=True)
+class TermSet:
+    """Terms side by side, several of one kind among them: each stands for itself.
+
+    Args:
+        terms: each about its own origin.
+        rest_m: where on them the joint rests, m: the force is f(rest + z, v) - f(rest, 0).
+    """
+
+    terms: tuple[Term, ...] = ()
+    rest_m: float = 0.0
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether a term remembers."""
+        return any(term.kind.memory is not None for term in self.terms)
+
+    @property
+    def n_faint(self) -> int:
+        """How many of the last terms are too weak to move anything: their memory follows the motion."""
+        return 0
+
+    @property
+    def vector(self) -> FloatArray:
+        """All values in one array (n_parameters,), for a fit to move."""
+        return np.array([value for term in self.terms for value in term.values], dtype=np.float64)
+
+    def force(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return f(z, v), N, for the extension z (m) and its rate v (m/s), arrays that broadcast."""
+        z, v = _broadcast(z, v)
+        total = np.zeros(z.shape)
+        for term in self.terms:
+            total += term.amplitude * term.evaluate_about(self.rest_m, z, v)[0]
+        return total
+
+    def static_force(self, z: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what the law carries more standing still at an extension than where it rests, N.
+
+        Args:
+            z: extension from where it rests, to which it was brought slowly, m.
+
+        Returns:
+            The force, its derivative by z, (*z.shape,) each, and those by each entry of `vector`, (*z.shape,
+            n_parameters).
+        """
+        place, rest = np.asarray(z, dtype=np.float64) + self.rest_m, np.array(self.rest_m)
+        force, by_z, by_values = (
+            np.zeros(place.shape),
+            np.zeros(place.shape),
+            np.zeros((*place.shape, self.vector.size)),
+        )
+        column = 0
+        # a kind may divide zero by zero at rest before it puts the right value in place
+        with np.errstate(all="ignore"):
+            for term in self.terms:
+                shape, slope, *by_inner = term.static_force(place)
+                at_rest, _, *by_inner_at_rest = term.static_force(rest)
+                force += term.amplitude * (shape - at_rest)
+                by_z += term.amplitude * slope
+                by_values[..., column] = shape - at_rest
+                for k in range(min(2, len(term.inner))):
+                    by_values[..., column + 1 + k] = term.amplitude * (by_inner[k] - by_inner_at_rest[k])
+                column += len(term.values)
+        return force, by_z, by_values
+
+    def gradient(self, z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return df/dz, N/m, and df/dv, N s/m, the tangent stiffness and damping at (z, v)."""
+        z, v = _broadcast(z, v)
+        by_z, by_v = np.zeros(z.shape), np.zeros(z.shape)
+        for term in self.terms:
+            _, term_by_z, term_by_v, *_ = term.evaluate_about(self.rest_m, z, v)
+            by_z += term.amplitude * term_by_z
+            by_v += term.amplitude * term_by_v
+        return by_z, by_v
+
+    def parameter_gradient(self, z: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return the derivatives of the force by each entry of `vector`, shape (*z.shape, n_parameters).
+
+        The column of an amplitude is the term for unit amplitude: the basis function of a regression.
+        """
+        z, v = _broadcast(z, v)
+        gradient = np.zeros((*z.shape, self.vector.size))
+        column = 0
+        for term in self.terms:
+            shape, _, _, *by_inner = term.evaluate_about(self.rest_m, z, v)
+            gradient[..., column] = shape
+            for place, by_value in enumerate(by_inner[: len(term.inner)]):
+                gradient[..., column + 1 + place] = term.amplitude * by_value
+            column += len(term.values)
+        return gradient
+
+
+@dataclass(frozen=True)
+class WithCandidates(TermSet):
+    """A law with further terms behind it that are too weak to move anything.
+
+    Args:
+        terms: those of the law, then the others.
+        rest_m: where on them the joint rests, m.
+        n_faint: how many others.
+    """
+
+    n_faint: int = 0
+
+
+@dataclass(frozen=True)
+class Law(TermSet):
+    """A restoring force as a value: a sum of terms in canonical order; no term at all is the linear joint.
+
+    Terms of one kind with equal inner parameters are added up; laws add with `+`.
+
+    Args:
+        terms: the terms, each about its own origin.
+        rest_m: where on the law the joint rests, m: its force is f(rest + z, v) - f(rest, 0).
+
+    Raises:
+        InputError: two terms of one kind that differ in an inner parameter, or laws to add that rest elsewhere.
+
+    >>> friction = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
+    >>> hardening = law("cubic_stiffness", stiffness_n_per_m3=3e9)
+    >>> (hardening + friction).name
+    'arctan_velocity+cubic_stiffness'
+    >>> float(friction.force(0.0, 0.02))
+    200.0
+    >>> float(hardening.resting_at(0.01).gradient(0.0, 0.0)[0].round(3))
+    900000.0
+    """
+
+    def __post_init__(self) -> None:
+        order = list(LAWS)
+        ordered = sorted(self.terms, key=lambda term: order.index(term.name))
+        merged = tuple(_added_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
+        object.__setattr__(self, "terms", merged)
+
+    @property
+    def name(self) -> str:
+        """The names of the terms joined by `+`, or "linear"."""
+        return "+".join(term.name for term in self.terms) or "linear"
+
+    @property
+    def latex(self) -> str:
+        r"""The force f(z, \dot z) as a formula, "0" for the linear joint."""
+        return " + ".join(term.kind.latex for term in self.terms) or "0"
+
+    @property
+    def parameters(self) -> dict[str, dict[str, float]]:
+        """The values as they go to JSON, {kind: {parameter: value}}."""
+        return {
+            term.name: {p.name: value for p, value in zip(term.kind.parameters, term.values, strict=True)}
+            for term in self.terms
+        }
+
+    @property
+    def parameter_list(self) -> tuple[Parameter, ...]:
+        """What each entry of `vector` is, in order."""
+        return tuple(parameter for term in self.terms for parameter in term.kind.parameters)
+
+    def with_vector(self, vector: ArrayLike) -> Law:
+        """Return the law of the same terms with these values, the inverse of `vector`."""
+        values = np.asarray(vector, dtype=np.float64)
+        if values.shape != self.vector.shape:
+            raise InputError(f"{self.name} has {self.vector.size} parameter(s), got an array of shape {values.shape}")
+        rest: Iterator[float] = iter(values.tolist())
+        terms = tuple(Term(term.name, tuple(next(rest) for _ in term.values)) for term in self.terms)
+        return Law(terms, self.rest_m)
+
+    def resting_at(self, rest_m: float) -> Law:
+        """Return the law of a joint that rests elsewhere on it.
+
+        Args:
+            rest_m: the extension at which it rests, from the origin of the terms, m.
+
+        Raises:
+            InputError: no finite number.
+        """
+        if isinstance(rest_m, bool) or not isinstance(rest_m, Real) or not math.isfinite(rest_m):
+            raise InputError(f"a law is to rest at {rest_m!r}: give the extension in m, a finite number")
+        return Law(self.terms, float(rest_m))
+
+    def scaled(self, factor: float) -> Law:
+        """Return factor times this law: only the amplitudes change.
+
+        A fit to accelerations gives the force per unit mass; times the mass it is the force.
+        """
+        terms = tuple(replace(term, values=(factor * term.amplitude, *term.inner)) for term in self.terms)
+        return Law(terms, self.rest_m)
+
+    def __add__(self, other: Law) -> Law:
+        rests = {law.rest_m for law in (self, other) if law.terms}
+        if len(rests) > 1:
+            raise InputError(f"laws that rest at {self.rest_m:g} and {other.rest_m:g} m do not add: give one rest")
+        return Law((*self.terms, *other.terms), *rests)
+
+
+LINEAR = Law()
+"""The linear joint: no nonlinear force."""
+
+
+def law(name: str, **parameters: Any) -> Law:
+    """Return the law called `name`.
+
+    Args:
+        name: a kind in `LAWS`, "linear", or a sum "a+b".
+        parameters: for one kind its parameters; for a sum one dict of parameters for each kind.
+
+    Raises:
+        InputError: an unknown law or parameter, a missing one, or a value outside its range.
+
+    >>> law("cubic_stiffness", stiffness_n_per_m3=3e9).parameters
+    {'cubic_stiffness': {'stiffness_n_per_m3': 3000000000.0}}
+    """
+    single = "+" not in name and name != "linear"
+    return law_from_parameters(name, {name: parameters} if single else parameters)
+
+
+def law_from_parameters(name: str, parameters: Mapping[str, Mapping[str, float]]) -> Law:
+    """Return the law of a result file: the inverse of `Law.name` with `Law.parameters`.
+
+    Raises:
+        InputError: as `law`.
+
+    >>> law_from_parameters("linear", {}) == LINEAR
+    True
+    """
+    names = _kind_names(name)
+    for given in parameters:
+        if given not in names:
+            raise InputError(f"the law {name!r} has no term {given!r}: {nearest(given, names)}")
+    return Law(tuple(_term(kind, parameters.get(kind, {})) for kind in names))
+
+
+def default_law(name: str) -> Law:
+    """Return the law called `name` with values that suit a landing gear.
+
+    Raises:
+        InputError: an unknown law.
+
+    >>> default_law("arctan_velocity+cubic_stiffness").vector.tolist()
+    [400.0, 0.02, 3000000000.0]
+    """
+    return Law(tuple(Term(kind, tuple(p.default for p in LAWS[kind].parameters)) for kind in _kind_names(name)))
+
+
+def _no_such_law(name: str) -> str:
+    """Why a name is refused: with the kinds that a search tries, and those that it leaves to who asks for them."""
+    known = [*LAWS, "linear"]
+    if meant_by(name, known):
+        return f"there is no law {name!r}: {nearest(name, known)}"
+    searched = [repr(kind) for kind, each in LAWS.items() if each.searched and not each.bench_only]
+    others = [repr(kind) for kind in LAWS if repr(kind) not in searched]
+    return (
+        f"there is no law {name!r}: a search tries {', '.join(searched)}; fitted only where they are named are "
+        f"{', '.join(others)}; 'linear' is a spring and a damper without a law"
+    )
+
+
+def _kind_names(name: str) -> list[str]:
+    if not isinstance(name, str):
+        raise InputError(f"the law is {name!r}: give its name in quotes, sums joined by +")
+    names = [part.strip() for part in name.split("+")]
+    if names == ["linear"]:
+        return []
+    if "" in names:
+        raise InputError(f"the law {name!r} lacks a name: give one on each side of +, or 'linear' for no law")
+    for part in names:
+        if part == "linear":
+            raise InputError(f"the law {name!r} adds 'linear': the linear part is always there, leave it out")
+        if part not in LAWS:
+            raise InputError(_no_such_law(part))
+        if names.count(part) > 1:
+            raise InputError(f"the law {name!r} has {part!r} twice: name each kind once")
+    return names
+
+
+def _term(name: str, given: Mapping[str, float]) -> Term:
+    if not isinstance(given, Mapping):
+        raise InputError(f"the parameters of {name} are {given!r}: give a dict of name and value")
+    names = [parameter.name for parameter in LAWS[name].parameters]
+    for key in given:
+        if key not in names:
+            raise InputError(f"{name} has no parameter {key!r}: {nearest(key, names)}")
+    missing = [key for key in names if key not in given]
+    if missing:
+        raise InputError(f"{name} needs {', '.join(missing)}: give a value for each")
+    return Term(name, tuple(given[key] for key in names))
+
+
+def _added_up(name: str, terms: tuple[Term, ...]) -> Term:
+    if len({term.inner for term in terms}) > 1:
+        raise InputError(f"a sum has {name!r} twice with different inner parameters: one law has one term of a kind")
+    return Term(name, (math.fsum(term.amplitude for term in terms), *terms[0].inner))
+
+
+def _broadcast(z: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    z, v = np.broadcast_arrays(np.asarray(z, dtype=np.float64), np.asarray(v, dtype=np.float64))
+    return z, v

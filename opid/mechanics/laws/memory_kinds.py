@@ -1,0 +1,147 @@
+"""The kinds of law that remember: friction that bends before it slides, joints that yield, arms of rubber.
+
+Each has a state of its own beside the motion; `opid.mechanics.laws.kind.Kind` says what its functions return.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter, RateAndDerivatives
+
+# fractions of the force of a joint between which each of its elements carries it: nearly of equal ratio, for many small
+# sliders give way first. Of the force of joints of forty sliders ten such elements leave 0.3 %, as do forty alike; six
+# alike leave 1.3 to 1.8 %
+_EDGES = (0.0, *np.geomspace(0.02, 1.0, 10).tolist())
+ELEMENTS = tuple(0.5 * (low + high) for low, high in pairwise(_EDGES))
+WEIGHTS = tuple(high - low for low, high in pairwise(_EDGES))
+
+
+def _sliding(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
+    return np.sign(v), 0.0, 0.0, 0.0, 0.0
+
+
+def _relaxed(z: Any, v: Any, a: Any, _: Any) -> ForceAndDerivatives:
+    return a * v, 0.0, a, v, 0.0
+
+
+def _dahl(h: Any, v: Any, s: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivatives:
+    speed = np.abs(v)
+    rate = (v - speed * h) / s
+    return rate, -speed / s, (1.0 - np.sign(v) * h) / s, -rate / s, 0.0, 0.0
+
+
+def _bouc_wen(h: Any, v: Any, s: Any, n: Any, c: Any, _u: Any) -> RateAndDerivatives:
+    size = np.maximum(np.abs(h), TINY)
+    power = size**n
+    direction = 0.5 * np.sign(v) * np.sign(h) + c
+    by_v = (1.0 - power * direction) / s
+    by_h = -n * power / size * np.sign(h) * direction * v / s
+    return by_v * v, by_h, by_v, -by_v * v / s, -np.log(size) * power * direction * v / s, -power * v / s
+
+
+def _lugre(h: Any, v: Any, s: Any, b: Any, w: Any, _u: Any) -> RateAndDerivatives:
+    speed, ratio = np.abs(v), v / w
+    bell = np.exp(-ratio * ratio)
+    level = 1.0 + (b - 1.0) * bell
+    rate = (v - speed * h / level) / s
+    by_level = speed * h / (level * level * s)
+    of_bell = 2.0 * (b - 1.0) * bell * ratio / w
+    by_v = (1.0 - np.sign(v) * h / level) / s - by_level * of_bell
+    return rate, -speed / (level * s), by_v, -rate / s, by_level * bell, by_level * of_bell * ratio
+
+
+def _slipping(h: Any, v: Any, s: Any, p: Any, c: Any, u: Any) -> RateAndDerivatives:
+    fraction = np.minimum(u * (1.0 + c), 1.0)
+    by_v = 1.0 / (s * fraction**p)
+    rate = by_v * v
+    by_c = -p * rate / (1.0 + c) * np.sign(1.0 - fraction)
+    return rate, 0.0, by_v, -rate / s, -rate * np.log(fraction), by_c
+
+
+def _maxwell(h: Any, v: Any, t: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivatives:
+    return v - h / t, -1.0 / t, 1.0, h / (t * t), 0.0, 0.0
+
+
+MEMORY_KINDS = (
+    # dry friction that bends before it slides: A/s is its stiffness, s the travel after which it slides (Dahl 1968)
+    Kind(
+        "dahl_friction",
+        r"A h,\ \dot h = (\dot z - |\dot z| h) / s",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m", "m", "scale", 5e-4, over_rms=(0.003, 3.0)),
+        ),
+        _sliding,
+        is_friction=True,
+        memory=_dahl,
+        memory_start=0.5,
+    ),
+    # a joint or an isolator that yields (Bouc 1967, Wen 1976): stiffness K + A/s before, K after, sharper with n; with
+    # c = 1/2 it yields at the force A and the travel s, in general at both times (1/2 + c)^(-1/n)
+    Kind(
+        "bouc_wen",
+        r"A h,\ \dot h = \dot z (1 - |h|^n (c + \tfrac12 \operatorname{sgn} \dot z h)) / s",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m", "m", "scale", 2e-3, over_rms=(0.01, 3.0)),
+            Parameter("exponent", "1", "exponent", 2.0, within=(1.0, 10.0)),
+            Parameter("shape", "1", "shape", 0.5),
+        ),
+        _sliding,
+        is_friction=True,
+        memory=_bouc_wen,
+        memory_start=0.5,
+    ),
+    # friction of bristles that breaks away at b A and falls to A beyond the velocity w (Canudas de Wit et al. 1995)
+    Kind(
+        "lugre_friction",
+        r"A (h + \tau \dot h),\ \dot h = (\dot z - |\dot z| h / (1 + (b - 1) e^{-(\dot z / w)^2})) / s",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m", "m", "scale", 5e-4, over_rms=(0.003, 3.0)),
+            Parameter("breakaway_ratio", "1", "exponent", 1.4, within=(0.3, 5.0)),
+            Parameter("stribeck_m_per_s", "m/s", "scale", 0.05),
+            Parameter("bristle_lag_s", "s", "shape", 1e-3),
+        ),
+        _sliding,
+        is_friction=True,
+        memory=_lugre,
+        memory_start=0.5,
+    ),
+    # a joint of springs in series with sliders, which slip one after the other until all have at the travel s (Iwan
+    # 1966): what carries the fraction u of the force slips at s ((1 + c) u)^p, or at s; p = 1/2 where the stiffness of
+    # the elements is spread evenly over their travels (Segalman's chi is 1/p - 2), c > 0 where many slip last, at once
+    Kind(
+        "iwan_friction",
+        r"A \overline{h_u},\ \dot h_u = \dot z / (s \min(1, u + c u)^p),\ |h_u| \le 1",
+        (
+            Parameter("amplitude_n", "N", "amplitude", 400.0),
+            Parameter("scale_m", "m", "scale", 2e-3, over_rms=(0.01, 5.0)),
+            Parameter("spread", "1", "exponent", 0.5, within=(0.05, 3.0)),
+            Parameter("jump", "1", "exponent", 0.5, within=(0.01, 10.0)),
+        ),
+        _sliding,
+        is_friction=True,
+        memory=_slipping,
+        elements=ELEMENTS,
+        weights=WEIGHTS,
+        limit=1.0,
+        memory_start=0.5,
+    ),
+    # a spring and a damper in series, an arm of rubber: stiffness k in quick motion, damping k T in slow motion
+    Kind(
+        "maxwell_arm",
+        r"k h,\ \dot h = \dot z - h / T",
+        (
+            Parameter("stiffness_n_per_m", "N/m", "amplitude", 5e4),
+            Parameter("relaxation_s", "s", "scale", 0.02, over_rms=(0.03, 10.0)),
+        ),
+        _relaxed,
+        memory=_maxwell,
+    ),
+)
+"""In the order in which a law names them, after those without memory."""

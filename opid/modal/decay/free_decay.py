@@ -1,0 +1,329 @@
+"""Free decays: frequency and damping over amplitude, and the law of the mode, from one signal and no force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law
+from opid.modal.decay.fit import DecayLaw, backbone, fit_decays
+from opid.modal.decay.stretch import Stretch, find_stretch
+from opid.modal.decay.track import Track, track_decay
+from opid.modal.linear.coordinates import ModalTest
+from opid.signals.recording import FloatArray
+
+Quantity = Literal["displacement", "velocity", "acceleration"]
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+"""In the order of their derivatives of the displacement."""
+UNITS = ("m", "m/s", "m/s^2")
+DRAWN_POINTS = 20000
+BEATING = 4.0
+"""Largest part of the wiggle of frequency and damping at one period, in standard deviations, that is still noise."""
+POOR_MISFIT = 3.0
+DOMINANT = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Decay:
+    """What one free decay shows of a mode.
+
+    Args:
+        name: of the record.
+        mode: number of the mode, from 1; None for a raw channel.
+        amplitude: (n,) displacement amplitude, largest first, in `amplitude_unit`.
+        frequency_hz: (n,) natural frequency at it, Hz.
+        frequency_std_hz: (n,) standard deviation, Hz.
+        damping_ratio: (n,) c / (2 omega) at it.
+        damping_std: (n,) standard deviation.
+        amplitude_unit: "m kg^1/2" in modal coordinates, "m" for a raw channel.
+        start_s: where the decay that was used begins, s from the first sample.
+        stop_s: and where it ends.
+        time_s: (m,) for drawing, s; thinned.
+        signal: (m,) the record as given, in `signal_unit`.
+        envelope: (m,) amplitude of the fundamental in the same unit; nan outside what was used.
+        signal_unit: "m/s^2 kg^1/2" in modal coordinates, else "m", "m/s" or "m/s^2".
+        law: restoring force of the powers 2 and up, per unit mass (modal force in modal coordinates); None if no law
+            was found.
+        stiffness: k_n by its power n, 1 is k0, per unit mass.
+        damping: c_n by its power n, 1 is c0.
+        frequency_low_hz: natural frequency in the limit of zero amplitude, Hz.
+        damping_low: damping ratio in that limit.
+        residual_share: rms of what neither the mode nor what was fitted beside it explains, over that of the record.
+        law_misfit: rms of what the law leaves of amplitude and phase, over its standard deviation; nan without a law.
+        track: amplitude and phase as they were measured, for a law of several decays (`law_of_decays`).
+        derivative: 2 where the signal is an acceleration, 1 a velocity, 0 a displacement.
+        warnings: what to doubt.
+    """
+
+    name: str
+    mode: int | None
+    amplitude: FloatArray
+    frequency_hz: FloatArray
+    frequency_std_hz: FloatArray
+    damping_ratio: FloatArray
+    damping_std: FloatArray
+    amplitude_unit: str
+    start_s: float
+    stop_s: float
+    time_s: FloatArray
+    signal: FloatArray
+    envelope: FloatArray
+    signal_unit: str
+    law: Law | None
+    stiffness: Mapping[int, Estimate]
+    damping: Mapping[int, Estimate]
+    frequency_low_hz: Estimate
+    damping_low: Estimate
+    residual_share: float
+    law_misfit: float
+    track: Track
+    derivative: int
+    warnings: tuple[str, ...]
+
+
+def decay_of(
+    test: ModalTest,
+    mode: int,
+    *,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Decay:
+    """Return what the free decay of a test shows of one of its modes, in modal coordinates.
+
+    Args:
+        test: the test; a force in it is not looked at, and must have ended.
+        mode: number of the mode, from 1; its linear frequency says where to look.
+        stiffness_order: as in `free_decay`.
+        damping_order: likewise.
+        start_s: likewise.
+        stop_s: likewise.
+
+    Raises:
+        InputError: no such mode, a rigid-body mode, or as `free_decay`.
+        NotDeterminedError: as `free_decay`.
+    """
+    place = test.modes.place(mode)
+    frequency = float(test.modes.frequency_hz[place])
+    if not frequency > 0.0:
+        raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it does not ring; name an elastic mode")
+    return free_decay(
+        test.acceleration[:, place],
+        fs=test.fs,
+        near_hz=frequency,
+        stiffness_order=stiffness_order,
+        damping_order=damping_order,
+        start_s=start_s,
+        stop_s=stop_s,
+        name=test.name,
+        mode=mode,
+    )
+
+
+def free_decay(
+    samples: ArrayLike,
+    *,
+    fs: float,
+    quantity: Quantity = "acceleration",
+    near_hz: float | None = None,
+    band_hz: tuple[float, float] | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    name: str = "decay",
+    mode: int | None = None,
+) -> Decay:
+    """Return frequency and damping over amplitude of a free decay, and the law of the mode, from one signal.
+
+    The largest impact of the record is looked for and left out; what follows is followed until it meets the noise or
+    the next impact. Amplitudes are of displacement, whatever was measured.
+
+    Args:
+        samples: (n,) signal, in SI units.
+        fs: sampling rate, Hz.
+        quantity: "acceleration", "velocity" or "displacement".
+        near_hz: frequency of the mode, within a tenth, Hz; the mode that decays from the highest peak where None.
+        band_hz: where to look for it, Hz, instead of `near_hz`.
+        start_s: start of the free decay, s from the first sample; found where None.
+        stop_s: its end, likewise.
+        stiffness_order: N_s of k_n q|q|^(n-1), n = 2 .. N_s, 1 for a linear spring; by a criterion where None.
+        damping_order: N_d likewise.
+        name: of the record.
+        mode: number of the mode, if the signal is a modal coordinate.
+
+    Raises:
+        InputError: samples that are no series of finite numbers, an unknown quantity, a band or times out of range.
+        NotDeterminedError: no decay that stands out of the noise, or one of fewer than ten cycles.
+
+    >>> t = np.arange(4096) / 1024.0
+    >>> decay = free_decay(np.exp(-1.5 * t) * np.cos(2 * np.pi * 40.0 * t), fs=1024.0)
+    >>> round(decay.frequency_low_hz.value, 2), round(decay.damping_low.value, 4)
+    (40.0, 0.006)
+    """
+    series = _series(samples, fs, quantity)
+    derivative = QUANTITIES.index(quantity)
+    stretch = find_stretch(series, fs=fs, near_hz=near_hz, band_hz=band_hz, start_s=start_s, stop_s=stop_s)
+    track, late = _tracked(series, stretch, fs, start_s is None)
+    amplitude, natural, natural_std, damping, damping_std = backbone(track, derivative)
+    warnings = [*stretch.warnings, *late, *_doubts(track, amplitude)]
+    law: DecayLaw | None = None
+    try:
+        law = fit_decays([track], derivative=derivative, stiffness_order=stiffness_order, damping_order=damping_order)
+        warnings += law.warnings
+        if law.misfit > POOR_MISFIT:
+            warnings.append(
+                f"the law leaves {law.misfit:.2g} times what the noise would: it is a smooth stand-in for another kind "
+                "of joint, to be used within these amplitudes"
+            )
+    except NotDeterminedError as why:
+        warnings.append(f"no law: {why}")
+    order = np.argsort(-amplitude)
+    time_s, signal, envelope = _drawing(series, track, fs)
+    return Decay(
+        name=name,
+        mode=mode,
+        amplitude=amplitude[order],
+        frequency_hz=natural[order] / (2.0 * np.pi),
+        frequency_std_hz=natural_std[order] / (2.0 * np.pi),
+        damping_ratio=(damping / (2.0 * natural))[order],
+        damping_std=(damping_std / (2.0 * natural))[order],
+        amplitude_unit="m" if mode is None else "m kg^1/2",
+        start_s=track.start_s,
+        stop_s=track.stop_s,
+        time_s=time_s,
+        signal=signal,
+        envelope=envelope,
+        signal_unit=UNITS[derivative] + ("" if mode is None else " kg^1/2"),
+        law=None if law is None else law.law,
+        stiffness={} if law is None else law.stiffness,
+        damping={} if law is None else law.damping,
+        frequency_low_hz=Estimate() if law is None else law.frequency_low_hz,
+        damping_low=Estimate() if law is None else law.damping_low,
+        residual_share=track.residual_share,
+        law_misfit=np.nan if law is None else law.misfit,
+        track=track,
+        derivative=derivative,
+        warnings=tuple(warnings),
+    )
+
+
+def law_of_decays(
+    decays: list[Decay] | tuple[Decay, ...], *, stiffness_order: int | None = None, damping_order: int | None = None
+) -> DecayLaw:
+    """Return one law for several free decays of the same mode, measured in the same place.
+
+    Args:
+        decays: one or several.
+        stiffness_order: as in `free_decay`.
+        damping_order: likewise.
+
+    Raises:
+        InputError: no decay, or decays of different modes or quantities.
+        NotDeterminedError: as `opid.modal.decay.fit.fit_decays`.
+    """
+    if not decays:
+        raise InputError("there is no free decay to fit a law to: give at least one")
+    if len({(decay.mode, decay.derivative) for decay in decays}) > 1:
+        raise InputError("the decays are of different modes or quantities: give those of one mode, measured alike")
+    return fit_decays(
+        [decay.track for decay in decays],
+        derivative=decays[0].derivative,
+        stiffness_order=stiffness_order,
+        damping_order=damping_order,
+    )
+
+
+def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
+    try:
+        series = np.asarray(samples, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("the samples are no numbers: give one series of them") from None
+    if series.ndim != 1 or series.size < 16:
+        raise InputError(f"the samples have shape {series.shape}: give one series of 16 or more")
+    if not np.isfinite(series).all():
+        raise InputError(
+            f"{int((~np.isfinite(series)).sum())} samples are not finite: give a stretch without gaps, or fill them"
+        )
+    if not (np.isfinite(fs) and fs > 0.0):
+        raise InputError(f"fs is {fs} Hz: give the sampling rate, a positive number")
+    if quantity not in QUANTITIES:
+        raise InputError(f"there is no quantity {quantity!r}: {nearest(quantity, QUANTITIES)}")
+    if np.ptp(series) == 0.0:
+        raise NotDeterminedError("the signal is constant: nothing decays in it")
+    return series
+
+
+def _tracked(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
+    """The track of a decay; where its start holds too much beside the mode, from a quarter of it on."""
+    try:
+        return track_decay(series, stretch, fs=fs), []
+    except NotDeterminedError:
+        start = stretch.start + (stretch.sure_stop - stretch.start) // 4
+        if not may_wait:
+            raise
+        try:
+            track = track_decay(series, replace(stretch, start=start), fs=fs)
+        except NotDeterminedError:
+            track = None
+        if track is None:
+            raise
+        return track, [f"before {start / fs:.4g} s too much rings beside the mode: it is left out"]
+
+
+def _doubts(track: Track, amplitude: FloatArray) -> list[str]:
+    doubts = []
+    own = float(np.median(track.omega)) / (2.0 * np.pi)
+    for frequency in track.unresolved_hz:
+        doubts.append(
+            f"another mode at {frequency:.4g} Hz is too close to that of {own:.4g} Hz to be told apart in this record: "
+            "frequency and damping swing with their beat; separate them with several sensors (a modal filter)"
+        )
+    if _beats(track):
+        doubts.append(
+            "frequency or amplitude swings as two modes that beat: what is over amplitude is not that of one mode; "
+            "separate them with several sensors (a modal filter)"
+        )
+    if track.residual_share > DOMINANT:
+        doubts.append(
+            f"{100 * track.residual_share:.0f} % of the record is neither this mode nor what was found beside it: its "
+            "amplitude is small beside noise and other modes"
+        )
+    log_std = np.sqrt(np.diag(track.covariance)[: amplitude.size])
+    if (np.diff(np.log(amplitude)) > 0.1 + 5.0 * np.maximum(log_std[1:], log_std[:-1])).any():
+        doubts.append("the amplitude does not fall throughout: something feeds the mode, or two modes beat")
+    return doubts
+
+
+def _beats(track: Track) -> bool:
+    """Whether what a smooth curve leaves of the rate swings more than noise, several times with a like period."""
+    if track.time_s.size < 12:
+        return False
+    rests = []
+    for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std)):
+        floor = 1e-6 * np.abs(np.median(track.omega))
+        weight = 1.0 / np.maximum(std, floor)
+        root = np.sqrt(track.amplitude / track.amplitude.max())
+        smooth = np.polyval(np.polyfit(root, values, 3, w=weight), root)
+        rests.append((values - smooth) * weight)
+    swings = [rest for rest in rests if np.sqrt(np.mean(rest**2)) > BEATING]
+    # noise at low amplitude counts for nothing here, a beat shows from the start on
+    trust = 1.0 / np.maximum(track.rate_std, 1e-2 * float(np.median(np.abs(track.rate)))) ** 2
+    mean = float(np.average(track.rate, weights=trust))
+    wild = float(np.average((track.rate - mean) ** 2, weights=trust)) > (1.5 * mean) ** 2
+    return wild and bool(swings)
+
+
+def _drawing(series: FloatArray, track: Track, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    step = max(1, -(-series.size // DRAWN_POINTS))
+    time = np.arange(0, series.size, step) / fs
+    log_amplitude = np.interp(time, track.time_s, np.log(track.amplitude))
+    inside = (time >= track.start_s) & (time <= track.stop_s)
+    return time, series[::step].copy(), np.where(inside, np.exp(log_amplitude), np.nan)

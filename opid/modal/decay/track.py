@@ -1,0 +1,367 @@
+"""Amplitude and phase of a free decay over time, by local least squares instead of a filter.
+
+In each window the record is a sinusoid whose phase and log-amplitude follow a smooth reference up to a complex line
+(1 + alpha) + beta t, beside an offset, a trend, the harmonics 2 and 3 and the strongest neighbouring peaks. No window
+looks across the start, and nothing has to settle. The reference is that of the round before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import NotDeterminedError
+from opid.modal.decay.stretch import Stretch, spectrum_peaks
+from opid.modal.decay.window import Reference, Window, fit_window, value_std
+from opid.signals.recording import FloatArray
+
+ROUNDS_ALONE, ROUNDS = 3, 2
+"""Before and after the neighbours are looked for; the reference no longer changes then."""
+FEWEST_WINDOW_CYCLES = 6.0
+FEWEST_WINDOWS = 4
+WINDOW_DECAY = 0.6
+"""Decay of the log-amplitude in a window, where nothing else sets its length."""
+RESOLVED = 2.5
+"""Window length times distance to a neighbour at which a Hann window tells the two apart."""
+SMALLEST_SIGNAL = 5.0
+"""Amplitude over its standard deviation at which the decay has met the noise."""
+LONGEST_DECAY = 3.0
+"""Most decay of the log-amplitude within a window that has to tell neighbours apart."""
+MOST_NEIGHBOURS = 6
+HIGHEST_NEIGHBOUR = 10.0
+"""Times the frequency of the mode: what is beyond, the taper of the windows keeps out."""
+SMALLEST_NEIGHBOUR, UNRESOLVED = 0.005, 0.1
+"""Shares of the mode's peak from which a neighbour is fitted, and from which one that cannot be is told."""
+MOST_WINDOWS = 160
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The fundamental of a free decay, B(t) cos phi(t), at the centres of n windows.
+
+    Args:
+        time_s: (n,) s from the first sample of the record.
+        amplitude: (n,) B, unit of the record.
+        phase: (n,) phi, rad.
+        omega: (n,) phi', rad/s.
+        rate: (n,) -B'/B, 1/s.
+        chirp: (n,) phi'' of the smooth reference, rad/s^2.
+        omega_std: (n,) standard deviation, rad/s.
+        rate_std: (n,) likewise, 1/s.
+        covariance: (2n, 2n) of log B, then of phi; of neighbouring windows, which overlap, too.
+        neighbours_hz: frequencies that were fitted beside the mode, Hz.
+        unresolved_hz: those too close to be told apart from it, Hz.
+        residual_share: rms of what none of this explains over that of the record, in the stretch used.
+        start_s: first sample of the first window, s from the first of the record.
+        stop_s: last sample of the last.
+    """
+
+    time_s: FloatArray
+    amplitude: FloatArray
+    phase: FloatArray
+    omega: FloatArray
+    rate: FloatArray
+    chirp: FloatArray
+    omega_std: FloatArray
+    rate_std: FloatArray
+    covariance: FloatArray
+    neighbours_hz: tuple[float, ...]
+    unresolved_hz: tuple[float, ...]
+    residual_share: float
+    start_s: float
+    stop_s: float
+
+
+def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
+    """Follow the fundamental of a free decay from its start until it meets the noise.
+
+    Args:
+        samples: (n,) the record.
+        stretch: where the decay is, see `find_stretch`.
+        fs: sampling rate, Hz.
+
+    Raises:
+        NotDeterminedError: a signal that does not decay, or that stands out of the noise in too few windows.
+    """
+    part = samples[stretch.start : stretch.stop]
+    part = part - np.median(part[-max(8, part.size // 4) :])
+    try:
+        windows, reference, neighbours, close = _followed(part, stretch, np.empty(0), fs)
+    except NotDeterminedError:
+        # a strong neighbour spoils the start: those that the spectrum shows are fitted from the first round on
+        strong = _strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
+        if not strong.size:
+            raise
+        try:
+            windows, reference, neighbours, close = _followed(part, stretch, strong, fs)
+        except NotDeterminedError:
+            raise NotDeterminedError(
+                f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be told "
+                "apart: separate them with several sensors (a modal filter)"
+            ) from None
+    return _track(part, windows, reference, neighbours, close, stretch, fs)
+
+
+def _followed(
+    part: FloatArray, stretch: Stretch, neighbours: FloatArray, fs: float
+) -> tuple[list[Window], Reference, FloatArray, FloatArray]:
+    """The windows and the reference at the end, the neighbours fitted and those too close."""
+    n_sure = stretch.sure_stop - stretch.start
+    omega = 2.0 * np.pi * stretch.frequency_hz
+    rate = max(stretch.rate, 1e-4 * omega)
+    time = np.arange(part.size) / fs
+    amplitude = np.sqrt(2.0) * float(part[: max(8, round(fs * 2 * np.pi / omega))].std()) + 1e-300
+    reference = Reference(
+        np.log(amplitude) - rate * time, omega * time, np.full(time.size, omega), np.full(time.size, rate)
+    )
+    for _ in range(ROUNDS_ALONE - 1):
+        windows = _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+        reference = _renewed(windows, reference, fs)
+    windows = _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+    close: list[float] = []
+    for _ in range(MOST_NEIGHBOURS):
+        found, resolved = _next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
+        if found is None:
+            break
+        if resolved:
+            neighbours = np.append(neighbours, found)
+            reference = _renewed(
+                _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False), reference, fs
+            )
+            windows = _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+        else:
+            close.append(found)
+    reference = _renewed(windows, reference, fs)
+    for _ in range(ROUNDS):
+        windows = _windows(part, reference, neighbours, fs=fs, until_noise=True)
+        reference = _renewed(windows, reference, fs)
+    return _windows(part, reference, neighbours, fs=fs, until_noise=True), reference, neighbours, np.array(close)
+
+
+def _strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatArray:
+    own = stretch.frequency_hz
+    frequency, height, _ = spectrum_peaks(part, fs=fs, low_hz=0.75 * own, high_hz=min(1.33 * own, 0.48 * fs))
+    if not height.size:
+        return frequency
+    return frequency[(np.abs(frequency - own) > 2.0 * fs / part.size) & (height > 0.1 * height[0])][:2]
+
+
+def _windows(
+    part: FloatArray, reference: Reference, neighbours: FloatArray, *, fs: float, until_noise: bool
+) -> list[Window]:
+    """Windows from the start on, each half as far from the next as it is long, until the decay meets the noise."""
+    windows: list[Window] = []
+    shortest_hop = max(1, part.size // MOST_WINDOWS)
+    first, weak, whole = 0, 0, float(np.ptp(part))
+    while first < part.size:
+        length = _length(part.size, reference, first, neighbours, fs)
+        if first + length > part.size or np.ptp(part[first : first + length]) <= 1e-9 * whole:
+            break
+        if first == 0:
+            # the decay is fastest known at its start: half a window there, highest at its first sample
+            short = max(
+                length // 2, min(length, round(FEWEST_WINDOW_CYCLES / 1.5 * fs * 2 * np.pi / reference.omega[0]))
+            )
+            falling = 0.5 * (1.0 + np.cos(np.pi * (np.arange(short) + 0.5) / short))
+            windows.append(fit_window(part, 0, falling, reference, neighbours, fs))
+        hann = np.hanning(length + 2)[1:-1]
+        windows.append(fit_window(part, first, hann, reference, neighbours, fs))
+        last = windows[-1]
+        signal = abs(last.value) * np.exp(reference.log_amplitude[min(part.size - 1, round(last.centre * fs))])
+        spread = value_std(last) * signal / max(abs(last.value), 1e-300)
+        weak = weak + 1 if signal < SMALLEST_SIGNAL * spread else 0
+        if weak >= 2 and until_noise:
+            del windows[-2:]
+            break
+        first += max(length // 2, shortest_hop)
+    if len(windows) < 3:
+        raise NotDeterminedError(
+            "no decaying oscillation of one mode stands out of the noise: give near_hz, start_s and stop_s if there is "
+            "one; where two modes beat, separate them with several sensors"
+        )
+    return windows
+
+
+def _length(n: int, reference: Reference, first: int, neighbours: FloatArray, fs: float) -> int:
+    cycle = 2.0 * np.pi / reference.omega[first]
+    wanted = WINDOW_DECAY / max(reference.rate[first], 1e-9)
+    fewest = FEWEST_WINDOW_CYCLES * cycle
+    if neighbours.size:
+        distance = float(np.min(np.abs(neighbours - reference.omega[first] / (2 * np.pi))))
+        fewest = max(fewest, RESOLVED / max(distance, 1e-9))
+    most = n / fs / 5.0
+    return int(max(min(max(wanted, fewest), most), min(fewest, n / fs / 2.5), FEWEST_WINDOW_CYCLES / 1.5 * cycle) * fs)
+
+
+def _renewed(windows: list[Window], reference: Reference, fs: float) -> Reference:
+    """A smooth reference: frequency and rate as polynomials in the root of the amplitude, through all windows."""
+    time = np.arange(reference.phase.size) / fs
+    centres = np.array([window.centre for window in windows])
+    level = np.interp(centres, time, reference.log_amplitude) + np.log(
+        np.maximum(np.abs([w.value for w in windows]), 1e-300)
+    )
+    omega = np.interp(centres, time, reference.omega) + np.imag([w.slope for w in windows])
+    rate = np.interp(centres, time, reference.rate) - np.real([w.slope for w in windows])
+    # one level of noise for all: where it seems larger at the start, it is the reference that is wrong there
+    noise = max(float(np.median([w.noise for w in windows])), 1e-300)
+    if not np.median(rate) > 0.0:
+        raise NotDeterminedError(
+            "the signal does not decay in the stretch given: give start_s and stop_s of a free decay"
+        )
+    root = np.exp(0.5 * (level - level.max()))
+    degree = min(4, max(0, len(windows) // 5))
+    by_omega = _smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)
+    by_rate = _smooth(root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree)
+    # the amplitude follows its own rate, sample by sample, and passes where the windows say on the whole
+    order = np.argsort(centres)
+    log_of = np.interp(time, centres[order], np.minimum.accumulate(level[order]))
+    ahead = max(float(np.median(rate)), 1e-6)
+    at_start = float(np.clip(rate[order[0]], ahead, 3.0 * ahead))
+    log_of = log_of + np.maximum(centres.min() - time, 0.0) * at_start - np.maximum(time - centres.max(), 0.0) * ahead
+    inside = np.clip(np.exp(0.5 * (log_of - level.max())), root.min(), 1.3)
+    new_rate = np.maximum(np.polyval(by_rate, inside), 0.2 * ahead)
+    new_omega = np.clip(np.polyval(by_omega, inside), 0.8 * np.median(omega), 1.25 * np.median(omega))
+    log_amplitude = -np.concatenate([[0.0], np.cumsum(0.5 * (new_rate[1:] + new_rate[:-1]))]) / fs
+    weight = 1.0 / np.maximum(np.array([value_std(w) for w in windows]), 1e-9) ** 2
+    log_amplitude += np.sum(weight * (level - np.interp(centres, time, log_amplitude))) / weight.sum()
+    # far below and far above what was seen there is nothing to follow, and nothing may overflow
+    log_amplitude = np.clip(log_amplitude, level.max() - 40.0, level.max() + 10.0)
+    phase = np.concatenate([[0.0], np.cumsum(0.5 * (new_omega[1:] + new_omega[:-1]))]) / fs
+    return Reference(log_amplitude, phase, new_omega, new_rate)
+
+
+def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
+    """A polynomial of the lowest degree that does (Bayesian criterion), without the points that stand far out."""
+    std = np.maximum(std, 1e-9 * np.median(np.abs(y)) + 1e-300)
+    keep = np.ones(x.size, dtype=bool)
+    best: tuple[float, FloatArray] = (np.inf, np.array([np.median(y)]))
+    for _ in range(2):
+        best = (np.inf, best[1])
+        for power in range(degree + 1):
+            fit = np.polyfit(x[keep], y[keep], power, w=1.0 / std[keep])
+            misfit = float(np.sum(((y[keep] - np.polyval(fit, x[keep])) / std[keep]) ** 2))
+            n = int(keep.sum())
+            score = n * np.log(max(misfit / n, 0.1)) + power * np.log(n)
+            if score < best[0]:
+                best = (score, fit)
+        rest = np.abs(y - np.polyval(best[1], x)) / std
+        keep = rest <= max(5.0 * float(np.median(rest)), 5.0)
+        if keep.sum() < degree + 3:
+            break
+    return best[1]
+
+
+def _next_neighbour(
+    part: FloatArray, reference: Reference, windows: list[Window], known: list[float], fs: float
+) -> tuple[float | None, bool]:
+    """The strongest of what rings or hums beside the mode and is not known yet, Hz; whether it can be told apart."""
+    time = np.arange(part.size) / fs
+    size = part.size
+    main = np.exp(reference.log_amplitude[:size] + 1j * reference.phase[:size])
+    centres = np.array([w.centre for w in windows])
+    values = np.array([w.value for w in windows])
+    order = np.argsort(centres)
+    logs = np.log(np.maximum(np.abs(values[order]), 1e-6)) + 1j * np.unwrap(np.angle(values[order]))
+    trust = np.exp(reference.log_amplitude[np.minimum(size - 1, np.round(centres[order] * fs).astype(np.int64))])
+    # a slow curve: what follows the windows one by one would take a beat for the mode's own
+    degree = min(3, len(windows) // 4)
+    shift = [np.polyval(np.polyfit(centres[order], each, degree, w=trust), time) for each in (logs.real, logs.imag)]
+    shift[0] = np.clip(shift[0], logs.real.min(), logs.real.max())
+    rest = part - (main * np.exp(shift[0] + 1j * shift[1])).real
+    own = float(np.median(reference.omega)) / (2.0 * np.pi)
+    frequency, height, floor = spectrum_peaks(
+        rest, fs=fs, low_hz=0.3 * own, high_hz=min(HIGHEST_NEIGHBOUR * own, 0.48 * fs)
+    )
+    largest = float(spectrum_peaks(part, fs=fs, low_hz=0.9 * own, high_hz=1.1 * own)[1].max(initial=0.0))
+    swept = reference.omega[:size] / (2.0 * np.pi)
+    width = 3.0 * max(1.0 / (size / fs), float(np.median(reference.rate)) / (2.0 * np.pi), 0.004 * own)
+    apart = (frequency < swept.min() - width) | (frequency > swept.max() + width)
+    apart &= np.min(np.abs(frequency[:, None] / own - np.array([2.0, 3.0])), axis=1, initial=np.inf) > 0.06
+    for each in known:
+        apart &= np.abs(frequency - each) > width
+    apart &= height > max(SMALLEST_NEIGHBOUR * largest, 6.0 * floor)
+    # a window that is longer than the decay itself tells nothing apart
+    longest = min(size / fs / 2.5, LONGEST_DECAY / max(float(np.median(reference.rate)), 1e-9))
+    resolved = np.abs(frequency - own) * longest > RESOLVED
+    # what is close and weak may be what the reference misses of the mode itself
+    places = np.flatnonzero(apart & (resolved | (height > UNRESOLVED * largest)))
+    if not places.size:
+        return None, False
+    return float(frequency[places[0]]), bool(resolved[places[0]])
+
+
+def _track(
+    part: FloatArray,
+    windows: list[Window],
+    reference: Reference,
+    neighbours: FloatArray,
+    close: FloatArray,
+    stretch: Stretch,
+    fs: float,
+) -> Track:
+    windows = sorted(windows, key=lambda window: window.centre)
+    if len(windows) < FEWEST_WINDOWS:
+        raise NotDeterminedError(
+            f"the decay stands out of the noise in {len(windows)} windows of {FEWEST_WINDOW_CYCLES:g} cycles or more: "
+            f"at least {FEWEST_WINDOWS} are needed; record with less noise or a stronger impact"
+        )
+    time = np.arange(part.size) / fs
+    centres = np.array([window.centre for window in windows])
+    values = np.array([window.value for window in windows])
+    slopes = np.array([window.slope for window in windows])
+    noise = _pooled(np.array([window.noise for window in windows]))
+    spreads = np.array([window.slope_std for window in windows])
+    rate = np.interp(centres, time, reference.rate) - slopes.real
+    return Track(
+        time_s=stretch.start / fs + centres,
+        amplitude=np.exp(np.interp(centres, time, reference.log_amplitude)) * np.abs(values),
+        phase=np.interp(centres, time, reference.phase) + np.unwrap(np.angle(values)),
+        omega=np.interp(centres, time, reference.omega) + slopes.imag,
+        rate=rate,
+        chirp=np.interp(centres, time, np.gradient(reference.omega, 1.0 / fs)),
+        omega_std=noise * spreads.imag,
+        rate_std=noise * spreads.real,
+        covariance=_covariance(windows, noise),
+        neighbours_hz=tuple(neighbours.tolist()),
+        unresolved_hz=tuple(close.tolist()),
+        residual_share=_residual_share(part, windows),
+        start_s=stretch.start / fs,
+        stop_s=(stretch.start + max(window.first + window.weight.size for window in windows) - 1) / fs,
+    )
+
+
+def _pooled(noise: FloatArray) -> FloatArray:
+    """The noise is steady from window to window, its estimate from eight numbers is not: a running rms of seven."""
+    return np.array([np.sqrt(np.mean(noise[max(0, k - 3) : k + 4] ** 2)) for k in range(noise.size)])
+
+
+def _covariance(windows: list[Window], noise: FloatArray) -> FloatArray:
+    n = len(windows)
+    covariance = np.zeros((2 * n, 2 * n))
+    for i, one in enumerate(windows):
+        for j in range(i, n):
+            other = windows[j]
+            low = max(one.first, other.first)
+            high = min(one.first + one.by_value.size, other.first + other.by_value.size)
+            if low >= high:
+                continue
+            a = one.by_value[low - one.first : high - one.first]
+            b = other.by_value[low - other.first : high - other.first]
+            block = (
+                noise[i] * noise[j] * np.array([[a.real @ b.real, a.real @ b.imag], [a.imag @ b.real, a.imag @ b.imag]])
+            )
+            for r, row in enumerate((i, n + i)):
+                for c, column in enumerate((j, n + j)):
+                    covariance[row, column] = covariance[column, row] = block[r, c]
+    return covariance
+
+
+def _residual_share(part: FloatArray, windows: list[Window]) -> float:
+    """Root of the rest over the record, both weighted as the windows are."""
+    left = whole = 0.0
+    for window in windows:
+        y = part[window.first : window.first + window.weight.size]
+        left += float(window.weight @ (y - window.fitted) ** 2)
+        whole += float(window.weight @ y**2)
+    return float(np.sqrt(left / whole)) if whole > 0.0 else 0.0

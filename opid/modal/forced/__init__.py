@@ -1,0 +1,1 @@
+"""A nonlinear mode from forced tests: the excitation, the equation of motion, and the powers in its restoring force."""

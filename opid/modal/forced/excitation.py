@@ -1,0 +1,392 @@
+"""Voltages that drive a shaker: sine beats, designed by both rules of the paper (Pacini section 3.1), shaped sweeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError
+from opid.modal.forced.beat_window import first_minimum_hz, main_lobe_width_hz, require_positive, window_samples
+from opid.modal.linear.frequency_response import FrequencyResponse, resynthesised
+from opid.modal.linear.modes import LinearModes
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import Window
+
+SweepKind = Literal["linear", "logarithmic"]
+
+FEWEST_PERIODS = 3.0
+"""Of the sine in a beat: with fewer its spectrum has no peak at the centre frequency to speak of."""
+
+HIGHEST_SHARE = 1 / 2.56
+"""Of the sampling rate: what a data acquisition with the usual filters still records whole."""
+
+
+@dataclass(frozen=True)
+class SineBeat:
+    """A sine under a window, v = a(t) sin(omega_c t) (Pacini eq. 7), between two quiet times.
+
+    Args:
+        centre_hz: frequency of the sine, Hz.
+        duration_s: length of the window, s.
+        window: any name or tuple that scipy.signal.get_window takes, except those whose width counts samples.
+        amplitude: peak of the window, V (or whatever the shaker takes).
+        lead_s: quiet time before it, s.
+        tail_s: quiet time after it, s, in which the structure decays, see `quiet_s`.
+
+    Raises:
+        InputError: a frequency or duration that is not positive, fewer than three periods, a negative quiet time, or a
+            window that is not known.
+    """
+
+    centre_hz: float
+    duration_s: float
+    window: Window = "blackmanharris"
+    amplitude: float = 1.0
+    lead_s: float = 0.0
+    tail_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("centre_hz", "duration_s"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} is {value}: give a positive number")
+        for name in ("lead_s", "tail_s"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} is {value}: give 0 or a positive number of seconds")
+        if not np.isfinite(self.amplitude):
+            raise InputError(f"amplitude is {self.amplitude}: give a finite number")
+        periods = self.centre_hz * self.duration_s
+        if periods < FEWEST_PERIODS * (1 - 1e-9):
+            raise InputError(
+                f"a beat of {self.duration_s:.3g} s holds {periods:.2g} periods of {self.centre_hz:.4g} Hz: give "
+                f"{FEWEST_PERIODS / self.centre_hz:.3g} s (three periods) or more"
+            )
+        window_samples(self.window, 8)
+
+
+@dataclass(frozen=True)
+class BeatDesign:
+    """A sine beat and the rule that made it.
+
+    Args:
+        beat: the beat.
+        below_hz: distance from the natural frequency down to the neighbour (rule 1) or the end of the band (rule 2),
+            Hz; None without a neighbour.
+        above_hz: likewise upwards.
+        first_minimum_hz: distance from the centre to the first minima of its spectrum, Hz.
+        main_lobe_hz: width of the main lobe that was designed, Hz.
+        reason: the rule and what decided, one sentence.
+    """
+
+    beat: SineBeat
+    below_hz: float | None
+    above_hz: float | None
+    first_minimum_hz: float
+    main_lobe_hz: float
+    reason: str
+
+
+def sine_beat_voltage(beat: SineBeat, fs: float) -> FloatArray:
+    """Return the samples of a sine beat, quiet times included, (n,) V.
+
+    Args:
+        beat: the beat.
+        fs: sampling rate, Hz.
+
+    Raises:
+        InputError: a rate too low for the beat.
+
+    >>> voltage = sine_beat_voltage(SineBeat(100.0, 0.5, tail_s=0.5), fs=1024.0)
+    >>> voltage.size, bool(np.abs(voltage).max() > 0.9)
+    (1024, True)
+    """
+    _require_rate(beat.centre_hz, fs, "the beat")
+    n_samples = max(2, round((beat.lead_s + beat.duration_s + beat.tail_s) * fs))
+    lead, length = round(beat.lead_s * fs), round(beat.duration_s * fs)
+    time_s = np.arange(length + 1) / fs
+    # the window ends on its last sample, as it begins on its first
+    shape = window_samples(beat.window, length + 1) * np.sin(2 * np.pi * beat.centre_hz * time_s)
+    voltage = np.zeros(max(n_samples, lead + 1))
+    inside = min(shape.size, voltage.size - lead)
+    voltage[lead : lead + inside] = beat.amplitude * shape[:inside]
+    return voltage
+
+
+def quiet_s(modes: LinearModes, mode: int, *, decay_to: float = 1e-4) -> float:
+    """Return how long a mode takes to decay, ln(1 / decay_to) / (zeta omega), s.
+
+    Args:
+        modes: the linear modes.
+        mode: number of the mode, from 1.
+        decay_to: what is left of its amplitude at the end.
+
+    Raises:
+        InputError: a mode that does not decay, or a share outside 0 .. 1.
+
+    >>> round(quiet_s(LinearModes([100.0], [0.004], [[0.5]], ("a",)), 1), 3)
+    3.665
+    """
+    if not 0 < decay_to < 1:
+        raise InputError(f"decay_to is {decay_to}: give a share between 0 and 1, e.g. 1e-4")
+    place = modes.place(mode)
+    rate = modes.damping()[place] / 2
+    if rate == 0:
+        raise InputError(
+            f"mode {mode} has no damping and does not decay: give its damping ratio, or the tail_s yourself"
+        )
+    return float(np.log(1 / decay_to) / rate)
+
+
+def beat_between_neighbours(
+    modes: LinearModes,
+    mode: int,
+    *,
+    window: Window = "blackmanharris",
+    amplitude: float = 1.0,
+    lead_s: float = 0.0,
+    tail_s: float | None = None,
+) -> BeatDesign:
+    """Return the beat whose spectrum has its first minima on the neighbouring modes (Pacini section 3.1, rule 1).
+
+    The two distances differ as a rule; the nearer elastic neighbour decides, the other lies beyond the first minimum.
+
+    Args:
+        modes: the linear modes.
+        mode: number of the mode to excite, from 1.
+        window: as in `SineBeat`.
+        amplitude: peak of the window, V.
+        lead_s: quiet time before it, s.
+        tail_s: quiet time after it, s; what the mode takes to decay to 1e-4 where left out.
+
+    Raises:
+        InputError: a rigid-body mode, no other elastic mode, a neighbour at the same frequency, or one so far that the
+            beat would be shorter than three periods.
+
+    >>> modes = LinearModes([90.0, 100.0, 120.0], [0.004] * 3, [[0.5, 0.3, 0.2]], ("a",))
+    >>> design = beat_between_neighbours(modes, 2)
+    >>> round(design.beat.duration_s, 6), design.below_hz, design.above_hz
+    (0.4, 10.0, 20.0)
+    """
+    centre = _elastic_frequency(modes, mode)
+    below, above = _neighbours(modes, mode)
+    distances = [distance for distance in (below, above) if distance is not None]
+    if not distances:
+        raise InputError(f"mode {mode} has no elastic neighbour: design the beat by the drive-point peak instead")
+    nearest = min(distances)
+    if nearest < 1e-6 * centre:
+        raise InputError(
+            f"mode {mode} has a neighbour at its own frequency, {centre:.5g} Hz: no beat can excite it alone"
+        )
+    duration = first_minimum_hz(window, 1.0) / nearest
+    neighbours = " and ".join(
+        f"{distance:.4g} Hz {word}" for distance, word in ((below, "below"), (above, "above")) if distance is not None
+    )
+    reason = f"first minima {nearest:.4g} Hz from mode {mode}: the neighbouring elastic modes lie {neighbours}"
+    tail = quiet_s(modes, mode) if tail_s is None else tail_s
+    beat = _designed(centre, duration, window, amplitude, lead_s, tail, reason)
+    return BeatDesign(beat, below, above, nearest, main_lobe_width_hz(window, duration), reason)
+
+
+def beat_over_drive_point_peak(
+    modes: LinearModes,
+    mode: int,
+    drive_point: str,
+    *,
+    response: FrequencyResponse | None = None,
+    share: float = 0.05,
+    level_db: float | None = None,
+    window: Window = "blackmanharris",
+    amplitude: float = 1.0,
+    lead_s: float = 0.0,
+    tail_s: float | None = None,
+) -> BeatDesign:
+    """Return the beat whose main lobe is as wide as the drive point's peak (Pacini section 3.1, rule 2).
+
+    The peak is the band around the natural frequency in which the imaginary part of the drive-point accelerance
+    exceeds a share of its value at the mode; it ends half way to a neighbouring mode at the latest.
+
+    Args:
+        modes: the linear modes.
+        mode: number of the mode to excite, from 1.
+        drive_point: the sensor at which the shaker acts.
+        response: measured response to a force there; that of the linear modes where left out.
+        share: of the imaginary part at its peak.
+        level_db: level of the main lobe that is as wide as the band, dB; between its first minima where None.
+        window: as in `SineBeat`.
+        amplitude: peak of the window, V.
+        lead_s: quiet time before it, s.
+        tail_s: quiet time after it, s; what the mode takes to decay to 1e-4 where left out.
+
+    Raises:
+        InputError: a rigid-body mode, one that does not move at the drive point, a response to another drive point or
+            too coarse for the peak, or a beat shorter than three periods.
+
+    >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
+    >>> round(beat_over_drive_point_peak(modes, 1, "a").main_lobe_hz, 2)  # 2 sqrt(19) zeta f
+    3.49
+    """
+    centre = _elastic_frequency(modes, mode)
+    if not 0 < share < 1:
+        raise InputError(f"share is {share}: give a number between 0 and 1, e.g. 0.05")
+    low, high = _peak_band(modes, mode, drive_point, response, share)
+    width = high - low
+    duration = main_lobe_width_hz(window, 1.0, level_db=level_db) / width
+    part = "between its first minima" if level_db is None else f"at {level_db:g} dB"
+    reason = (
+        f"main lobe ({part}) of {width:.4g} Hz: there the imaginary part at {drive_point!r} exceeds "
+        f"{100 * share:g} % of its value at mode {mode}"
+    )
+    tail = quiet_s(modes, mode) if tail_s is None else tail_s
+    beat = _designed(centre, duration, window, amplitude, lead_s, tail, reason)
+    return BeatDesign(beat, centre - low, high - centre, first_minimum_hz(window, duration), width, reason)
+
+
+def shaped_sweep(
+    frequency_hz: ArrayLike,
+    amplitude: ArrayLike,
+    *,
+    start_hz: float,
+    stop_hz: float,
+    duration_s: float,
+    fs: float,
+    kind: SweepKind = "linear",
+    fade_s: float = 0.0,
+) -> FloatArray:
+    """Return a sine sweep whose amplitude follows its frequency, (n,) V.
+
+    Args:
+        frequency_hz: (n_points,) increasing frequencies at which the amplitude is given, Hz.
+        amplitude: (n_points,) V; straight lines between the points, constant beyond them.
+        start_hz: frequency at the beginning, Hz.
+        stop_hz: frequency at the end, Hz; below `start_hz` for a sweep downwards.
+        duration_s: length, s.
+        fs: sampling rate, Hz.
+        kind: "linear" with as many hertz a second throughout, "logarithmic" with as many octaves.
+        fade_s: time in which the amplitude rises at the beginning, and falls at the end, as a half cosine, s.
+
+    Raises:
+        InputError: points that do not increase or do not match, frequencies that are not positive or too high for the
+            rate, an unknown kind, or fades longer than the sweep.
+
+    >>> sweep = shaped_sweep([10, 50], [1.0, 3.0], start_hz=10, stop_hz=50, duration_s=4.0, fs=512.0, fade_s=0.2)
+    >>> sweep.size, round(float(np.abs(sweep[1000:1050]).max()), 1)
+    (2048, 2.0)
+    """
+    points, heights = np.asarray(frequency_hz, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
+    if points.ndim != 1 or points.shape != heights.shape or points.size == 0:
+        raise InputError(
+            f"{points.shape} frequencies and {heights.shape} amplitudes: give one amplitude for each frequency"
+        )
+    if not (np.isfinite(points).all() and np.isfinite(heights).all() and (np.diff(points) > 0).all()):
+        raise InputError("the points of the amplitude are not finite and increasing in frequency: sort them")
+    for name, value in (("start_hz", start_hz), ("stop_hz", stop_hz), ("duration_s", duration_s)):
+        require_positive(name, value)
+    _require_rate(max(start_hz, stop_hz), fs, "the sweep")
+    if kind not in get_args(SweepKind):
+        raise InputError(f"there is no sweep of kind {kind!r}: give 'linear' or 'logarithmic'")
+    if not 0 <= fade_s <= duration_s / 2:
+        raise InputError(f"fade_s is {fade_s} s of a sweep of {duration_s} s: give 0 to half of it")
+    n_samples = round(duration_s * fs)
+    if n_samples < 2:
+        raise InputError(f"{duration_s} s at {fs} Hz make {n_samples} sample(s): at least two are needed")
+    time_s = np.arange(n_samples) / fs
+    octave = np.log(stop_hz / start_hz)
+    if kind == "linear" or octave == 0:
+        rate = (stop_hz - start_hz) / duration_s
+        now_hz, cycles = start_hz + rate * time_s, start_hz * time_s + rate * time_s**2 / 2
+    else:
+        now_hz = start_hz * np.exp(octave * time_s / duration_s)
+        cycles = start_hz * duration_s / octave * np.expm1(octave * time_s / duration_s)
+    sweep = np.interp(now_hz, points, heights) * np.sin(2 * np.pi * cycles)
+    if fade_s > 0:
+        edge = np.clip(np.minimum(time_s, duration_s - 1 / fs - time_s) / fade_s, 0, 1)
+        sweep *= (1 - np.cos(np.pi * edge)) / 2
+    return sweep
+
+
+def _designed(
+    centre: float, duration: float, window: Window, amplitude: float, lead_s: float, tail_s: float, reason: str
+) -> SineBeat:
+    try:
+        return SineBeat(centre, duration, window, amplitude, lead_s, tail_s)
+    except InputError as error:
+        raise InputError(f"{error} (asked for: {reason})") from None
+
+
+def _peak_band(
+    modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, share: float
+) -> tuple[float, float]:
+    """Where the imaginary part of the drive point's response is large around a mode, Hz."""
+    place = modes.place(mode)
+    centre = float(modes.frequency_hz[place])
+    shape = modes.row(drive_point)[place]
+    if abs(shape) < 1e-6 * np.abs(modes.shapes[:, place]).max():
+        raise InputError(f"mode {mode} does not move at {drive_point!r}: choose another drive point")
+    below, above = _neighbours(modes, mode)
+    lowest = centre - (below / 2 if below is not None else 0.9 * centre)
+    highest = centre + (above / 2 if above is not None else 0.9 * centre)
+    if response is None:
+        width = modes.damping_ratio[place] * centre
+        if width == 0:
+            raise InputError(f"mode {mode} has no damping: its peak has no width, give its damping ratio")
+        # as fine as the peak, and coarser away from it
+        steps = width * np.sinh(np.linspace(0, np.arcsinh(max(highest - centre, centre - lowest) / width), 2000))
+        response = resynthesised(modes, np.concatenate([centre - steps[:0:-1], centre + steps]).clip(0), drive_point)
+    if response.drive_point != drive_point or drive_point not in response.sensors:
+        raise InputError(
+            f"the response is to a force at {response.drive_point!r} with {len(response.sensors)} sensor(s): give one "
+            f"to a force at {drive_point!r} with the acceleration there"
+        )
+    frequency = response.frequency_hz
+    inside = (frequency >= lowest) & (frequency <= highest)
+    line, height = frequency[inside], np.abs(response.value[inside, response.sensors.index(drive_point)].imag)
+    if line.size < 5:
+        raise InputError(f"the response has {line.size} line(s) around mode {mode}: give one that is finer or longer")
+    peak = int(np.nanargmin(np.abs(line - centre)))
+    near = slice(max(0, peak - 2), peak + 3)  # the mode may lie between two lines
+    level = share * float(np.nanmax(height[near]))
+    low, high = _crossing(line[peak::-1], height[peak::-1], level), _crossing(line[peak:], height[peak:], level)
+    if np.count_nonzero((line > low) & (line < high)) < 3:
+        raise InputError(f"the peak of mode {mode} is narrower than the lines of the response: give a longer record")
+    return low, high
+
+
+def _crossing(line: FloatArray, height: FloatArray, level: float) -> float:
+    """Where the height first falls below a level, between two lines; the last line if it never does."""
+    under = np.flatnonzero(~(height[1:] >= level))
+    if not under.size:
+        return float(line[-1])
+    at = int(under[0]) + 1
+    if not np.isfinite(height[at]) or height[at - 1] <= level:
+        return float(line[at])
+    part = (height[at - 1] - level) / (height[at - 1] - height[at])
+    return float(line[at - 1] + part * (line[at] - line[at - 1]))
+
+
+def _elastic_frequency(modes: LinearModes, mode: int) -> float:
+    place = modes.place(mode)
+    if not modes.elastic[place]:
+        raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): a beat excites elastic modes")
+    return float(modes.frequency_hz[place])
+
+
+def _neighbours(modes: LinearModes, mode: int) -> tuple[float | None, float | None]:
+    """Distances to the next elastic modes below and above, Hz."""
+    place = modes.place(mode)
+    others = np.delete(modes.frequency_hz, place)
+    distance = others[others > 0] - modes.frequency_hz[place]
+    below, above = -distance[distance < 0], distance[distance >= 0]
+    return (float(below.min()) if below.size else None, float(above.min()) if above.size else None)
+
+
+def _require_rate(highest_hz: float, fs: float, what: str) -> None:
+    require_positive("fs", fs)
+    if highest_hz > HIGHEST_SHARE * fs:
+        raise InputError(
+            f"{what} goes up to {highest_hz:.5g} Hz and a rate of {fs:g} Hz records up to {HIGHEST_SHARE * fs:.5g} Hz "
+            f"(fs / 2.56): sample at {highest_hz / HIGHEST_SHARE:.5g} Hz or more"
+        )

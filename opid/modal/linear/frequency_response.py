@@ -1,0 +1,266 @@
+"""Frequency responses of accelerations to a force: measured, made from the linear modes, and what indicates modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.errors import InputError
+from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import LinearModes, force_projection
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import Window, cross_spectra
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Accelerations per force at one drive point over frequency.
+
+    Args:
+        frequency_hz: (n,) lines, Hz.
+        value: (n, n_sensors) complex accelerance, m/s^2/N; nan at a line without any force.
+        sensors: names of the columns.
+        drive_point: the sensor at whose place and in whose direction the force acts.
+        n_averages: independent records or blocks that were averaged; 1 for one record, 0 for a response made of modes.
+        coherence: (n, n_sensors) in 0..1; None where nothing was averaged, for it is 1 by construction then.
+    """
+
+    frequency_hz: FloatArray
+    value: ComplexArray
+    sensors: tuple[str, ...]
+    drive_point: str
+    n_averages: float = 1.0
+    coherence: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ModeIndicator:
+    """The complex mode indicator function: how many modes respond at a line, and how strongly.
+
+    Args:
+        frequency_hz: (n,) lines, Hz.
+        value: (n, n_values) singular values of the sensors x drive points matrix, largest first, m/s^2/N.
+        drive_points: in the order of the responses.
+    """
+
+    frequency_hz: FloatArray
+    value: FloatArray
+    drive_points: tuple[str, ...]
+
+
+def measured_response(
+    tests: Sequence[ModalTest], *, nperseg: int | None = None, window: Window = "hann"
+) -> FrequencyResponse:
+    """Return the frequency response that tests with one drive point show, H1 = sum X conj(F) / sum |F|^2.
+
+    Each record is transformed whole and without a window, which is right for a transient that begins at rest and has
+    decayed at its end; several are averaged (H1). No exponential or force window is applied.
+
+    Args:
+        tests: of one drive point and rate; shorter records count as followed by rest.
+        nperseg: samples a block for stationary excitation: the records are cut into blocks that overlap by half.
+        window: of these blocks, as in scipy.signal.get_window; without `nperseg` it is not used.
+
+    Raises:
+        InputError: no test, one without a force, or tests of several drive points, rates or sets of sensors.
+
+    >>> from opid.modal.linear.coordinates import modal_test
+    >>> from opid.signals.recording import Channel, Recording
+    >>> modes = LinearModes([0.0], [0.0], [[0.5]], ("a",))
+    >>> samples = np.outer([0.0, 4.0, 0.0, 0.0], [0.25, 1.0])
+    >>> hit = Recording(samples, fs=8.0, channels=(Channel("a", "m/s^2"), Channel("force", "N")))
+    >>> response = measured_response([modal_test(hit, modes, name="hit", force="force", drive_point="a")])
+    >>> response.value[:, 0].real.tolist()
+    [0.25, 0.25, 0.25]
+    """
+    sensors, drive_point = _require_alike(tests)
+    outputs = [_accelerations(test, sensors) for test in tests]
+    frequency_hz, cross, force_power, output_power, n_averages = (
+        _whole(tests, outputs) if nperseg is None else _in_blocks(tests, outputs, nperseg, window)
+    )
+    coherence = None
+    if n_averages > 1:
+        both = force_power[:, None] * output_power
+        coherence = np.clip(_quotient(np.abs(cross) ** 2, both).real, 0, 1)
+    return FrequencyResponse(
+        frequency_hz, _quotient(cross, force_power[:, None]), sensors, drive_point, n_averages, coherence
+    )
+
+
+def modal_responses(test: ModalTest) -> FrequencyResponse:
+    """Return q''_j / f_qj of every modal coordinate of a test, each mode as if it were alone.
+
+    Args:
+        test: a record with a force, transformed whole as in `measured_response`.
+
+    Returns:
+        One column a mode, named "mode 1", "mode 2", ..., without a unit: 1 far above the natural frequency if the
+        shapes are mass-normalised; nan for a mode that does not move at the drive point.
+
+    Raises:
+        InputError: a test without a force.
+    """
+    _, drive_point = _require_alike([test])
+    frequency_hz, cross, force_power, _, _ = _whole([test], [test.acceleration])
+    participation = force_projection(test.modes, drive_point)
+    names = tuple(f"mode {mode + 1}" for mode in range(test.modes.n_modes))
+    value = _quotient(cross, force_power[:, None] * participation)
+    return FrequencyResponse(frequency_hz, value, names, drive_point)
+
+
+def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str) -> FrequencyResponse:
+    """Return the accelerance of the linear modes, A = sum phi phi_d (-omega^2) / (k0 + j omega c0 - omega^2).
+
+    A rigid-body mode gives the constant phi phi_d.
+
+    Args:
+        modes: the linear modes.
+        frequency_hz: (n,) lines, Hz.
+        drive_point: the sensor at whose place and in whose direction the force acts.
+
+    Raises:
+        InputError: no such sensor, lines that are no finite numbers from 0 up, or one on the resonance of an undamped
+            mode.
+
+    >>> modes = LinearModes([0.0, 10.0], [0.0, 0.01], [[0.5, 0.3], [0.5, -0.3]], ("left", "right"))
+    >>> resynthesised(modes, [0.0, 10.0], "left").value[:, 0].round(6).tolist()
+    [(0.25+0j), (0.25+4.5j)]
+    """
+    lines = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    if lines.ndim != 1 or lines.size == 0 or not (np.isfinite(lines) & (lines >= 0)).all():
+        raise InputError(f"frequency_hz has shape {lines.shape}: give one row of finite frequencies from 0 up, Hz")
+    omega = 2 * np.pi * lines[:, None]
+    dynamic = modes.stiffness() + 1j * omega * modes.damping() - omega**2
+    stopped = (dynamic == 0) & modes.elastic
+    if stopped.any():
+        line, mode = np.argwhere(stopped)[0]
+        raise InputError(
+            f"mode {mode + 1} has no damping and its resonance falls on {lines[line]:g} Hz: give it damping, or "
+            "leave out the line"
+        )
+    single = np.ones(dynamic.shape, dtype=np.complex128)
+    np.divide(-(omega**2), dynamic, out=single, where=np.broadcast_to(modes.elastic, dynamic.shape))
+    value = (single * force_projection(modes, drive_point)) @ modes.shapes.T
+    return FrequencyResponse(lines, value, modes.sensors, drive_point, n_averages=0)
+
+
+def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
+    """Return the complex mode indicator function: singular values of the responses (sensors x drive points), by line.
+
+    A mode shows as a peak of the largest; of two modes at nearly one frequency each has a value of its own, if there
+    are two drive points or more (Shih et al., Mechanical Systems and Signal Processing 2, 1988).
+
+    Args:
+        responses: one a drive point, at the same lines and sensors.
+
+    Raises:
+        InputError: no response, or responses of other lines or sensors.
+
+    >>> modes = LinearModes([10.0], [0.01], [[0.3], [0.4]], ("a", "b"))
+    >>> cmif([resynthesised(modes, [10.0], "a")]).value.round(6).tolist()
+    [[7.5]]
+    """
+    if not responses:
+        raise InputError("there is no response: give one for each drive point")
+    first = responses[0]
+    for each in responses[1:]:
+        if each.sensors != first.sensors:
+            raise InputError(f"the responses to {each.drive_point!r} and {first.drive_point!r} have other sensors")
+        same = each.frequency_hz.shape == first.frequency_hz.shape
+        if not same or not np.allclose(each.frequency_hz, first.frequency_hz, rtol=1e-9, atol=0):
+            raise InputError(
+                f"the responses to {each.drive_point!r} and {first.drive_point!r} have other lines: use records of one "
+                "length and rate"
+            )
+    matrix = np.stack([each.value for each in responses], axis=-1)
+    value = np.full((matrix.shape[0], min(matrix.shape[1:])), np.nan)
+    known = np.isfinite(matrix).all(axis=(1, 2))
+    value[known] = np.linalg.svd(matrix[known], compute_uv=False)
+    return ModeIndicator(first.frequency_hz, value, tuple(each.drive_point for each in responses))
+
+
+def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
+    """The sensors and the drive point that all tests have in common."""
+    if not tests:
+        raise InputError("there is no test: give one or several with a force at one drive point")
+    for test in tests:
+        if test.force is None or test.drive_point is None:
+            raise InputError(f"test {test.name!r} has no force: a frequency response needs one, name its channel")
+    first = tests[0]
+    sensors = _sensors(first)
+    for test in tests[1:]:
+        if test.drive_point != first.drive_point:
+            raise InputError(
+                f"test {test.name!r} is driven at {test.drive_point!r} and {first.name!r} at {first.drive_point!r}: "
+                "average tests of one drive point"
+            )
+        if abs(test.fs / first.fs - 1) > 1e-9:
+            raise InputError(
+                f"test {test.name!r} has {test.fs:g} Hz and {first.name!r} {first.fs:g} Hz: resample them to one rate"
+            )
+        if _sensors(test) != sensors:
+            raise InputError(
+                f"tests {test.name!r} and {first.name!r} have different sensors: average tests with the same"
+            )
+    return sensors, str(first.drive_point)
+
+
+def _sensors(test: ModalTest) -> tuple[str, ...]:
+    return tuple(sensor for sensor in test.modes.sensors if sensor in test.recording.names)
+
+
+def _accelerations(test: ModalTest, sensors: tuple[str, ...]) -> FloatArray:
+    return test.recording.samples[:, [test.recording.index(sensor) for sensor in sensors]]
+
+
+Averages = tuple[FloatArray, ComplexArray, FloatArray, FloatArray, float]
+"""Lines, sum of X conj(F), of |F|^2 and of |X|^2, number of averages."""
+
+
+def _whole(tests: Sequence[ModalTest], outputs: Sequence[FloatArray]) -> Averages:
+    n_samples = max(output.shape[0] for output in outputs)
+    forces = [np.fft.rfft(_force(test), n_samples) for test in tests]
+    spectra = [np.fft.rfft(output, n_samples, axis=0) for output in outputs]
+    pairs = list(zip(spectra, forces, strict=True))
+    cross = sum((x * f.conj()[:, None] for x, f in pairs), start=np.zeros_like(spectra[0]))
+    force_power = np.sum([np.abs(f) ** 2 for f in forces], axis=0)
+    output_power = np.sum([np.abs(x) ** 2 for x in spectra], axis=0)
+    frequency_hz = np.asarray(np.fft.rfftfreq(n_samples, 1 / tests[0].fs), dtype=np.float64)
+    return frequency_hz, cross, force_power, output_power, float(len(tests))
+
+
+def _in_blocks(tests: Sequence[ModalTest], outputs: Sequence[FloatArray], nperseg: int, window: Window) -> Averages:
+    shape = (nperseg // 2 + 1, outputs[0].shape[1])
+    cross, output_power = np.zeros(shape, dtype=np.complex128), np.zeros(shape)
+    force_power, n_averages = np.zeros(shape[0]), 0.0
+    frequency_hz = np.asarray(np.fft.rfftfreq(nperseg, 1 / tests[0].fs), dtype=np.float64)
+    for test, output in zip(tests, outputs, strict=True):
+        force = _force(test)
+        # a pair at a time: all sensors against each other would be made for nothing
+        for sensor, acceleration in enumerate(output.T):
+            found = cross_spectra(np.stack([force, acceleration], axis=1), fs=test.fs, window=window, nperseg=nperseg)
+            cross[:, sensor] += found.n_blocks * found.density[:, 0, 1]
+            output_power[:, sensor] += found.n_blocks * found.density[:, 1, 1].real
+        force_power += found.n_blocks * found.density[:, 0, 0].real
+        n_averages += found.n_averages
+    return frequency_hz, cross, force_power, output_power, n_averages
+
+
+def _force(test: ModalTest) -> FloatArray:
+    if test.force is None:
+        raise InputError(f"test {test.name!r} has no force: name its channel")
+    return test.force
+
+
+def _quotient(numerator: NDArray[Any], denominator: FloatArray) -> ComplexArray:
+    """A quotient that is nan where there is nothing to divide by."""
+    shape = np.broadcast_shapes(numerator.shape, denominator.shape)
+    found = np.full(shape, np.nan, dtype=np.complex128)
+    np.divide(numerator.astype(np.complex128), denominator, out=found, where=np.broadcast_to(denominator != 0, shape))
+    return found

@@ -1,0 +1,293 @@
+"""Linear modes in a file, .npz or .csv, and what the numbers of one let suspect."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError, meant_by, nearest
+from opid.modal.linear.modes import LinearModes
+from opid.signals.files import written_whole
+
+VARIANTS = {
+    "frequency_hz": ("frequency", "frequencies", "freq", "fn", "natural_frequency", "natural_frequencies"),
+    "damping_ratio": ("damping_ratio", "damping_ratios", "modal_damping_ratio", "zeta", "zetas"),
+    "shapes": ("shapes", "shape", "mode_shapes", "mode_shape", "modeshapes", "phi"),
+    "sensors": ("sensors", "sensor", "sensor_names", "channels", "channel_names"),
+}
+"""What each quantity may be called in a file, without regard to case and blanks; a frequency with or without its Hz."""
+
+ROWS = ("frequency_hz", "damping_ratio")
+"""The rows of a CSV file that are no sensors."""
+
+HIGHEST_DAMPING = 0.2
+"""Of a bolted structure: where every elastic mode has more, the numbers are percent."""
+
+
+def read_modes(path: str | os.PathLike[str]) -> LinearModes:
+    """Return the linear modes that a file holds.
+
+    Args:
+        path: .npz with the arrays `frequency_hz`, `damping_ratio`, `shapes` (sensors x modes) and `sensors`; or .csv
+            with a header and the rows `frequency_hz`, `damping_ratio` and one a sensor, the name first, then one value
+            a mode (comma, semicolon or tab between; a decimal comma with the latter two). The damping of a mode of
+            0 Hz may be left empty.
+
+    Raises:
+        InputError: no such file, another kind of file, an array or row that is missing or given twice, a cell that is
+            no number, complex or transposed shapes, or what `LinearModes` refuses.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     path = Path(directory, "modes.csv")
+    ...     _ = path.write_text("sensor,mode 1\\nfrequency_hz,25\\ndamping_ratio,0.004\\ntip,0.5\\n")
+    ...     read_modes(path).shapes.tolist()
+    [[0.5]]
+    """
+    source = Path(path)
+    kind = source.suffix.lower()
+    if kind not in _READERS:
+        raise InputError(f"{path} is no file of modes: give one that ends in .npz or .csv")
+    if not source.is_file():
+        raise InputError(f"there is no file of modes {path}: check the name")
+    try:
+        return _READERS[kind](source)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
+    """Write linear modes to a file that `read_modes` reads back to the last bit, whole or not at all.
+
+    Args:
+        modes: the modes.
+        path: ends in .npz or .csv.
+
+    Raises:
+        InputError: another ending, a directory that is not there, or names of sensors that a CSV file cannot hold.
+    """
+    kind = Path(path).suffix.lower()
+    if kind == ".npz":
+        with written_whole(path, "wb") as file:
+            np.savez(
+                file,
+                frequency_hz=modes.frequency_hz,
+                damping_ratio=modes.damping_ratio,
+                shapes=modes.shapes,
+                sensors=np.array(modes.sensors, dtype=np.str_),
+            )
+    elif kind == ".csv":
+        for sensor in modes.sensors:
+            if _meant(sensor, ROWS) or not sensor or sensor != sensor.strip() or "\r" in sensor or "\n" in sensor:
+                raise InputError(
+                    f"the sensor {sensor!r} cannot be the name of a row of {path}: rename it, or write an .npz file"
+                )
+        with written_whole(path) as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["sensor", *(f"mode {mode + 1}" for mode in range(modes.n_modes))])
+            rows = zip((*ROWS, *modes.sensors), (modes.frequency_hz, modes.damping_ratio, *modes.shapes), strict=True)
+            for name, values in rows:
+                writer.writerow([name, *(repr(float(value)) for value in values)])
+    else:
+        raise InputError(f"cannot write modes to {path}: give a name that ends in .npz or .csv")
+
+
+def looks_unit_normalised(modes: LinearModes) -> str:
+    """Return a clause that says how the shapes are scaled if they are scaled to 1, not to unit modal mass; else "".
+
+    Args:
+        modes: the modes; two at least, for the value 1 of a single shape may be chance.
+
+    >>> looks_unit_normalised(LinearModes([1, 2], [0, 0], [[1, 1], [0.5, -1]], ("a", "b")))
+    'the largest value of every shape is 1'
+    """
+    if modes.n_modes < 2:
+        return ""
+    # files carry four digits or more
+    # rigid-body modes often come from another source
+    shapes = modes.shapes[:, modes.elastic] if modes.elastic.sum() > 1 else modes.shapes
+    if np.allclose(np.abs(shapes).max(axis=0), 1, rtol=0, atol=1e-4):
+        return "the largest value of every shape is 1"
+    if np.allclose(np.linalg.norm(shapes, axis=0), 1, rtol=0, atol=1e-4):
+        return "the sum of squares of every shape is 1"
+    return ""
+
+
+def looks_in_percent(modes: LinearModes) -> str:
+    """Return a clause that says so if the damping ratios look like percent, else "".
+
+    Args:
+        modes: the modes; rigid-body modes do not count.
+
+    >>> looks_in_percent(LinearModes([10.0, 20.0], [0.4, 0.6], [[0.5, 0.1]], ("a",)))
+    'the damping ratio of every elastic mode is above 0.2'
+    """
+    elastic = modes.damping_ratio[modes.elastic]
+    if elastic.size and elastic.min() > HIGHEST_DAMPING:
+        return f"the damping ratio of every elastic mode is above {HIGHEST_DAMPING:g}"
+    return ""
+
+
+def _from_npz(source: Path) -> LinearModes:
+    try:
+        with source.open("rb") as opened:
+            file = np.load(opened, allow_pickle=False)
+            if not isinstance(file, np.lib.npyio.NpzFile):
+                raise InputError("it holds one array and no names: write it with numpy.savez")
+            names = _assigned(list(file.files), tuple(VARIANTS), "array")
+            arrays = {name: file[own] for name, own in names.items()}
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        if isinstance(error, InputError):
+            raise
+        if "pickle" in str(error):
+            raise InputError(
+                "it holds Python objects, which are not read: give arrays of numbers, and of text for sensors"
+            ) from None
+        raise InputError(f"it is no sound .npz file ({error}): write it again") from None
+    frequency_hz, damping_ratio = (_numbers(arrays[name], name).ravel() for name in ROWS)
+    return _modes(frequency_hz, damping_ratio, _numbers(arrays["shapes"], "shapes"), _names(arrays["sensors"]))
+
+
+def _from_csv(source: Path) -> LinearModes:
+    try:
+        text = source.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    delimiter = next((mark for mark in "\t;," if mark in first), None)
+    if delimiter is None:
+        raise InputError("its first line has one column: give a header like sensor,mode 1,mode 2")
+    try:
+        table = [
+            [cell.strip() for cell in row] for row in csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+        ]
+    except csv.Error as error:
+        raise InputError(f"it is no table ({error}): save it as CSV") from None
+    rows = [(number, _without_empty_end(row)) for number, row in enumerate(table, start=1) if any(row)]
+    header = rows[0][1]
+    if len({_meant(cell, ROWS) for cell in header} - {""}) == len(ROWS):
+        raise InputError(
+            "each of its rows is a mode: transpose it, so that each column is a mode and each row a sensor"
+        )
+    if not _meant(header[0], ROWS):
+        rows = rows[1:]  # else there is no header
+    names = _assigned([row[0] for _, row in rows], ROWS, "row", others=True)
+    n_modes = next(len(row) for _, row in rows if row[0] == names["frequency_hz"]) - 1
+    values = {row[0]: _cells(row, number, n_modes, delimiter) for number, row in rows}
+    sensors = [row[0] for _, row in rows if row[0] not in names.values()]
+    for sensor in sensors:
+        if sensors.count(sensor) > 1:
+            raise InputError(f"the row {sensor!r} stands {sensors.count(sensor)} times: rename one")
+    if not sensors:
+        raise InputError("it has no row of a sensor: give one row of shape values for each sensor")
+    if n_modes < 1:
+        raise InputError(f"the row {names['frequency_hz']!r} has no values: give one a mode")
+    shapes = np.array([values[sensor] for sensor in sensors])
+    frequency_hz, damping_ratio = (np.array(values[names[name]]) for name in ROWS)
+    return _modes(frequency_hz, damping_ratio, shapes, tuple(sensors))
+
+
+_READERS = {".npz": _from_npz, ".csv": _from_csv}
+
+
+def _modes(
+    frequency_hz: np.ndarray[Any, Any],
+    damping_ratio: np.ndarray[Any, Any],
+    shapes: np.ndarray[Any, Any],
+    sensors: tuple[str, ...],
+) -> LinearModes:
+    turned = (frequency_hz.size, len(sensors))
+    if shapes.shape == turned and turned[0] != turned[1]:
+        raise InputError(
+            f"shapes is {turned[0]} modes x {turned[1]} sensors: transpose it, to a row a sensor and a column a mode"
+        )
+    if damping_ratio.shape == frequency_hz.shape:
+        # the damping of a rigid-body mode says nothing, and is often left empty
+        damping_ratio = np.where(np.isnan(damping_ratio) & (frequency_hz == 0), 0.0, damping_ratio)
+    return LinearModes(frequency_hz, damping_ratio, shapes, sensors)
+
+
+def _meant(name: str, wanted: Sequence[str]) -> str:
+    """Which of the wanted quantities a name stands for, "" for none."""
+    plain = name.strip().lower().replace("[hz]", "hz").replace("(hz)", "hz")
+    plain = "_".join(plain.replace("-", " ").replace("_", " ").split()).removesuffix("_hz")
+    return next((quantity for quantity in wanted if plain in VARIANTS[quantity]), "")
+
+
+def _assigned(found: list[str], wanted: Sequence[str], what: str, *, others: bool = False) -> Mapping[str, str]:
+    """What each wanted quantity is called in the file; `others` are sensors."""
+    names: dict[str, str] = {}
+    for name in found:
+        quantity = _meant(name, wanted)
+        if quantity in names:
+            raise InputError(f"the {what}s {names[quantity]!r} and {name!r} both stand for {quantity}: leave one out")
+        if quantity:
+            names[quantity] = name
+    left = [name for name in found if name not in names.values()]
+    for quantity in wanted:
+        if quantity not in names:
+            clause = nearest(quantity, left) if left else "there is none"
+            is_near = bool(meant_by(quantity, left))
+            hint = f"the nearest {what}: {clause}" if is_near else f"its {what}s: {clause}"
+            if others and not is_near:
+                hint = "name its first cell so"
+            raise InputError(f"there is no {what} {quantity!r} ({hint})")
+    return names
+
+
+def _numbers(array: np.ndarray[Any, Any], name: str) -> np.ndarray[Any, Any]:
+    if np.iscomplexobj(array):
+        if np.any(array.imag):
+            raise InputError(f"{name} is complex: give real normal modes, mass-normalised")
+        array = array.real
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} holds {array.dtype} where numbers are needed")
+    return array.astype(np.float64)
+
+
+def _names(array: np.ndarray[Any, Any]) -> tuple[str, ...]:
+    if array.dtype.kind == "S":
+        array = np.char.decode(array, "utf-8")
+    if array.dtype.kind != "U":
+        raise InputError(f"sensors holds {array.dtype} where names are needed: give an array of text")
+    return tuple(str(name) for name in array.ravel())
+
+
+def _cells(row: list[str], number: int, n_modes: int, delimiter: str) -> list[float]:
+    if len(row) - 1 != n_modes:
+        raise InputError(
+            f"line {number} ({row[0]!r}) has {len(row) - 1} values and frequency_hz has {n_modes}: give one a mode"
+        )
+    return [_cell(cell, row[0], number, delimiter) for cell in row[1:]]
+
+
+def _cell(cell: str, name: str, number: int, delimiter: str) -> float:
+    if not cell and _meant(name, ("damping_ratio",)):
+        return math.nan
+    text = cell.replace(",", ".") if delimiter != "," else cell
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        complex(text.replace("i", "j").replace(" ", ""))
+    except ValueError:
+        raise InputError(f"line {number} ({name!r}) has {cell!r} where a number is needed") from None
+    raise InputError(
+        f"line {number} ({name!r}) has the complex value {cell!r}: give real normal modes, mass-normalised"
+    )
+
+
+def _without_empty_end(row: list[str]) -> list[str]:
+    """A row without the empty cell after a last delimiter; the others stay, for each stands for a mode."""
+    return row[:-1] if len(row) > 1 and not row[-1] else row

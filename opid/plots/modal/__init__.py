@@ -1,0 +1,1 @@
+"""Figures of nonlinear modes: tests, fits, shapes, decays, and the truth tests."""

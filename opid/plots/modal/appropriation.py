@@ -1,0 +1,168 @@
+"""Figures of a force appropriation and of the interaction of modes that it shows (Fig. 13 of Pacini)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from opid.modal.linear.frequency_response import FrequencyResponse
+from opid.modal.resonance.appropriation import Appropriation
+from opid.modal.resonance.interaction import Interaction
+from opid.plots.style import BLUE, GREY, INK, RUN_COLORS, VERMILION, house_style, panels, thick
+
+__all__ = ["backbone", "drive_point_response", "harmonic_shape", "modal_harmonics", "sensor_harmonics"]
+
+_LEVEL = "excitation index"
+# curves of modal harmonics at most
+N_SHOWN = 6
+
+
+def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
+    """Draw frequency and damping ratio of phase resonance over the amplitude of the mode.
+
+    Args:
+        appropriation: all levels; those that did not lock are hollow.
+        axes: two Axes, or None for a new figure.
+
+    Returns:
+        (1, 2) Axes.
+    """
+    amplitude = 1e6 * appropriation.amplitude
+    place = appropriation.modes.place(appropriation.mode)
+    linear = (appropriation.modes.frequency_hz[place], 100 * appropriation.modes.damping_ratio[place])
+    found = (appropriation.frequency_hz, 100 * appropriation.damping_ratio)
+    with house_style():
+        grid = panels(axes, 1, 2, height_in=3.3)
+        labels = ("frequency at phase resonance [Hz]", "damping ratio [%]")
+        for ax, values, low, label in zip(grid[0], found, linear, labels, strict=True):
+            ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="linear")
+            _dots(ax, amplitude, values, appropriation.locked)
+            ax.set_xlabel("amplitude of q [µm √kg]")
+            ax.set_ylabel(label)
+        n_locked = int(appropriation.locked.sum())
+        grid[0, 0].set_title(f"Mode {appropriation.mode}: {n_locked} of {len(appropriation.levels)} levels locked")
+        thick(grid[0, 0].legend(loc="best"))
+    return grid
+
+
+def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) -> Axes:
+    """Draw the harmonics of a sensor over the level, the even ones dashed (Fig. 13a of Pacini).
+
+    Args:
+        appropriation: all levels.
+        sensor: its name.
+        ax: one Axes, or None for a new figure.
+
+    Raises:
+        InputError: no such sensor.
+    """
+    appropriation.modes.row(sensor)
+    heights = np.abs(appropriation.sensors[:, appropriation.modes.sensors.index(sensor)])
+    with house_style():
+        ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
+        for harmonic, (color, values) in enumerate(zip(RUN_COLORS, heights.T, strict=False), start=1):
+            style = "--" if harmonic % 2 == 0 else "-"
+            ax.plot(_index(appropriation), values, color=color, linestyle=style, label=f"harmonic {harmonic}")
+        ax.set_yscale("log")
+        ax.set_ylim(bottom=max(1e-6 * float(heights.max()), 0.5 * float(heights[heights > 0].min())))
+        _over_levels(ax)
+        ax.set_ylabel("acceleration [m/s²]")
+        ax.set_title(f"Harmonics at {sensor}")
+        thick(ax.legend(loc="best", fontsize=7.5, ncols=2))
+    return ax
+
+
+def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
+    """Draw the modal harmonics that exceed the wanted share of the target's fundamental anywhere (Fig. 13b of Pacini).
+
+    Args:
+        interaction: what the appropriation shows.
+        ax: one Axes, or None for a new figure.
+    """
+    shares = interaction.shares.copy()
+    shares[:, interaction.target - 1, 0] = 0.0
+    largest = shares.max(axis=0)
+    order = np.argsort(-largest, axis=None)[:N_SHOWN]
+    places = [np.unravel_index(each, largest.shape) for each in order]
+    index = np.arange(1, len(shares) + 1)
+    with house_style():
+        ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
+        ax.axhline(1.0, color=INK, linewidth=1.4, label=f"mode {interaction.target}, harmonic 1")
+        shown = [place for place in places if largest[place] > interaction.least_share] or places[:1]
+        for color, (mode, harmonic) in zip(RUN_COLORS, shown, strict=False):
+            label = f"mode {mode + 1}, harmonic {harmonic + 1}"
+            ax.plot(index, shares[:, mode, harmonic], color=color, label=label)
+        ax.axhline(interaction.least_share, color=GREY, linestyle="--", linewidth=1.0, label="share asked for")
+        ax.set_ylim(bottom=0)
+        _over_levels(ax)
+        ax.set_ylabel("share of the fundamental")
+        ax.set_title("Interaction" if interaction.flagged else "No interaction")
+        thick(ax.legend(loc="best", fontsize=7.5))
+    return ax
+
+
+def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
+    """Draw the MAC of a harmonic's deflection shape with the shapes of the mode and of others (Fig. 13c of Pacini).
+
+    Args:
+        interaction: what the appropriation shows.
+        ax: one Axes, or None for a new figure.
+    """
+    index = np.arange(1, interaction.mac.size + 1)
+    with house_style():
+        ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
+        ax.plot(index, interaction.mac, color=VERMILION, label=f"mode {interaction.mode}")
+        ax.plot(index, interaction.mac_of_others, color=GREY, label="any other mode, at most")
+        ax.axhline(interaction.least_assurance, color=INK, linestyle="--", linewidth=1.0, label="asked for")
+        ax.set_ylim(0, 1.05)
+        _over_levels(ax)
+        ax.set_ylabel("MAC")
+        ax.set_title(f"Shape of harmonic {interaction.harmonic}")
+        thick(ax.legend(loc="best", fontsize=7.5))
+    return ax
+
+
+def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float], ax: Any = None) -> Axes:
+    """Draw the imaginary part of the drive-point response with some modes marked (Fig. 13d of Pacini).
+
+    Args:
+        response: with the drive point among its sensors.
+        marked: frequency of modes, Hz, by their number.
+        ax: one Axes, or None for a new figure.
+    """
+    imaginary = response.value[:, response.sensors.index(response.drive_point)].imag
+    with house_style():
+        ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
+        ax.plot(response.frequency_hz, imaginary, color=BLUE, linewidth=1.1)
+        for number, place in marked.items():
+            ax.axvline(place, color=GREY, linestyle="--", linewidth=0.9, zorder=0)
+            ax.annotate(
+                str(number), (place, 1), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+                ha="center", fontsize=8, color=GREY,
+            )  # fmt: skip
+        ax.set_xlim(float(response.frequency_hz[0]), float(response.frequency_hz[-1]))
+        ax.set_xlabel("frequency [Hz]")
+        ax.set_ylabel("imaginary part [m/s²/N]")
+        ax.set_title(f"Response at {response.drive_point}", pad=14)
+    return ax
+
+
+def _over_levels(ax: Axes) -> None:
+    """Levels are counted: no ticks between them."""
+    ax.set_xlabel(_LEVEL)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _index(appropriation: Appropriation) -> np.ndarray:
+    return np.arange(1, len(appropriation.levels) + 1)
+
+
+def _dots(ax: Axes, x: np.ndarray, y: np.ndarray, full: np.ndarray) -> None:
+    settings: dict[str, Any] = {"color": VERMILION, "linestyle": "none", "marker": "o", "markersize": 4}
+    ax.plot(x[full], y[full], label="locked", **settings)
+    if not full.all():
+        ax.plot(x[~full], y[~full], markerfacecolor="white", label="not locked", **settings)

@@ -1,0 +1,193 @@
+"""Figures of linear modes: auto-MAC, mode indicator functions, and how the modes move with the level."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from opid.modal.linear.frequency_response import ModeIndicator
+from opid.modal.linear.level_shifts import LevelShift
+from opid.modal.result import ModalIdentification
+from opid.plots.style import (
+    BLUE,
+    COUNT_MAP,
+    GREY,
+    INK,
+    RUN_COLORS,
+    VERMILION,
+    house_style,
+    panels,
+    plain_numbers,
+    thick,
+)
+
+__all__ = ["auto_mac", "level_shift_figures", "mode_indicators"]
+
+# decades of a mode indicator function below its highest value
+DECADES_SHOWN = 5
+
+
+def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
+    """Draw the modal assurance criterion of the shapes against each other (Figs. 6b and 10b of Pacini).
+
+    Args:
+        result: the identification.
+        ax: one Axes, or None for a new figure.
+    """
+    n = result.modes.n_modes
+    with house_style():
+        ax = panels(ax, 1, height_in=4.3, width_in=5.2)[0, 0]
+        ax.grid(False)
+        edges = (0.5, n + 0.5)
+        image = ax.imshow(
+            result.auto_mac, origin="lower", vmin=0, vmax=1, cmap=COUNT_MAP, extent=(*edges, *edges), aspect="equal"
+        )
+        ax.get_figure().colorbar(image, ax=ax, label="MAC", shrink=0.85)
+        places = np.arange(1, n + 1) if n <= 30 else np.arange(1, n + 1, 5)
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_ticks(places, [str(place) for place in places])
+            axis.set_tick_params(labelsize=8.5 if n <= 14 else 7)
+        for label in (*ax.get_xticklabels(), *ax.get_yticklabels()):
+            if int(label.get_text()) in result.model.laws:
+                label.set_color(VERMILION)
+                label.set_fontweight("bold")
+        ax.set_xlabel("mode (nonlinear ones in red)")
+        ax.set_ylabel("mode")
+        ax.set_title(f"Auto-MAC, condition number {result.condition_number:.3g}")
+    return ax
+
+
+def mode_indicators(
+    measured: Mapping[str, ModeIndicator],
+    resynthesised: ModeIndicator,
+    *,
+    marked: Mapping[int, float] | None = None,
+    zoomed: Sequence[int] = (),
+    axes: Any = None,
+) -> np.ndarray:
+    """Draw the largest value of mode indicator functions, measured and of the linear modes (Figs. 6 and 7 of Pacini).
+
+    Args:
+        measured: by the name of the test, from the lowest level to the highest; may be empty.
+        resynthesised: from the linear modes.
+        marked: frequency of modes by their number: dashed lines.
+        zoomed: numbers of marked modes that get a panel of their own below.
+        axes: 1 + len(zoomed) Axes, or None for a new figure.
+
+    Returns:
+        (1 + len(zoomed),) Axes.
+    """
+    marked = dict(marked or {})
+    with house_style():
+        axes_given = axes if axes is not None else _places(len(zoomed))
+        flat = np.atleast_1d(np.asarray(axes_given, dtype=object)).ravel()
+        top = float(np.nanmax(resynthesised.value[:, 0]))
+        for ax in flat:
+            for color, (name, indicator) in zip(_shades(len(measured)), measured.items(), strict=True):
+                ax.plot(indicator.frequency_hz, indicator.value[:, 0], color=color, linewidth=0.9, label=name)
+            ax.plot(
+                resynthesised.frequency_hz,
+                resynthesised.value[:, 0],
+                color=INK,
+                linestyle="--",
+                linewidth=1.0,
+                label="linear modes",
+            )
+            ax.set_yscale("log")
+        whole = flat[0]
+        for number, place in marked.items():
+            whole.axvline(place, color=GREY, linestyle=":", linewidth=0.9, zorder=0)
+            whole.annotate(
+                str(number), (place, 1), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+                ha="center", fontsize=8, color=GREY,
+            )  # fmt: skip
+        whole.set_xlim(float(resynthesised.frequency_hz[0]), float(resynthesised.frequency_hz[-1]))
+        least = 0.3 * float(np.nanmin(resynthesised.value[:, 0]))
+        whole.set_ylim(max(top * 10.0**-DECADES_SHOWN, least), 3 * top)
+        whole.set_ylabel("CMIF [m/s²/N]")
+        whole.set_xlabel("frequency [Hz]")
+        whole.set_title("Nonlinear modes by number" if marked else "Mode indicator", pad=14)
+        thick(whole.legend(loc="lower right", ncols=2))
+        for ax, number in zip(flat[1:], zoomed, strict=True):
+            _zoom(ax, marked[number], measured, resynthesised)
+            ax.set_title(f"mode {number}", fontsize=9)
+    return flat
+
+
+def level_shift_figures(
+    shifts: Sequence[LevelShift],
+    axes: Any = None,
+    *,
+    frequency_threshold: float | None = None,
+    damping_threshold: float | None = None,
+) -> np.ndarray:
+    """Draw by how much natural frequency and damping ratio of each mode move from the lowest level to the highest.
+
+    Args:
+        shifts: one a mode.
+        axes: two Axes, or None for a new figure.
+        frequency_threshold: relative shift from which a mode counts as nonlinear: dashed lines; none if left out.
+        damping_threshold: likewise of the damping ratio.
+
+    Returns:
+        (2, 1) Axes: frequency above, damping below.
+    """
+    place = np.arange(len(shifts))
+    with house_style():
+        grid = panels(axes, 2, height_in=4.2, sharex=True)
+        thresholds = (frequency_threshold, damping_threshold)
+        for ax, name, threshold in zip(grid[:, 0], ("frequency", "damping"), thresholds, strict=True):
+            ax.axhline(0, color=INK, linewidth=0.8)
+            for sign in (1, -1) if threshold is not None else ():
+                label = f"threshold ±{100 * (threshold or 0):.3g} %" if sign > 0 else None
+                ax.axhline(sign * 100 * (threshold or 0), color=GREY, linestyle="--", linewidth=0.9, label=label)
+            if threshold is not None:
+                ax.legend(loc="best", fontsize=7.5)
+            for x, shift in zip(place, shifts, strict=True):
+                estimate = shift.frequency_shift if name == "frequency" else shift.damping_shift
+                if estimate.value is None:
+                    continue
+                color = VERMILION if shift.nonlinear else INK if shift.determined else GREY
+                if estimate.interval95 is not None:
+                    ax.plot([x, x], [100 * end for end in estimate.interval95], color=color, linewidth=1.2)
+                face = color if shift.determined else "white"
+                ax.plot([x], [100 * estimate.value], marker="o", markersize=5.5, color=color, markerfacecolor=face)
+            ax.set_ylabel(f"{name} shift [%]")
+            ax.grid(False, axis="x")
+        grid[1, 0].set_xticks(place, [str(shift.mode) for shift in shifts])
+        grid[1, 0].set_xlim(-0.5, len(shifts) - 0.5)
+        grid[1, 0].set_xlabel("mode")
+        grid[0, 0].set_title("Nonlinear modes in red, hollow where the levels cannot tell")
+    return grid
+
+
+def _zoom(ax: Axes, place: float, measured: Mapping[str, ModeIndicator], made: ModeIndicator) -> None:
+    """Show the lines around a mode only."""
+    low, high = 0.95 * place, 1.03 * place
+    ax.set_xlim(low, high)
+    heights = []
+    for each in (*measured.values(), made):
+        inside = (each.frequency_hz >= low) & (each.frequency_hz <= high)
+        heights.append(each.value[inside, 0])
+    height = np.concatenate(heights)
+    ax.set_ylim(0.7 * float(np.nanquantile(height, 0.02)), 1.5 * float(np.nanmax(height)))
+    plain_numbers(ax.yaxis)
+    ax.tick_params(labelsize=7.5)
+    ax.locator_params(axis="x", nbins=4)
+
+
+def _places(n_zoomed: int) -> list[Any]:
+    """Axes of a new figure: one wide panel, and small ones below."""
+    from matplotlib.figure import Figure
+
+    columns = max(n_zoomed, 1)
+    figure = Figure(figsize=(7.4, 3.4 + 2.0 * (n_zoomed > 0)), layout="constrained")
+    grid = figure.add_gridspec(1 + (n_zoomed > 0), columns, height_ratios=[1.6, 1][: 1 + (n_zoomed > 0)])
+    return [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, place]) for place in range(n_zoomed))]
+
+
+def _shades(n: int) -> list[str]:
+    return [(BLUE, *RUN_COLORS[4:5], VERMILION)[i] if n <= 3 else RUN_COLORS[i % len(RUN_COLORS)] for i in range(n)]

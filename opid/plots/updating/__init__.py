@@ -1,0 +1,1 @@
+"""Figures of Bayesian updating: backbones, classes, the linear structure, and posterior samples."""

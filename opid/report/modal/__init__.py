@@ -1,0 +1,1 @@
+"""Reports of nonlinear modal models and of free decays."""

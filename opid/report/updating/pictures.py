@@ -1,0 +1,244 @@
+"""The figures of an updating: which there are, what each shows, and what is worked out for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from opid.mechanics.laws.law import FloatArray, Law, Term
+from opid.report.page import Picture
+from opid.report.updating.coverage import missing_points
+from opid.report.updating.reduction import order_sentences, reduction_sentences
+from opid.report.updating.tables import Truth, law_of, short_kind, true_theta
+from opid.updating.result import ClassPosterior, Updating
+from opid.updating.structure.reduction import ReductionErrors
+
+N_SENSORS_SHOWN = 6
+"""Sensors of a figure of backbones, those that move most."""
+
+N_DRAWS = 200
+"""Of the samples, for the band of a force."""
+
+N_EXTENSIONS = 200
+"""At which a force is drawn."""
+
+
+def updating_pictures(
+    result: Updating, reduction: ReductionErrors | None = None, free: ReductionErrors | None = None
+) -> tuple[Picture, ...]:
+    """Return the figures that a result has something to show in.
+
+    Args:
+        result: the updating.
+        reduction: how the reduced structure differs from the whole one.
+        free: the same of the reduction with free modes.
+    """
+    return tuple(_pictures(result, reduction, free))
+
+
+def _pictures(result: Updating, reduction: ReductionErrors | None, free: ReductionErrors | None) -> Iterator[Picture]:
+    for mode in sorted({curve.mode for curve in result.measured}):
+        yield _measured_picture(mode)
+    if result.linear is not None:
+        yield from _linear_pictures()
+    if reduction is not None:
+        yield _reduction_picture(result, reduction, free)
+    if result.classes:
+        yield from _class_pictures(result)
+    for mode in sorted({band.mode for band in result.prediction}):
+        yield _predicted_picture(result, mode)
+
+
+def _measured_picture(mode: int) -> Picture:
+    from opid import plots
+
+    return Picture(
+        f"measured_mode_{mode}",
+        f"Mode {mode}: what was measured",
+        "Amplitude of the first harmonic over the frequency of phase resonance, one curve a test. They should lie on "
+        "each other: how far they do not is what the likelihood takes for errors. A loop or a peak is a modal "
+        "interaction, of which one harmonic knows nothing.",
+        lambda result, truth: plots.measured_backbones(result.measured, mode, sensors=_moving(result, mode)),
+    )
+
+
+def _linear_pictures() -> Iterator[Picture]:
+    from opid import plots
+
+    yield Picture(
+        "linear_updating",
+        "The linear structure, before and after",
+        "Frequencies and shapes of the lowest points of the backbones against the structure as it was given and with "
+        "its updated parameters.",
+        lambda result, truth: plots.linear_updating(result.linear),
+    )
+    yield Picture(
+        "linear_samples",
+        "Linear parameters",
+        "Samples of the posterior of the factors as densities, with the contours of 50, 90 and 99 % of a Gaussian of "
+        "the same mean and covariance. Green, if any, is the truth of a simulation.",
+        lambda result, truth: plots.parameter_samples(
+            result.linear.samples,
+            _linear_labels(result),
+            truth=[truth["linear"].get(name) for name in result.linear.names] if truth else None,
+        ),
+    )
+    yield Picture(
+        "linear_running",
+        "Linear parameters: have they settled?",
+        "Mean and standard deviation of the samples so far. Lines that still drift at the end ask for more samples.",
+        lambda result, truth: plots.running_moments(result.linear.samples, result.linear.names),
+    )
+
+
+def _reduction_picture(result: Updating, reduction: ReductionErrors, free: ReductionErrors | None) -> Picture:
+    from opid import plots
+
+    sentences = (*reduction_sentences(result, reduction, free), *order_sentences(reduction, free))
+    caption = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
+    return Picture(
+        "reduction",
+        "What the reduction leaves out",
+        "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
+        f"are tested and those near their multiples should be exact; higher ones need not. {caption}",
+        lambda result, truth: plots.reduction_figure(reduction, free=free),
+    )
+
+
+def _class_pictures(result: Updating) -> Iterator[Picture]:
+    from opid import plots
+
+    yield Picture(
+        "log_evidences",
+        "Which class",
+        "Log evidence less that of the best class (in red), by every method that was run. Three is strong, five is "
+        "decisive, and one is nothing; a class with a further term pays for the width of its prior.",
+        lambda result, truth: plots.log_evidences(result),
+    )
+    yield Picture(
+        "joint_forces",
+        "What the classes make of the joints",
+        "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
+        "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be told apart by these data.",
+        _draw_forces,
+    )
+    for number, posterior in enumerate(result.classes, start=1):
+        yield from _pictures_of_class(number, posterior)
+
+
+def _pictures_of_class(number: int, posterior: ClassPosterior) -> Iterator[Picture]:
+    from opid import plots
+
+    name = posterior.model_class.name
+    labels = class_labels(posterior)
+    yield Picture(
+        f"class_{number}_samples",
+        f"{name}, {law_of(posterior)}: parameters",
+        "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
+        "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
+        lambda result, truth: plots.parameter_samples(
+            posterior.samples, labels, truth=true_theta(posterior, truth) if truth else None
+        ),
+    )
+    yield Picture(
+        f"class_{number}_running",
+        f"{name}, {law_of(posterior)}: have they settled?",
+        "Mean and standard deviation of the samples so far.",
+        lambda result, truth: plots.running_moments(posterior.samples, labels),
+    )
+
+
+def _predicted_picture(result: Updating, mode: int) -> Picture:
+    from opid import plots
+
+    n_missing = sum(missing_points(band) for band in result.prediction if band.mode == mode)
+    gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
+    return Picture(
+        f"predicted_mode_{mode}",
+        f"Mode {mode}: what the best class predicts",
+        "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
+        "the share within the band is no test on new data. Points that leave the band on one side, and more of them "
+        f"with the amplitude, ask for another law.{gap}",
+        lambda result, truth: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
+    )
+
+
+def class_labels(posterior: ClassPosterior) -> list[str]:
+    """Return the labels of the parameters of a class on an axis.
+
+    Args:
+        posterior: of the class.
+    """
+    kinds = posterior.model_class.kinds
+    return [f"θ{number} ({short_kind(kind)})" for number, kind in enumerate(kinds, start=1)]
+
+
+def _linear_labels(result: Updating) -> list[str]:
+    return [f"{name} [of nominal]" for name in result.linear.names] if result.linear is not None else []
+
+
+def reached_extension(result: Updating) -> dict[int, float]:
+    """Return the largest extension of a joint in the tests of each mode, m, by the linear shape of the mode.
+
+    Args:
+        result: the updating.
+    """
+    system = result.system
+    reached: dict[int, float] = {}
+    for curve in result.measured:
+        if curve.mode > system.n_modes or not system.joints or curve.controlled_sensor not in system.sensors:
+            continue
+        column = system.place(curve.mode)
+        moved = abs(float(system.at_sensors[system.sensor(curve.controlled_sensor), column]))
+        if moved > 0:
+            extended = float(np.abs(system.at_joints[:, column]).max()) / moved * float(curve.controlled_amplitude[-1])
+            reached[curve.mode] = max(reached.get(curve.mode, 0.0), extended)
+    return reached
+
+
+def _draw_forces(result: Updating, truth: Truth | None) -> Any:
+    from opid import plots
+
+    reached = reached_extension(result)
+    # joints that the tests do not extend have laws all the same
+    extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
+    return plots.joint_forces(
+        extension,
+        [_force_band(each, extension) for each in result.classes],
+        best=result.best_class,
+        truth=_force(truth["law"], extension) if truth else None,
+        reached=reached,
+    )
+
+
+def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
+    from opid.plots import ForceBand
+
+    own = posterior.model_class
+    thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
+    draws = np.array([own.law(theta).force(extension, 0.0) for theta in thinned])
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    return ForceBand(own.name, draws.mean(axis=0), low, high)
+
+
+def _force(coefficients: Mapping[str, float], extension: FloatArray) -> FloatArray:
+    return Law(tuple(Term(kind, (value,)) for kind, value in coefficients.items())).force(extension, 0.0)
+
+
+def _moving(result: Updating, mode: int) -> list[str]:
+    """The sensors that move most in a mode, in the order of the data."""
+    curves = [curve for curve in result.measured if curve.mode == mode]
+    largest: dict[str, float] = {}
+    for curve in curves:
+        for sensor, values in zip(curve.sensors, np.abs(curve.amplitude).max(axis=0), strict=True):
+            largest[sensor] = max(largest.get(sensor, 0.0), float(values))
+    chosen = sorted(largest, key=lambda sensor: -largest[sensor])[:N_SENSORS_SHOWN]
+    return [sensor for sensor in largest if sensor in chosen]
+
+
+def _bands_shown(result: Updating, mode: int) -> list[Any]:
+    shown = set(_moving(result, mode)) if any(curve.mode == mode for curve in result.measured) else set()
+    own = [band for band in result.prediction if band.mode == mode]
+    return ([band for band in own if band.sensor in shown] or own)[:N_SENSORS_SHOWN]

@@ -1,0 +1,324 @@
+"""The truth about a clock: rate, jitter, gaps, stamps that repeat or go back, from stamps that come in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from opid.signals.clock import COARSE_STAMPS, GAP, plain_number, resolution_of
+from opid.signals.health.chunks import LARGEST
+from opid.signals.health.result import ClockHealth, Finding, Stretch
+from opid.signals.recording import FloatArray
+
+CROWDED = 0.05
+"""Part of the stamps that repeat the one before, above which the host's clock stamps bursts of rows, not samples."""
+
+USUAL_STAMPS = 4096
+"""Stamps at the beginning that tell what is usual."""
+
+MOST_SHOWN = 100
+"""Stretches of each kind that the result keeps."""
+
+LEAST_FS, MOST_FS = 1.0, 1e6
+"""Rates at which a vehicle's vibration is recorded; beyond, the unit of the stamps is the likelier explanation."""
+
+
+class ClockCheck:
+    """Looks at the stamps of a track, block by block.
+
+    Args:
+        fs: rate that file or user state, Hz; None where the stamps tell.
+        start_s: time of the first row where a rate is stated, s.
+        reconstruct: whether the user takes the rows to be equally spaced.
+        usual: the first stamps, s, `USUAL_STAMPS` or as many as there are; none where a rate is stated.
+    """
+
+    def __init__(self, *, fs: float | None, start_s: float, reconstruct: bool, usual: FloatArray) -> None:
+        self.stated, self.reconstruct, self._bin = fs is not None, reconstruct, 1
+        self._start_s, self.n, self._previous = start_s, 0, np.nan
+        self.crowded = False
+        self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._usual(usual)
+        self._good = np.zeros(3)  # steps that are no gap: how many, their sum and sum of squares about the period
+        self._line = np.zeros(4)  # of row and stamp: sums of row, stamp, row^2, row stamp
+        self.repeated, self.backward, self.unreadable = 0, 0, 0
+        self.first_repeated_s = self.first_backward_s = np.nan
+        self._gaps: list[tuple[int, float, float]] = []
+        self.n_gaps, self._lost_s = 0, 0.0
+        self._jumps: list[np.ndarray] = []
+        self._knots: list[np.ndarray] = []
+        self._stray: list[np.ndarray] = []
+        self._last = np.empty(0)
+
+    @property
+    def fs(self) -> float:
+        """What the first stamps say, or the file, Hz."""
+        return 1 / self._period
+
+    def keep_every(self, bin_rows: int) -> None:
+        """Keep the time of every so many rows.
+
+        Args:
+            bin_rows: number of rows.
+        """
+        self._bin = bin_rows
+
+    def jumps(self) -> np.ndarray:
+        """Return the rows before which the clock jumps."""
+        return np.concatenate(self._jumps) if self._jumps else np.empty(0, dtype=np.int64)
+
+    def add(self, stamps: FloatArray | None, n: int) -> np.ndarray:
+        """Take the next rows and return those before which the clock jumps.
+
+        Args:
+            stamps: (n,) of the rows, s.
+            n: how many there are.
+        """
+        first, self.n = self.n, self.n + n
+        if self.stated or stamps is None:
+            return np.empty(0, dtype=np.int64)
+        time_s = self._readable(stamps)
+        if first == 0:
+            self._start_s = float(time_s[0])
+        steps = np.diff(time_s, prepend=self._previous if first else time_s[0] - self._period)
+        self._previous = float(time_s[-1])
+        self._last = np.concatenate([self._last, time_s])[-2000:]
+        self._faults(time_s, steps)
+        jumps = (steps > self._longest) | (steps < -self._noise)
+        own = steps if self.crowded or not jumps.any() else steps[~jumps]
+        off = own - self._period
+        self._good += np.array([off.size, off.sum(), off @ off])
+        rows = np.arange(first, first + n, dtype=np.float64)
+        elapsed = time_s - self._start_s
+        self._line += np.array([rows.sum(), elapsed.sum(), rows @ rows, rows @ elapsed])
+        places = np.flatnonzero(jumps)
+        self._keep_gaps(first, time_s, steps, places)
+        self._keep_knots(rows, time_s, places)
+        bins = (first + places) // self._bin
+        # one jump a bin tells that it is not sound
+        self._jumps.append((first + places)[np.unique(bins, return_index=True)[1]])
+        return first + places
+
+    def seconds(self, rows: np.ndarray) -> FloatArray:
+        """Return the time of rows, s: along the stamps, or at equal steps where they are not looked at.
+
+        Args:
+            rows: numbers of rows.
+        """
+        if self.stated or self._equal_steps or not self._knots:
+            start_s = self._origin()
+            return start_s + np.asarray(rows, dtype=np.float64) / self.rate()
+        knots = np.concatenate(self._knots, axis=1)
+        order = np.argsort(knots[0], kind="stable")
+        at = np.asarray(rows, dtype=np.float64)
+        beyond = np.maximum(at - (self.n - 1), 0) * self._period  # a row after the last one ends it
+        return np.interp(at, knots[0][order], knots[1][order]) + beyond
+
+    def rate(self) -> float:
+        """Return the rate of all rows, gaps left out, Hz."""
+        if self.stated:
+            return 1 / self._period
+        if self._equal_steps:
+            slope = self._slope()
+            return 1 / slope if slope > 0 else 1 / self._period
+        n, off, squares = self._good
+        # the period of the first row's step is made up
+        period = self._period + (off / (n - 1) if n > 1 else 0.0)
+        period = period if period > 0 else self._period
+        spread = np.sqrt(squares / n) if n else 0.0
+        uncertainty = 4 * self._noise if spread < 1e-6 * period else self.resolution_s + 4 * self._noise
+        relative = 1e-10 + uncertainty / max((n - 1) * period, period)
+        return plain_number(1 / period, relative / period)
+
+    @property
+    def resolution_s(self) -> float:
+        """Step to which the last stamps are rounded, s."""
+        return 0.0 if self.stated or self._last.size < 2 else float(resolution_of(self._last))
+
+    @property
+    def stray_s(self) -> float:
+        """How far the stamps lie off equal steps at the most, s."""
+        if not self._stray:
+            return 0.0
+        rows, low, high = np.concatenate(self._stray, axis=1)
+        period = 1 / self.rate()
+        tilt = self._start_s + rows * self._period - (self._origin() + rows * period)
+        return float(max(np.abs(low + tilt).max(), np.abs(high + tilt).max()))
+
+    @property
+    def _equal_steps(self) -> bool:
+        return self.reconstruct or self.crowded
+
+    def result(self, track: str, channels: tuple[str, ...]) -> ClockHealth:
+        """Return the figures of all rows.
+
+        Args:
+            track: its name.
+            channels: the names of its channels.
+        """
+        fs, (n, off, squares) = self.rate(), self._good
+        variance = max(squares / n - (off / n) ** 2, 0.0) if n else 0.0
+        length_s = self.n / fs
+        if not self.stated and not self._equal_steps:
+            length_s = self._previous - self._start_s + 1 / fs
+        gaps = tuple(Stretch("gap", begin, end) for _, begin, end in self._gaps)
+        return ClockHealth(
+            track=track,
+            channels=channels,
+            fs=fs,
+            stated=self.stated,
+            start_s=self._origin(),
+            duration_s=length_s,
+            n_samples=self.n,
+            jitter=float(np.sqrt(variance)) * fs,
+            resolution_s=self.resolution_s,
+            repeated=self.repeated,
+            backward=self.backward,
+            gaps=gaps,
+            n_gaps=self.n_gaps,
+            n_lost=round(self._lost_s * fs),
+        )
+
+    def _usual(self, stamps: FloatArray) -> tuple[float, float, float]:
+        """Period, the longest step that is no gap, and the rounding of floating point, s."""
+        time_s = stamps[np.abs(stamps) < LARGEST]
+        steps = np.diff(time_s)
+        if not (steps > 0).any():
+            return 1.0, np.inf, 0.0
+        noise = 4 * float(np.spacing(np.abs(time_s).max()))
+        self.crowded = bool((steps == 0).mean() > CROWDED)
+        if self.crowded:
+            forward = steps[steps > 0]
+            period = float(forward.sum() / steps.size)
+            return period, max(GAP * period, 3 * float(np.quantile(forward, 0.99))), noise
+        # the median over some steps withstands gaps, coarse rounding, and stamps that repeat or go back
+        stride = min(8, steps.size)
+        period = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
+        period = period if period > 0 else float(np.median(steps[steps > 0]))
+        spread = 1.4826 * float(np.median(np.abs(steps - period)))
+        rounding = resolution_of(time_s) if time_s.size > 2 else 0.0
+        rounding = rounding if rounding < COARSE_STAMPS * period else 0.0
+        return period, max(GAP * period, period + 6 * spread, period + 1.01 * rounding) + noise, noise
+
+    def _readable(self, stamps: FloatArray) -> FloatArray:
+        """The stamps, those that are no number put between their neighbours."""
+        good = np.abs(stamps) < LARGEST  # their squares are summed
+        if good.all():
+            return stamps.copy()
+        self.unreadable += int((~good).sum())
+        rows = np.arange(stamps.size)
+        if not good.any():
+            before = self._previous if np.isfinite(self._previous) else -self._period
+            return np.asarray(before + self._period * (rows + 1.0), dtype=np.float64)
+        return np.asarray(np.interp(rows, rows[good], stamps[good]), dtype=np.float64)
+
+    def _faults(self, time_s: FloatArray, steps: FloatArray) -> None:
+        same, back = steps == 0, steps < 0
+        if same.any():
+            self.first_repeated_s = time_s[same.argmax()] if not self.repeated else self.first_repeated_s
+            self.repeated += int(same.sum())
+        if back.any():
+            self.first_backward_s = time_s[back.argmax()] if not self.backward else self.first_backward_s
+            self.backward += int(back.sum())
+
+    def _keep_gaps(self, first: int, time_s: FloatArray, steps: FloatArray, places: np.ndarray) -> None:
+        gaps = places[steps[places] > 0]
+        self.n_gaps += gaps.size
+        self._lost_s += float((steps[gaps] - self._period).sum())
+        for k in gaps[: MOST_SHOWN - len(self._gaps)]:
+            self._gaps.append((first + int(k), float(time_s[k] - steps[k]), float(time_s[k])))
+
+    def _keep_knots(self, rows: FloatArray, time_s: FloatArray, places: np.ndarray) -> None:
+        """Keep the time of some rows and of both sides of jumps, and how far the stamps of each bin stray."""
+        regular = np.arange(-int(rows[0]) % self._bin, rows.size, self._bin)
+        most = max(1, rows.size // self._bin) * 16
+        near = np.concatenate([regular, [0, rows.size - 1], places[:most], np.maximum(places[:most] - 1, 0)])
+        near = np.unique(near.astype(np.int64))
+        self._knots.append(np.stack([rows[near], time_s[near]]))
+        if self._equal_steps:
+            stray = time_s - (self._start_s + rows * self._period)
+            starts = np.arange(0, rows.size, self._bin)
+            low, high = np.minimum.reduceat(stray, starts), np.maximum.reduceat(stray, starts)
+            middles = 0.5 * (rows[starts] + rows[np.append(starts[1:] - 1, rows.size - 1)])
+            self._stray.append(np.stack([middles, low, high]))
+
+    def _slope(self) -> float:
+        row, stamp, squares, products = self._line
+        spread = squares - row * row / self.n
+        return float((products - row * stamp / self.n) / spread) if spread > 0 else 0.0
+
+    def _origin(self) -> float:
+        if self.stated or not self._equal_steps or self._slope() <= 0:
+            return self._start_s
+        row, stamp = self._line[:2]
+        return float(self._start_s + stamp / self.n - self._slope() * row / self.n)
+
+
+def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
+    """Yield what is wrong with a clock and what to do about it.
+
+    Args:
+        check: that has seen all rows.
+        health: its figures.
+    """
+    of_track = f" of {health.track!r}" if health.track else ""
+    if not LEAST_FS <= health.fs <= MOST_FS:
+        cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"
+        source = "is stated" if health.stated else "follows from the time stamps"
+        yield Finding("warning", "", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}")
+    if check.unreadable:
+        yield Finding("fault", "", f"{check.unreadable} time stamp(s){of_track} are no number: mend the log there")
+    if check.backward:
+        yield Finding(
+            "fault",
+            "",
+            f"the time{of_track} goes back {check.backward} time(s), the first to {check.first_backward_s:.9g} s: "
+            "put the samples in order, or split the log there if two were joined",
+        )
+    if check.reconstruct and not health.stated:
+        yield Finding(
+            "note",
+            "",
+            f"the rows{of_track} are taken to be equally spaced at {health.fs:.6g} Hz, the stamps lie up to "
+            f"{check.stray_s:.2g} s off: nothing to do unless samples were lost",
+        )
+    elif health.repeated == health.n_samples - 1 and health.n_samples > 1:
+        yield Finding(
+            "fault",
+            "",
+            f"all {health.n_samples} time stamps{of_track} are {health.start_s:.9g} s, which is no clock: state the "
+            "rate (fs_hz in [log])",
+        )
+    elif check.crowded:
+        rows = health.n_samples / (health.n_samples - health.repeated)
+        yield Finding(
+            "fault",
+            "",
+            f"about {rows:.1f} rows{of_track} share a time stamp, as where a host empties a buffer or rounds: "
+            f'write `clock = "reconstructed"` in [log], which takes the rows as equally spaced at {health.fs:.6g} Hz',
+        )
+    elif check.repeated:
+        yield Finding(
+            "fault",
+            "",
+            f"{check.repeated} time stamp(s){of_track} stand twice in a row, the first at "
+            f"{check.first_repeated_s:.9g} s: remove the repeated samples, write the time with more digits, or write "
+            '`clock = "reconstructed"` in [log] if the rows are equally spaced',
+        )
+    if health.n_gaps:
+        gap = health.gaps[0]
+        yield Finding(
+            "warning",
+            "",
+            f"the time{of_track} jumps from {gap.start_s:.9g} s to {gap.stop_s:.9g} s where steps of "
+            f"{1 / health.fs:.6g} s are usual ({health.n_gaps} gap(s), about {health.n_lost} sample(s) lost): choose a "
+            "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
+        )
+    usual = max(0.02, 0.5 * health.resolution_s * health.fs)
+    if not (check.crowded or check.reconstruct or health.n_gaps or check.backward) and health.jitter > usual:
+        yield Finding(
+            "warning",
+            "",
+            f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: if the recorder "
+            'samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]',
+        )

@@ -1,0 +1,212 @@
+"""Single samples that stand far out of their surroundings: found, counted, mended.
+
+A spike of a cable or a converter of height s is there for one sample. The departure of a sample from the mean of its
+neighbours, d_k = x_k - (x_{k-1} + x_{k+1}) / 2, is then 0, -s/2, s, -s/2, 0 beside what the motion makes, and where
+that one sample is left out the signal goes on as if nothing had been. A force that jumps does not do so: dry friction
+turns over where the velocity passes zero, the acceleration goes to another level within a sample or two and stays
+there, and what a sensor's filter makes of that rings on both sides. Without any one of its samples the jump is still
+there: for a step from a to b between two samples the least that is left is half of what was taken out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.signals.health.chunks import Chunk
+from opid.signals.recording import FloatArray
+
+
+@dataclass(frozen=True)
+class SpikeSettings:
+    """What counts as a spike.
+
+    Args:
+        least_sigma: robust standard deviations by which a spike departs from its neighbours' mean. Gaussian noise
+            never does.
+        most_left: what the two departures on either side of a spike may differ by from those beside a lone sample,
+            over its height. It lies between 3 / least_sigma, below which noise hides spikes that just stand out, and
+            0.5, where a jump between two samples is taken for a spike. At 0.35 noise hides 1 of 1000 of the former,
+            and of 14 million samples of dry friction behind a sharp anti-alias filter none is called a spike.
+        block_s: stretch over which the usual departure is taken, s, so that the loud begin of a braking run does not
+            look like spikes.
+        quiet_ratio: a stretch that is quieter than this part of the whole run is taken to be as loud as that, because
+            a standstill has hardly any departure.
+        least_moving: departures other than zero that show what is usual in a stretch. Where the value is held or
+            clipped there are fewer.
+    """
+
+    least_sigma: float = 10.0
+    most_left: float = 0.35
+    block_s: float = 1.0
+    quiet_ratio: float = 0.1
+    least_moving: int = 16
+
+
+SPIKES = SpikeSettings()
+
+_ROBUST = 1.4826  # median of |x| -> standard deviation, Gaussian
+_PICKED = 512  # departures of a bin that its median is taken of: known to 4 %, with tenfold to spare
+_MOST_CANDIDATES = 50000
+
+
+def without_spikes(samples: ArrayLike, *, fs: float, settings: SpikeSettings = SPIKES) -> tuple[FloatArray, np.ndarray]:
+    """Replace single samples that stand far out by the cubic through their four neighbours.
+
+    The first and the last three samples are left as they are: a spike is told by three samples on either side.
+
+    Args:
+        samples: (n,) one channel.
+        fs: sampling rate, Hz.
+        settings: what counts as a spike.
+
+    Returns:
+        The mended samples, (n,), and the indices that were mended.
+
+    >>> signal = np.sin(np.arange(2000) / 20.0)
+    >>> signal[700] += 30.0
+    >>> signal[1200:] += 5.0
+    >>> mended, indices = without_spikes(signal, fs=500.0)
+    >>> indices.tolist(), bool(abs(mended[700] - np.sin(35.0)) < 0.01)
+    ([700], True)
+    """
+    mended = np.array(samples, dtype=np.float64)
+    indices = _find_spikes(mended, fs, settings)
+    near, far = mended[indices - 1] + mended[indices + 1], mended[indices - 2] + mended[indices + 2]
+    mended[indices] = (4 * near - far) / 6
+    return mended, indices
+
+
+def _find_spikes(samples: FloatArray, fs: float, settings: SpikeSettings) -> np.ndarray:
+    """Return the indices of single samples that depart far from their neighbours and from nothing else."""
+    departure = samples[1:-1] - 0.5 * (samples[:-2] + samples[2:])
+    block = max(16, round(settings.block_s * fs))
+    if departure.size < block:
+        return np.empty(0, dtype=np.intp)
+    size = np.abs(departure)
+    n_blocks = departure.size // block
+    usual = _beside(_usual(size[: n_blocks * block].reshape(n_blocks, block), settings.least_moving))
+    if not np.isfinite(usual).any():
+        return np.empty(0, dtype=np.intp)
+    usual = np.maximum(usual, settings.quiet_ratio * float(np.nanmedian(usual)))
+    block_index = np.minimum(np.arange(departure.size) // block, n_blocks - 1)
+    limit = settings.least_sigma * _ROBUST * usual[block_index]
+    far = np.flatnonzero(size[2:-2] > limit[2:-2]) + 2
+    return far[_is_lone(departure, far, settings.most_left)] + 1
+
+
+def _usual(size: FloatArray, least_moving: int) -> FloatArray:
+    """Median of each row of what is not 0 or NaN, NaN where that is little: held values have no departure at all."""
+    moving = size > 0
+    if moving.all():
+        return np.asarray(np.median(size, axis=1))
+    n = moving.sum(axis=1)
+    ordered = np.sort(np.where(moving, size, np.inf), axis=1)
+    middle = np.maximum(n - 1, 0)[:, np.newaxis] // 2
+    usual = np.take_along_axis(ordered, middle, axis=1)[:, 0]
+    return np.where(n >= min(least_moving, size.shape[1]), usual, np.nan)
+
+
+def _beside(usual: FloatArray) -> FloatArray:
+    """Of what is usual in each stretch and its neighbours the largest: motion may begin or end in a quiet one."""
+    around = np.concatenate([[np.nan], usual, [np.nan]])
+    return np.asarray(np.fmax(np.fmax(around[:-2], around[2:]), usual))
+
+
+def _is_lone(departure: FloatArray, indices: np.ndarray, most_left: float) -> np.ndarray:
+    """Whether the departures around each index are 0, -s/2, s, -s/2, 0, up to a part of the height s.
+
+    Where the cubic through its four neighbours takes its place, a sample falls by s = (2 d_k - d_{k-1} - d_{k+1}) / 3.
+    """
+    before, after = departure[indices - 1], departure[indices + 1]
+    height = (2 * departure[indices] - before - after) / 3
+    left_over = np.stack([before + height / 2, after + height / 2, departure[indices - 2], departure[indices + 2]])
+    return np.asarray(np.abs(left_over).max(axis=0) < most_left * np.abs(height))
+
+
+class SpikeSearch:
+    """Finds the spikes of one channel in chunks, as `without_spikes` does in a whole run.
+
+    Args:
+        column: of the channel.
+        bin_rows: rows of a bin, over which the usual departure is taken.
+        settings: what counts as a spike.
+    """
+
+    def __init__(self, column: int, bin_rows: int, settings: SpikeSettings = SPIKES) -> None:
+        self._column, self._bin, self._settings = column, bin_rows, settings
+        step = max(1, bin_rows // _PICKED)
+        starts = np.arange(0, bin_rows - step + 1, step)
+        # irregular places: a tone must not be met at one phase only
+        self._picked = starts + np.floor(step * ((0.6180339887498949 * np.arange(starts.size)) % 1)).astype(np.intp)
+        self._usual: list[FloatArray] = []
+        self._some = False
+        self._before = np.inf
+        self._found: list[np.ndarray] = []
+        self._n_found = 0
+
+    def add(self, chunk: Chunk) -> None:
+        """Take the next chunk.
+
+        Args:
+            chunk: the next one.
+        """
+        lead, n = chunk.lead, chunk.n
+        begin = max(lead - 6, 0)
+        x = chunk.values[self._column, begin : lead + n]
+        if x.size < 7:
+            return
+        departure = x[:-2] + x[2:]
+        departure *= -0.5
+        departure += x[1:-1]
+        size = np.abs(departure)
+        offset = begin - lead + 1  # departure k is that of row `offset + k` of the chunk
+        usual = self._usual_of_bins(size, offset, n)
+        floor = 0.5 * self._settings.quiet_ratio * self._median() if self._some else np.inf
+        # centres from three rows before the chunk to three before its end: each needs three neighbours on either side
+        first, stop = (-3 if lead else 3), n - 3
+        limit = np.repeat(self._settings.least_sigma * _ROBUST * np.maximum(usual, floor), self._bin)
+        centres = size[first - offset : stop - offset]
+        far = np.flatnonzero(centres > limit[self._bin + first : self._bin + stop]) + first
+        far = far[_is_lone(departure, far - offset, self._settings.most_left)]
+        self._keep(far + chunk.first, size[far - offset])
+
+    def rows(self, step: float | None) -> np.ndarray:
+        """Return the rows of the spikes.
+
+        Args:
+            step: of the channel's resolution; None where none is visible.
+        """
+        if not self._found or not self._some:
+            return np.empty(0, dtype=np.int64)
+        rows, size = np.concatenate(self._found, axis=1)
+        every = np.concatenate(self._usual)
+        own = _beside(every)[np.minimum(rows.astype(np.int64) // self._bin, every.size - 1)]
+        floor = max(self._settings.quiet_ratio * self._median(), 0.5 * (step or 0.0))
+        return rows[size > self._settings.least_sigma * _ROBUST * np.fmax(own, floor)].astype(np.int64)
+
+    def _median(self) -> float:
+        return float(np.nanmedian(np.concatenate(self._usual)))
+
+    def _usual_of_bins(self, size: FloatArray, offset: int, n: int) -> FloatArray:
+        """What is usual in the bin before and in each bin of the chunk; that before it where a bin is not full."""
+        full = n // self._bin
+        own = np.empty(0)
+        if full:
+            places = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
+            own = _usual(np.take(size, places, mode="clip"), self._settings.least_moving)
+            self._usual.append(own)
+            self._some = self._some or bool(np.isfinite(own).any())
+        every = np.concatenate([[self._before], own, [np.nan]])
+        for k in np.flatnonzero(np.isnan(every)):
+            every[k] = every[k - 1]
+        self._before = float(every[full])
+        return every
+
+    def _keep(self, rows: np.ndarray, size: FloatArray) -> None:
+        room = _MOST_CANDIDATES - self._n_found
+        if rows.size and room > 0:
+            self._found.append(np.stack([rows.astype(np.float64), size])[:, :room])
+            self._n_found += min(room, rows.size)

@@ -1,0 +1,338 @@
+"""Where the table of a text begins, what sets its columns apart, and what they are called."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from opid.errors import InputError
+from opid.signals.column_names import split_unit, time_name
+from opid.signals.log_settings import LogSettings
+from opid.signals.logs.text.stamps import is_stamp, looks_dated
+from opid.signals.logs.text.table import BLANKS, COMMENTS, MOST_COLUMNS, cells_of, has_thousands_mark, is_row, number_of
+from opid.signals.units import to_si
+
+EXAMPLE = "`time [s],lower_z [m/s^2],upper_z [m/s^2]`"
+
+NUMBER, STAMP, UNREAD, DATE, TEXT, EMPTY = "number", "stamp", "stamp in another form", "date", "text", ""
+
+# on equal terms the first is taken
+_LAYOUTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
+_LAYOUTS += [(BLANKS, "."), (BLANKS, ","), (",", ",")]
+_ROWS_TO_TELL = 60
+_RULE = re.compile(r"[-=_+|*\s]+")
+# after an underscore only what can be no part of a name: upper_z, pump_in and imu_g are names
+_UNDERSCORE_UNITS = frozenset(("mg", "ug", "mm", "mV", "kN", "Hz", "kHz", "rpm", "deg", "dps", "degC", "kPa", "MPa"))
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a text.
+
+    Args:
+        name: as its header calls it.
+        unit: as it is written; None where none is.
+        kind: what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT` or `EMPTY`.
+    """
+
+    name: str
+    unit: str | None
+    kind: str = NUMBER
+
+
+@dataclass(frozen=True)
+class TextHeader:
+    """What was found above the numbers.
+
+    Args:
+        columns: all of them.
+        delimiter: between them.
+        decimal: "." or ",".
+        line: of the header, 0 where there is none.
+        first_line: of the numbers, or where they would begin.
+    """
+
+    columns: tuple[Column, ...]
+    delimiter: str
+    decimal: str
+    line: int
+    first_line: int
+
+
+def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHeader:
+    """Return what the first lines of a text say of its table.
+
+    Args:
+        path: the file, for messages.
+        lines: the first ones, rows of numbers among them if there are any.
+        settings: what the user says.
+
+    Raises:
+        InputError: no table is there, or its header and its rows do not agree.
+    """
+    skipped = settings.skip_lines or 0
+    numbered = [(at, line) for at, line in enumerate(lines, start=1) if at > skipped and line.strip()]
+    if not numbered:
+        raise InputError(f"{path} has no header and no samples: begin with {EXAMPLE}")
+    delimiter, decimal = _layout(path, [line for _, line in numbered][-_ROWS_TO_TELL:], settings)
+    rows = [(at, cells_or_text(line, delimiter)) for at, line in numbered if is_row(line, delimiter)]
+    remarks = [(at, line) for at, line in numbered if line.lstrip().startswith(COMMENTS)]
+    kinds = _kinds([cells for _, cells in rows[-_ROWS_TO_TELL:]], decimal)[0]
+    if kinds is None:
+        return _without_rows(path, numbered, delimiter, decimal, settings)
+    begin = 0 if settings.names and settings.skip_lines is not None else _first_row(rows, kinds, decimal)
+    first = rows[begin][0]
+    above = [(at, line) for at, line in numbered if at < first and is_row(line, delimiter)]
+    if settings.names:
+        line, cells = 0, _fitted(list(settings.names), kinds)
+        if cells is None:
+            raise InputError(
+                f"{path}: `names` of [log] has {len(settings.names)} entries, line {first} has {len(kinds)} cells: "
+                "name every column, the time among them"
+            )
+        units: list[str | None] = [None] * len(kinds)
+    else:
+        line, cells, units = _names(path, above, [each for each in remarks if each[0] < first], first, kinds, delimiter)
+    columns = columns_of(f"{path} line {line}" if line else str(path), cells, units, kinds)
+    return TextHeader(columns, delimiter, decimal, line, first)
+
+
+def columns_of(
+    where: str, cells: Sequence[str], units: Sequence[str | None], kinds: Sequence[str]
+) -> tuple[Column, ...]:
+    """Return the columns behind the cells of a header.
+
+    Args:
+        where: file and line, for messages.
+        cells: of the header, names with or without units.
+        units: of a line of units, None for each column without.
+        kinds: what the columns hold.
+
+    Raises:
+        InputError: a column without a name, or two of one name.
+    """
+    columns = []
+    for number, (cell, unit, kind) in enumerate(zip(cells, units, kinds, strict=True), start=1):
+        name, own = (cell, unit) if unit else name_and_unit(cell)
+        if not name:
+            if number == len(cells) > 1 and kind == EMPTY and not cell:
+                name = f"column {number}"  # lines end with a delimiter: nothing is there
+            else:
+                raise InputError(f"{where}: column {number} has no name: write one, or remove the separator before it")
+        columns.append(Column(name, own, kind))
+    twice = Counter(column.name for column in columns).most_common(1)
+    if twice and twice[0][1] > 1:
+        raise InputError(f"{where} names {twice[0][1]} columns {twice[0][0]!r}: rename all but one")
+    return tuple(columns)
+
+
+def name_and_unit(cell: str) -> tuple[str, str | None]:
+    """Split a cell of a header into name and unit, None where there is none.
+
+    Args:
+        cell: `upper_z [m/s^2]`, `upper_z (m/s^2)`, `upper_z / g`, `upper_z, g`, `time_ms`, ...
+
+    >>> name_and_unit("upper_z (m/(s^2))"), name_and_unit("Time / ms"), name_and_unit("time_ms")
+    (('upper_z', 'm/(s^2)'), ('Time', 'ms'), ('time_ms', 'ms'))
+    >>> name_and_unit("left / right"), name_and_unit("upper_m")
+    (('left / right', None), ('upper_m', None))
+    """
+    name, unit = split_unit(cell)
+    if unit or name != cell.strip():
+        return name, unit
+    if re.fullmatch(r"\[.*\]|\(.*\)", cell):
+        return "", cell[1:-1].strip() or None
+    for mark in (" / ", ", "):
+        name, found, unit = cell.partition(mark) if mark == " / " else cell.rpartition(mark)
+        if found and _is_unit(unit.strip()):
+            return name.strip(), unit.strip()
+    stem, found, unit = cell.rpartition("_")
+    if found and stem and _is_unit(unit) and (unit in _UNDERSCORE_UNITS or re.search(r"[/^²°]", unit)):
+        return cell, unit
+    return cell, None
+
+
+def cells_or_text(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, or the line as one cell if it is none of a table.
+
+    Args:
+        line: its text.
+        delimiter: between the cells.
+    """
+    try:
+        return cells_of(line, delimiter)
+    except InputError:
+        return [line]
+
+
+# ---- where the rows begin ------------------------------------------------------------------------
+
+
+def _layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tuple[str, str]:
+    """The delimiter and the decimal with which most cells of the last lines are numbers."""
+    own = settings.delimiter
+    if own is not None and (len(own) != 1 or own.isalnum() or own in '+-."\n\r'):
+        raise InputError(f"{path}: delimiter is {own!r}: give one like ',', ';', '|', '\\t', or ' ' for runs of blanks")
+    layouts = [each for each in _LAYOUTS if settings.decimal in (None, each[1])]
+    if own is not None:
+        layouts = [(own, decimal) for decimal in (".", ",") if settings.decimal in (None, decimal)]
+    widest = max(max(max(map(line.count, ",;\t|")) + 1, len(line.split())) for line in lines)
+    if widest > MOST_COLUMNS:
+        raise InputError(
+            f"{path} has lines of {widest} cells: write one line for each sample and at most {MOST_COLUMNS} columns"
+        )
+    best, found = 0, layouts[0]
+    for delimiter, decimal in layouts:
+        if delimiter != BLANKS and own is None and delimiter not in "".join(lines) and (delimiter, decimal) != found:
+            continue
+        rows = [cells_or_text(line, delimiter) for line in lines if is_row(line, delimiter)]
+        kinds, score = _kinds(rows, decimal)
+        if kinds is not None and score > best:
+            best, found = score, (delimiter, decimal)
+    return found if best or own is not None else (_of_header(lines), found[1])
+
+
+def _of_header(lines: Sequence[str]) -> str:
+    """The delimiter of a header that no numbers follow: most cells win, the comma on a tie."""
+    return max((",", ";", "\t", "|"), key=lambda mark: len(cells_or_text(lines[0], mark)))
+
+
+def _kind(cell: str, decimal: str) -> str:
+    if not cell:
+        return EMPTY
+    # one with a thousands mark is refused where it is read, by its name
+    if number_of(cell, decimal) is not None or has_thousands_mark(cell, decimal):
+        return NUMBER
+    if not looks_dated(cell):
+        return TEXT
+    return STAMP if is_stamp(cell) else UNREAD if ":" in cell else DATE
+
+
+def _kinds(rows: Sequence[Sequence[str]], decimal: str) -> tuple[tuple[str, ...] | None, int]:
+    """What the columns hold in most rows, None where no column holds numbers, and how many cells speak for it."""
+    found = [tuple(_kind(cell, decimal) for cell in cells) for cells in rows]
+    best, most = None, 0
+    for count in dict.fromkeys(map(len, found)):
+        of_count = [kinds for kinds in found if len(kinds) == count]
+        plain = [kinds for kinds in of_count if TEXT not in kinds]
+        candidates = [kinds for kinds, _ in Counter(set(of_count) - set(plain)).most_common()]
+        if plain:
+            candidates.append(tuple(_usual(column) for column in zip(*plain, strict=True)))
+        for kinds in candidates:
+            speaking = sum(kind in (NUMBER, STAMP, UNREAD) for kind in kinds)
+            # a title is easily taken for a row of texts and a number, hardly for one of numbers alone
+            weight = (1 if TEXT in kinds else 3) * sum(_matches(each, kinds) for each in of_count) * speaking
+            if weight >= most and weight > 0:
+                best, most = kinds, weight
+    return best, most
+
+
+def _usual(kinds: Sequence[str]) -> str:
+    held = Counter(kind for kind in kinds if kind != EMPTY)
+    return held.most_common(1)[0][0] if held else EMPTY
+
+
+def _matches(kinds: Sequence[str], usual: Sequence[str]) -> bool:
+    return len(kinds) == len(usual) and all(
+        kind in (EMPTY, own) or own == EMPTY for kind, own in zip(kinds, usual, strict=True)
+    )
+
+
+def _first_row(rows: Sequence[tuple[int, list[str]]], kinds: Sequence[str], decimal: str) -> int:
+    """Which row is the first of numbers; one with a fault is, if it begins as the others do."""
+    found = [tuple(_kind(cell, decimal) for cell in cells) for _, cells in rows]
+    begin = next(at for at, own in enumerate(found) if _matches(own, kinds) and {NUMBER, STAMP} & set(own))
+    while begin and len(found[begin - 1]) == len(kinds) and found[begin - 1][0] == kinds[0] in (NUMBER, STAMP):
+        begin -= 1
+    return begin
+
+
+# ---- names ---------------------------------------------------------------------------------------
+
+
+def _names(
+    path: Path,
+    above: Sequence[tuple[int, str]],
+    remarks: Sequence[tuple[int, str]],
+    first: int,
+    kinds: Sequence[str],
+    delimiter: str,
+) -> tuple[int, list[str], list[str | None]]:
+    """Line, cells and units of the header: of the line above the rows, or of two, or of a remark, or none."""
+    n = len(kinds)
+    above = [each for each in above if not _RULE.fullmatch(each[1])]
+    plain: list[str | None] = [None] * n
+    if above:
+        at, text = above[-1]
+        cells = _cells_of_header(text, kinds, delimiter)
+        before = _cells_of_header(above[-2][1], kinds, delimiter) if len(above) > 1 else None
+        if cells and before and _are_units(cells) and all(before[:-1]) and not _are_units(before):
+            return above[-2][0], before, [cell.strip("[]() ") or None for cell in cells]
+        if cells is None:
+            k = len(cells_or_text(text, delimiter))
+            raise InputError(
+                f"{path} line {at} has {k} cell(s) where line {first} has {n}: mend the header, "
+                "or give `names` in [log] for all columns"
+            )
+        return at, cells, plain
+    if remarks:  # numpy.savetxt and others write the header as a remark
+        at, text = remarks[-1]
+        bare = text.lstrip().lstrip("#%/ ")
+        cells = _cells_of_header(bare, kinds, delimiter)
+        if cells and ("[" in bare or "(" in bare or time_name([name_and_unit(cells[0])[0]])):
+            return at, cells, plain
+    return 0, [f"column {number}" for number in range(1, n + 1)], plain
+
+
+def _cells_of_header(text: str, kinds: Sequence[str], delimiter: str) -> list[str] | None:
+    """The cells of a header, one for each column; they may be set apart by something else than the numbers are."""
+    ways = [cells_or_text(text, delimiter)]
+    if len(kinds) > 1:
+        ways += [cells_or_text(text, other) for other in (",", ";", "\t", "|")]
+        ways.append(re.split(r"\s{2,}|\t", text.strip()))
+    if delimiter == BLANKS:
+        # names and their units are set apart by blanks too
+        joined = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?', text)
+        ways.append([cell.strip('"') for cell in joined])
+    return next((fitted for cells in ways if (fitted := _fitted(cells, kinds)) is not None), None)
+
+
+def _fitted(cells: list[str], kinds: Sequence[str]) -> list[str] | None:
+    """The cells if there is one for each column; a delimiter at the end of lines may make one more, or one less."""
+    if len(cells) == len(kinds) + 1 and not cells[-1]:
+        return cells[:-1]
+    if len(cells) == len(kinds) - 1 and kinds[-1] == EMPTY:
+        return [*cells, ""]
+    return cells if len(cells) == len(kinds) else None
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Whether a line holds units and no names: half of them known at least, none a name with a unit."""
+    held = [cell for cell in cells if cell]
+    known = [_is_unit(cell.strip("[]() ")) for cell in held]
+    bracketed = [cell[0] in "[(" and cell[-1] in "])" for cell in held]
+    return bool(held) and (2 * sum(known) >= len(held) or all(bracketed))
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        to_si(text)
+    except InputError:
+        return False
+    return True
+
+
+def _without_rows(
+    path: Path, numbered: Sequence[tuple[int, str]], delimiter: str, decimal: str, settings: LogSettings
+) -> TextHeader:
+    """The header of a text without numbers: its first line."""
+    at, text = numbered[0]
+    text = text.lstrip().lstrip("#%/ ")
+    cells = list(settings.names) or cells_or_text(text, delimiter)
+    if not any(cells):
+        raise InputError(f"{path} has no header and no samples: begin with {EXAMPLE}")
+    columns = columns_of(f"{path} line {at}", cells, [None] * len(cells), [NUMBER] * len(cells))
+    return TextHeader(columns, delimiter, decimal, at, at + 1)

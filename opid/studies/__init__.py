@@ -1,0 +1,1 @@
+"""Study files and logs -> the records of a study, and back."""

@@ -1,0 +1,343 @@
+"""Study files of modal tests and their logs -> `ModalStudy`, and back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from opid.errors import InputError, nearest
+from opid.modal.linear.coordinates import ModalTest, modal_test
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes_file import read_modes, write_modes
+from opid.modal.study import THRESHOLDS, USES, ModalStudy, StudyTest
+from opid.signals.conversion import recording_of
+from opid.signals.files import written_whole
+from opid.signals.log import Log
+from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.logs import open_log, write_log
+from opid.signals.recording import Recording
+from opid.signals.tables import (
+    CHANNEL,
+    LOG,
+    TEXT,
+    Document,
+    Key,
+    channel_settings,
+    load,
+    log_settings,
+    maybe,
+    refuse,
+    table_faults,
+)
+from opid.signals.units import to_si
+
+Say = Callable[[str], None]
+
+LARGEST_CSV = 3_000_000
+"""Values in all logs of a study beyond which they are written as HDF5, where that can be: some 60 MB of text."""
+
+_MODEL = {
+    "drive_point": maybe(str, "the name of a sensor in quotes"),
+    "nonlinear": maybe(list, "a list of modes counted from 1, like [7, 11]"),
+    "stiffness_order": maybe(int, "a whole number"),
+    "damping_order": maybe(int, "a whole number"),
+    **dict.fromkeys(THRESHOLDS, maybe((int, float), "a share, 0.01 for 1 %")),
+}
+"""What may stand in [modes] or beside it; so may `free_linear`, which is true or false."""
+_STUDY = {
+    "title": maybe(str, "text in quotes"),
+    "modes": Key(dict, "a table [modes]"),
+    "log": maybe(dict, "a table [log]"),
+    "channels": maybe(dict, "a table [channels]"),
+    "tests": Key(list, "one table [[tests]] for each log"),
+    **_MODEL,
+}
+_MODES = {"file": TEXT, **_MODEL}
+# the channels of a test come from one recorder
+_CHANNEL = {name: key for name, key in CHANNEL.items() if name not in ("file", "log", "shift_s")}
+_TEST = {
+    "log": TEXT,
+    "name": maybe(str, "text in quotes"),
+    "force": maybe(str, "the name of a channel in quotes"),
+    "use": maybe(str, f"one of {', '.join(map(repr, USES))}"),
+    "mode": maybe(int, "the number of a mode, from 1"),
+    "modes": maybe(str, "the name of a file in quotes"),
+    "start_s": maybe((int, float), "a number"),
+    "stop_s": maybe((int, float), "a number"),
+}
+
+
+def read_modal_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> ModalStudy:
+    """Read a study file of modal tests, the linear modes and the logs that it names.
+
+    Args:
+        path: a TOML file with `title`, a table `[modes]` and one table `[[tests]]` for each log. `[modes]` gives `file`
+            (npz or CSV, see `read_modes`), `drive_point` (the sensor at whose place the force acts), `nonlinear` (modes
+            counted from 1; those that the level tests show where left out), `stiffness_order` and `damping_order`
+            (chosen by cross-validation where left out), `free_linear` (true or false; decided by the data where left
+            out), `frequency_threshold` and `damping_threshold` (of the level tests, shares; 0.002 and 0.15 where left
+            out); all but `file` may stand beside the tables as well. A test gives `log` (path beside the study file),
+            `force` (its channel; left out of a free decay), `use` ("fit", "truth", "level" or "decay"; "fit" where left
+            out, "decay" without a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the
+            linear modes that hold during this test), `start_s` and `stop_s`. How logs are to be read goes into `[log]`
+            (the fields of `LogSettings`), what their channels mean into `[channels.NAME]` (the fields of
+            `ChannelSettings`), where a channel is not called as its sensor.
+        progress: called with the name of each log as it is read.
+
+    Raises:
+        InputError: the file is missing or no TOML, an unknown, missing or mistyped key, or modes or logs are at fault;
+            everything that is wrong at once.
+    """
+    say = progress or (lambda step: None)
+    source = Path(path)
+    document = load(source)
+    refuse(list(_document_faults(document)), source)
+    settings = {name: document["modes"].get(name, document.get(name)) for name in (*_MODEL, "free_linear")}
+    modes, faults = _all_modes(document, source.parent)
+    linear = modes.get(document["modes"]["file"])
+    if linear is not None:
+        faults += _drive_point_faults(document, settings["drive_point"], linear)
+        faults += _channel_faults(document, linear)
+    refuse(faults, source)
+    assert linear is not None  # or it would have been refused
+    how, channels = _reading(document, source)
+    tests = []
+    for entry in document["tests"]:
+        say(entry["log"])
+        try:
+            own = modes[entry.get("modes", document["modes"]["file"])]
+            test = _test(entry, source.parent, own, settings["drive_point"], how, channels)
+        except InputError as error:
+            faults.append(f"test {_name(entry)!r}: {error}")
+            continue
+        tests.append(StudyTest(test, entry.get("use", "fit" if "force" in entry else "decay"), entry.get("mode")))
+    refuse(faults, source)
+    nonlinear = tuple(settings.pop("nonlinear") or ())
+    settings = {name: value for name, value in settings.items() if value is not None}
+    return ModalStudy(document.get("title", source.stem), linear, nonlinear, tuple(tests), source=source, **settings)
+
+
+def write_modal_study(study: ModalStudy, path: str | os.PathLike[str]) -> None:
+    """Write a study so that `read_modal_study` gives it back: its file, modes.npz, and the log of each test beside it.
+
+    Logs are CSV, or HDF5 where they are large and h5py is installed.
+
+    Args:
+        study: what to write.
+        path: the study file; its directory must exist.
+
+    Raises:
+        InputError: a place that cannot be written to, or a test whose name is no file name.
+    """
+    target = Path(path)
+    for each in study.tests:
+        name = each.test.name
+        if name in ("", ".", "..") or Path(name).name != name:
+            raise InputError(f"the test {name!r} cannot name its log: call it by one plain word")
+    values = sum(each.test.recording.samples.size for each in study.tests)
+    ending = ".h5" if values > LARGEST_CSV and find_spec("h5py") is not None else ".csv"
+    write_modes(study.modes, target.parent / "modes.npz")
+    files = {id(study.modes): "modes.npz"}
+    entries = []
+    for each in study.tests:
+        test = each.test
+        if id(test.modes) not in files:
+            files[id(test.modes)] = f"modes_{test.name}.npz"
+            write_modes(test.modes, target.parent / files[id(test.modes)])
+        log = f"{test.name}{ending}"
+        write_log(test.recording, target.parent / log)
+        entries.append(_entry(each, log, files[id(test.modes)]))
+    with written_whole(target) as file:
+        file.write(_toml(study, entries))
+
+
+# ---- tables -> tests -------------------------------------------------------------------------------
+
+
+def _document_faults(document: Document) -> Iterator[str]:
+    yield from _checked("the study", document, _STUDY)
+    modes = document.get("modes")
+    if isinstance(modes, dict):
+        yield from _checked("[modes]", modes, _MODES)
+        for name in (*_MODEL, "free_linear"):
+            if name in modes and name in document:
+                yield f"{name!r} stands in [modes] and beside it, give it once"
+    for where in (document, modes if isinstance(modes, dict) else {}):
+        listed = where.get("nonlinear", [])
+        for mode in listed if isinstance(listed, list) else []:
+            if not isinstance(mode, int) or isinstance(mode, bool):
+                yield f"'nonlinear' holds {mode!r}, give numbers of modes counted from 1"
+    if isinstance(document.get("log"), dict):
+        yield from table_faults("[log]", document["log"], LOG)
+    channels = document.get("channels")
+    for name, entry in channels.items() if isinstance(channels, dict) else ():
+        if isinstance(entry, dict):
+            yield from table_faults(f"[channels.{name}]", entry, _CHANNEL)
+        elif not isinstance(entry, (str, int)) or isinstance(entry, bool):
+            yield f"{name!r} in [channels] is {entry!r}, give the name of a channel, its number or a table"
+    tests = document.get("tests")
+    for number, entry in enumerate(tests if isinstance(tests, list) else [], start=1):
+        yield from table_faults(f"[[tests]] number {number}", entry, _TEST)
+        if isinstance(entry, dict) and isinstance(entry.get("use"), str) and entry["use"] not in USES:
+            yield f"'use' in [[tests]] number {number} is {entry['use']!r}, give {_TEST['use'].what}"
+
+
+def _checked(where: str, table: Mapping[str, Any], keys: Mapping[str, Key]) -> Iterator[str]:
+    """The faults of a table that may have `free_linear`, the one key that is true or false."""
+    yield from table_faults(where, {name: value for name, value in table.items() if name != "free_linear"}, keys)
+    if not isinstance(table.get("free_linear", True), bool):
+        yield f"'free_linear' in {where} is {table['free_linear']!r}, give true or false"
+
+
+def _all_modes(document: Document, directory: Path) -> tuple[dict[str, LinearModes], list[str]]:
+    """The linear modes by the name of their file, each read once, and what is wrong with them."""
+    modes: dict[str, LinearModes] = {}
+    faults = []
+    for name in dict.fromkeys([document["modes"]["file"], *(e["modes"] for e in document["tests"] if "modes" in e)]):
+        try:
+            modes[name] = read_modes(directory / name)
+        except InputError as error:
+            faults.append(str(error))
+    return modes, faults
+
+
+def _drive_point_faults(document: Document, drive_point: str | None, modes: LinearModes) -> list[str]:
+    forced = [_name(entry) for entry in document["tests"] if "force" in entry]
+    if drive_point is None:
+        return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"] * bool(forced)
+    try:
+        modes.row(drive_point)
+    except InputError as error:
+        return [f"'drive_point': {error}"]
+    return []
+
+
+def _channel_faults(document: Document, modes: LinearModes) -> list[str]:
+    """A slip in the name of a sensor would leave the sensor out without a word."""
+    forces = [entry["force"] for entry in document["tests"] if "force" in entry]
+    known = [*modes.sensors, *dict.fromkeys(forces)]
+    return [
+        f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
+        for name in document.get("channels", {})
+        if name not in known
+    ]
+
+
+def _reading(document: Document, source: Path) -> tuple[LogSettings, dict[str, ChannelSettings]]:
+    """How the logs are to be read, and what their channels mean."""
+    try:
+        how = log_settings(document.get("log", {}))
+        return how, {name: channel_settings(name, entry) for name, entry in document.get("channels", {}).items()}
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _test(
+    entry: Mapping[str, Any],
+    directory: Path,
+    modes: LinearModes,
+    drive_point: str | None,
+    how: LogSettings,
+    channels: Mapping[str, ChannelSettings],
+) -> ModalTest:
+    log = open_log(directory / entry["log"], how)
+    force = entry.get("force")
+    if force is None and "use" not in entry and (seen := _force_seen(log)):
+        raise InputError(
+            f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
+            "if nothing acts in the stretch that is used"
+        )
+    wanted = _wanted(log, modes, force, channels)
+    recording = recording_of(log, how, channels=wanted, start_s=entry.get("start_s"), stop_s=entry.get("stop_s"))
+    _require_alive(recording, modes)
+    return modal_test(recording, modes, name=_name(entry), force=force, drive_point=drive_point)
+
+
+def _wanted(
+    log: Log, modes: LinearModes, force: str | None, channels: Mapping[str, ChannelSettings]
+) -> dict[str, ChannelSettings]:
+    """The channels of a test: the sensors of the shapes that the log has, and the force."""
+    names = [name for name in modes.sensors if name in channels or name in log.names]
+    if not names:
+        raise InputError(
+            f"{log.path} has none of the sensors of the shapes ({', '.join(map(repr, modes.sensors[:4]))}, ...), but "
+            f"{', '.join(map(repr, log.names[:4]))}: say in [channels] which is which"
+        )
+    names += [force] if force is not None else []
+    wanted = {name: channels.get(name, ChannelSettings(name)) for name in names}
+    places: dict[tuple[int, int], str] = {}
+    for name, settings in wanted.items():
+        track, column = log.find(settings.channel)
+        other = places.setdefault((id(track), column), name)
+        if other != name:
+            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")
+    return wanted
+
+
+def _force_seen(log: Log) -> str:
+    """Name of a channel that is stated in a unit of force, "" if there is none."""
+    for track in log.tracks:
+        for channel in track.channels:
+            try:
+                if channel.unit and to_si(channel.unit)[1] == "N":
+                    return channel.name
+            except InputError:
+                continue  # a unit nobody knows is told when the channel is used
+    return ""
+
+
+def _require_alive(recording: Recording, modes: LinearModes) -> None:
+    """Refuse a dead sensor, of which the modal filter would make motion of every mode."""
+    for name in recording.names:
+        samples = recording.channel(name)
+        if name in modes.sensors and samples.min() == samples.max():
+            raise InputError(
+                f"sensor {name!r} is mute, all samples lie at {samples[0]:.4g} m/s^2: leave its row out of the shapes"
+            )
+
+
+def _name(entry: Mapping[str, Any]) -> str:
+    return entry.get("name", Path(entry["log"]).stem)
+
+
+# ---- tests -> tables -------------------------------------------------------------------------------
+
+
+def _entry(each: StudyTest, log: str, modes: str) -> dict[str, Any]:
+    """The table of a test, without what goes without saying."""
+    entry: dict[str, Any] = {"log": log, "use": each.use}
+    if each.test.force is not None:
+        entry["force"] = _force_channel(each.test)
+    if each.mode is not None:
+        entry["mode"] = each.mode
+    if modes != "modes.npz":
+        entry["modes"] = modes
+    return entry
+
+
+def _force_channel(test: ModalTest) -> str:
+    """The channel of a test that holds its force."""
+    recording = test.recording
+    for channel in recording.channels:
+        if channel.unit == "N" and (recording.channel(channel.name) == test.force).all():
+            return channel.name
+    raise InputError(f"test {test.name!r} has a force that is no channel of its recording: add it as a channel in N")
+
+
+def _toml(study: ModalStudy, entries: list[dict[str, Any]]) -> str:
+    modes: dict[str, Any] = {"file": "modes.npz"}
+    if study.nonlinear:
+        modes["nonlinear"] = list(study.nonlinear)
+    for name in ("drive_point", "stiffness_order", "damping_order", "free_linear"):
+        if getattr(study, name) is not None:
+            modes[name] = getattr(study, name)
+    modes |= {name: getattr(study, name) for name in THRESHOLDS if getattr(study, name) != getattr(ModalStudy, name)}
+    text = tomli_w.dumps({"title": study.title, "modes": modes})
+    for entry in entries:
+        text += "\n[[tests]]\n" + tomli_w.dumps(entry)
+    return text

@@ -1,0 +1,232 @@
+"""From the files of a run to the `Run`: health, the stretch to identify from, one clock for all of its channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.conversion import recording_of
+from opid.signals.health.inspection import inspect, without_spikes
+from opid.signals.health.result import Finding, Health
+from opid.signals.log import Log
+from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.logs import open_log
+from opid.signals.recording import Recording
+from opid.signals.resampling import on_common_clock, resampled
+from opid.signals.segments import taxi_segment
+from opid.suspensions.settings import RunSettings
+from opid.suspensions.study import SAME_RATE, Run
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a channel is found.
+
+    Args:
+        file: the log.
+        channel: which one, and what its values mean.
+        settings: how the log is to be read.
+    """
+
+    file: Path
+    channel: ChannelSettings
+    settings: LogSettings = AS_WRITTEN
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """What a run is made of.
+
+    Args:
+        name: of the run.
+        sources: by the name that the channel will have.
+        mass_change_kg: sprung mass less that of the reference, kg.
+        start_s: first time, s; None to find the stretch (if `stop_s` is None, too).
+        stop_s: end, s.
+    """
+
+    name: str
+    sources: Mapping[str, Source]
+    mass_change_kg: float
+    start_s: float | None = None
+    stop_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Recorder:
+    """One file of a run, with the channels that are taken from it."""
+
+    log: Log
+    settings: LogSettings
+    channels: dict[str, ChannelSettings]
+    health: Health
+    shift_s: float
+
+
+def run_from_files(
+    files: RunFiles,
+    *,
+    fs_hz: float | None = None,
+    settings: RunSettings | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Run:
+    """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
+
+    Where no rate is given it is the lowest of theirs, reduced if it is above `RunSettings.reduced_above_hz`.
+
+    Raises:
+        InputError: a log or a channel is at fault, or nothing of it is sound.
+    """
+    for word, value in (("start_s", files.start_s), ("stop_s", files.stop_s)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{word} is {value}: give a time in s, or leave it out")
+    if files.start_s is not None and files.stop_s is not None and files.start_s >= files.stop_s:
+        raise InputError(f"start_s is {files.start_s:g} and stop_s {files.stop_s:g}: give a stop after the start")
+    recorders, findings = _recorders(files, progress or (lambda step: None))
+    begin, end, reasons = files.start_s, files.stop_s, ""
+    for recorder in recorders:
+        serious = [finding for finding in recorder.health.findings if finding.severity != "note"]
+        if files.start_s is not None or files.stop_s is not None:
+            # what is wrong with the channels in the stretch that the user chose is found with the recording
+            findings += [finding for finding in serious if not finding.channel]
+            continue
+        segment = taxi_segment(recorder.health, tuple(recorder.channels))
+        starts = [begin, None if segment.start_s is None else segment.start_s + recorder.shift_s]
+        stops = [end, None if segment.stop_s is None else segment.stop_s + recorder.shift_s]
+        begin = max((each for each in starts if each is not None), default=None)
+        end = min((each for each in stops if each is not None), default=None)
+        faulty = any(left.why == "faulty" for left in segment.left_out)
+        findings += [finding for finding in serious if faulty or not finding.channel]
+        if segment.reason:
+            reasons += f" ({recorder.log.path.name}: {segment.reason})"
+            words = f"{recorder.log.path.name}: {segment.reason}"
+            findings.append(Finding("warning" if faulty else "note", "", words))
+    if begin is not None and end is not None and begin >= end:
+        raise InputError(
+            f"the sound stretches of its logs share no time: from {begin:g} s on, up to {end:g} s{reasons}"
+        )
+    parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
+    fs = fs_hz or _reduced(min(part.fs for part in parts), settings or RunSettings())
+    recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
+    if len({recorder.log.path for recorder in recorders}) > 1:
+        words = (
+            f"its channels come from {len(parts)} recorders: a wrong shift_s, or clocks that drift apart (20 ppm are "
+            "0.8 ms in 40 s), passes for damping and friction; lag_tolerance_s in [channels.sprung] lets a lag be "
+            "fitted"
+        )
+        more.append(Finding("warning", "", words))
+    if len(parts) > 1:
+        alone = inspect(recording, thorough=False).findings
+        more += [found for found in inspect(recording).findings if found.severity != "note" and found not in alone]
+    return Run(files.name, recording, files.mass_change_kg, (*findings, *more))
+
+
+def at_one_rate(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Return the runs at the lowest of their rates."""
+    fs = min((run.recording.fs for run in runs), default=0.0)
+    changed = []
+    for run in runs:
+        recording, findings = _on_one_clock([run.recording], run.recording.names, fs, fs)
+        changed.append(replace(run, recording=recording, findings=(*run.findings, *findings)))
+    return tuple(changed)
+
+
+def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recorder], list[Finding]]:
+    """Open and inspect each file once, and put their times on one axis."""
+    groups: dict[tuple[Path, LogSettings, float], dict[str, ChannelSettings]] = {}
+    for name, source in files.sources.items():
+        key = (source.file, source.settings, source.channel.shift_s)
+        groups.setdefault(key, {})[name] = source.channel
+    logs = {path: open_log(path, settings) for path, settings, _ in groups}
+    zero, findings = _zeros(logs, [shift_s for _, _, shift_s in groups])
+    recorders = []
+    for (path, settings, shift_s), channels in groups.items():
+        log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
+        _require_distinct(log, channels)
+        health = inspect(log, settings, channels=channels, progress=partial(_say_percent, say, path.name))
+        recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))
+    return recorders, findings
+
+
+def _say_percent(say: Callable[[str], None], name: str, fraction: float) -> None:
+    say(f"{name} {fraction:.0%}")
+
+
+def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Path, float], list[Finding]]:
+    """When the time of each file begins, s after that of the first; 0 where not all of them tell."""
+    if len(logs) == 1:
+        return dict.fromkeys(logs, 0.0), []
+    zeros = [log.zero for log in logs.values()]
+    first = zeros[0]
+    alike = first is not None and all(
+        each is not None and (each.tzinfo is None) == (first.tzinfo is None) for each in zeros
+    )
+    if alike and first is not None:
+        return {path: (each - first).total_seconds() for path, each in zip(logs, zeros, strict=True) if each}, []
+    if any(shifts_s):
+        return dict.fromkeys(logs, 0.0), []
+    names = " and ".join(path.name for path in logs)
+    words = f"the times of {names} are taken to count from the same moment: if they do not, give shift_s in [channels]"
+    return dict.fromkeys(logs, 0.0), [Finding("note", "", words)]
+
+
+def _require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:
+    places: dict[tuple[int, int], str] = {}
+    for name, settings in channels.items():
+        track, column = log.find(settings.channel)
+        other = places.setdefault((id(track), column), name)
+        if other != name:
+            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")
+
+
+def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:
+    """The stretch of one file, its times on the axis of the run."""
+    shift_s = recorder.shift_s
+    try:
+        part = recording_of(
+            recorder.log,
+            recorder.settings,
+            channels=recorder.channels,
+            start_s=None if begin is None else begin - shift_s,
+            stop_s=None if end is None else end - shift_s,
+        )
+    except InputError as error:
+        raise InputError(f"{error}{reasons}") from None
+    if not shift_s:
+        return part
+    words = f"{', '.join(part.names)}: times shifted by {shift_s:g} s"
+    return replace(part, start_s=part.start_s + shift_s, history=(*part.history, words))
+
+
+def _on_one_clock(
+    parts: Sequence[Recording], order: Sequence[str], fs: float, fs_hz: float | None
+) -> tuple[Recording, list[Finding]]:
+    """The parts at one rate, and what was found in those that had to be resampled, while it could be seen."""
+    if len(parts) == 1 and abs(parts[0].fs / fs - 1) < SAME_RATE:
+        return parts[0], []
+    findings: list[Finding] = []
+    for part in parts:
+        findings += [f for f in inspect(part, thorough=False).findings if f.severity != "note" and f.channel]
+    mended = [_without_spikes(part) for part in parts]
+    recording = resampled(mended[0], fs) if len(parts) == 1 else on_common_clock(mended, order=order, fs_hz=fs)
+    return recording, findings
+
+
+def _without_spikes(recording: Recording) -> Recording:
+    """Single spikes mended at the rate at which they were recorded: a filter would make long ones of them."""
+    columns, history = [], list(recording.history)
+    for channel, samples in zip(recording.channels, recording.samples.T, strict=True):
+        mended, places = without_spikes(samples, fs=recording.fs)
+        columns.append(mended)
+        history += [f"{channel.name}: {places.size} spike(s) mended"] * (places.size > 0)
+    return replace(recording, samples=np.stack(columns, axis=1), history=tuple(history))
+
+
+def _reduced(fs: float, settings: RunSettings) -> float:
+    return fs if fs <= settings.reduced_above_hz else fs / int(fs // settings.reduced_to_hz)

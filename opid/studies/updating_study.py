@@ -1,0 +1,330 @@
+"""Study files of an updating, their matrices and backbones -> `UpdatingStudy`, and back."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from opid.errors import InputError, nearest
+from opid.signals.files import written_whole
+from opid.signals.tables import TEXT, Document, Key, load, maybe, refuse, table_faults
+from opid.studies.class_tables import class_faults, class_table, model_class, prior_list, prior_of
+from opid.updating.data.backbone_file import read_backbone, write_backbone
+from opid.updating.data.checks import backbone_faults, shortened
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.data.noise_settings import NoiseSettings
+from opid.updating.model_class import Prior
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.matrices_file import checked_structure, write_structure
+from opid.updating.study import SAMPLERS, UpdatingStudy, setting_faults
+
+Say = Callable[[str], None]
+
+FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
+"""Of a factor of the linear structure where the study names none: from a twentieth of nominal to five times."""
+
+_STUDY = {
+    "title": maybe(str, "text in quotes"),
+    "form": maybe(str, "'recommended', 'paper', 'literal' or 'independent'"),
+    "harmonics": maybe(list, "a list of harmonics of the model like [1, 3]"),
+    "structure": Key(dict, "a table [structure]"),
+    "log": maybe(dict, "a table [log]"),
+    "backbones": Key(list, "one table [[backbones]] for each file"),
+    "classes": Key(list, "one table [[classes]] for each candidate law"),
+    "sampling": maybe(dict, "a table [sampling]"),
+    "noise": maybe(dict, "a table [noise]"),
+}
+_STRUCTURE = {
+    "matrices": Key((str, dict), "the name of a file in quotes, or a table with one for each matrix"),
+    "dofs": maybe((str, list), "the name of a file in quotes, or a list of names"),
+    "sensors": maybe(list, "a list of degrees of freedom"),
+    "joints": maybe(dict, 'a table of joints, each with its two ends like ["9", "10"]'),
+    "parameters": maybe(list, "a list of names"),
+    "internal_modes": maybe(int, "a whole number"),
+    "priors": maybe(dict, 'a table of priors, each like ["uniform", 0.1, 2]'),
+}
+_LOG = {"unit": TEXT}
+_BACKBONE = {
+    "file": TEXT,
+    "mode": Key(int, "the number of a mode, from 1"),
+    "controlled_sensor": Key((str, int), "the name of a sensor in quotes"),
+    "name": maybe(str, "text in quotes"),
+    "unit": maybe(str, "text in quotes"),
+}
+_SAMPLING = {
+    "sampler": maybe(str, f"one of {', '.join(map(repr, SAMPLERS))}"),
+    "samples": maybe(int, "a whole number"),
+    "seed": maybe(int, "a whole number"),
+}
+_NOISE = {
+    each.name: maybe((int, float), "a number") for each in fields(NoiseSettings) if each.name not in ("cov", "shapes")
+} | {"cov": maybe(dict, "a table with a number for each mode")}
+"""What may stand in [noise], the fields of `NoiseSettings`; so may `shapes`, which is true or false."""
+
+
+def read_updating_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> UpdatingStudy:
+    """Read a study file of an updating, the matrices and the backbones that it names.
+
+    Args:
+        path: a TOML file with `title`, `form` (of the likelihood), a table `[structure]`, one table `[[backbones]]` for
+            each curve and one `[[classes]]` for each candidate law. `[structure]` gives `matrices` (a file, or a table
+            with one for each matrix, see `read_structure`), `sensors` (degrees of freedom), `[structure.joints]` (name
+            = [one end, other end]), `dofs` (their names), `parameters` (factors of the linear structure to update; the
+            structure is taken as it is where left out) and `[structure.priors]` (name = ["uniform", low, high]). A
+            backbone gives `file` (see `read_backbone`), `mode` (from 1, rigid ones count), `controlled_sensor`, and
+            optionally `name` and `unit`; `[log]` may give the `unit` of all. For classes see `class_tables`.
+            `[sampling]` may give `sampler`, `samples` and `seed`; `[noise]` the fields of `NoiseSettings`; `harmonics`
+            stands beside the tables, `internal_modes` in `[structure]`.
+        progress: called with the name of each file as it is read.
+
+    Raises:
+        InputError: the file is missing or no TOML, an unknown, missing or mistyped key, or matrices, backbones or
+            classes are at fault; everything that is wrong at once.
+    """
+    say = progress or (lambda step: None)
+    source = Path(path)
+    document = load(source)
+    faults, table = list(_document_faults(document)), document.get("structure")
+    structure, backbones = None, []
+    # what is sound is read even so: its faults are told with the others
+    if isinstance(table, dict) and not list(_of_structure(table)):
+        say("the matrices")
+        structure, wrong = _structure(table, source.parent)
+        faults += [f"[structure]: {fault}" for fault in wrong]
+    alike: dict[str, list[str]] = {}
+    for entry in _tables(document, "backbones"):
+        if list(table_faults("", entry, _BACKBONE)):
+            continue
+        say(entry["file"])
+        try:
+            backbones.append(_backbone(entry, _sound(document.get("log"), _LOG), source.parent, structure))
+        except InputError as error:
+            file = str(source.parent / entry["file"])
+            alike.setdefault(str(error).removeprefix(f"{file}: "), []).append(file)
+    faults += [_of_files(fault, files) for fault, files in alike.items()]
+    if structure is not None:
+        faults += backbone_faults(structure, backbones)
+    try:
+        noise = NoiseSettings() if list(_noise_faults(document)) else _noise(document.get("noise", {}))
+    except InputError as error:
+        faults.append(f"[noise]: {error}")
+    if faults:
+        faults += setting_faults(**_settings(document))
+    refuse(faults, source)
+    assert structure is not None  # or it would have been refused
+    assert table is not None
+    priors = table.get("priors", {})
+    return UpdatingStudy(
+        title=document.get("title", source.stem),
+        structure=structure,
+        backbones=tuple(backbones),
+        classes=tuple(model_class(each) for each in document["classes"]),
+        parameters={str(n): prior_of(priors[n]) if n in priors else FACTOR_PRIOR for n in table.get("parameters", [])},
+        noise=noise,
+        source=source,
+        **_settings(document),
+    )
+
+
+def write_updating_study(study: UpdatingStudy, path: str | os.PathLike[str]) -> None:
+    """Write a study so that `read_updating_study` gives it back: its file, structure.npz, and a CSV file a backbone.
+
+    Args:
+        study: what to write.
+        path: the study file; its directory must exist.
+
+    Raises:
+        InputError: a place that cannot be written to, a backbone whose name is no file name, or a structure that is
+            given by its modes.
+    """
+    target = Path(path)
+    names = [_file_of(curve) for curve in study.backbones]
+    for curve, name in zip(study.backbones, names, strict=True):
+        if name == ".csv" or names.count(name) > 1:
+            raise InputError(f"the backbone {curve.name!r} cannot name its file: give each a name of its own")
+    if not isinstance(study.structure, AffineStructure):
+        raise InputError("the structure of the study is given by its modes: a study file needs its matrices")
+    write_structure(target.parent / "structure.npz", study.structure)
+    for curve, name in zip(study.backbones, names, strict=True):
+        write_backbone(curve, target.parent / name)
+    with written_whole(target) as file:
+        file.write(_toml(study))
+
+
+# ---- tables -> study -------------------------------------------------------------------------------
+
+
+def _sound(table: object, keys: Mapping[str, Key]) -> dict[str, Any]:
+    """The entries of a table whose keys are known and whose values have the right type."""
+    pairs = table.items() if isinstance(table, dict) else ()
+    return {name: value for name, value in pairs if name in keys and not any(_unfit(name, value, keys[name]))}
+
+
+def _unfit(name: str, value: object, key: Key) -> Iterator[str]:
+    return table_faults("", {name: value}, {name: key})
+
+
+def _tables(document: Document, name: str) -> list[Any]:
+    found = document.get(name)
+    return found if isinstance(found, list) else []
+
+
+def _of_files(fault: str, files: Sequence[str]) -> str:
+    """A fault with the files that have it; those that are not read at all are named in it."""
+    if len(files) == 1:
+        return f"[[backbones]] {fault}" if files[0] in fault else f"[[backbones]] {files[0]}: {fault}"
+    return f"[[backbones]] {len(files)} files ({shortened([Path(file).name for file in files])}): {fault}"
+
+
+def _document_faults(document: Document) -> Iterator[str]:
+    yield from table_faults("the study", document, _STUDY)
+    structure = document.get("structure")
+    if isinstance(structure, dict):
+        yield from _of_structure(structure)
+    for name, keys in (("log", _LOG), ("sampling", _SAMPLING)):
+        if isinstance(document.get(name), dict):
+            yield from table_faults(f"[{name}]", document[name], keys)
+    if isinstance(document.get("noise", {}), dict):
+        yield from _noise_faults(document)
+    for number, entry in enumerate(_tables(document, "backbones"), start=1):
+        yield from table_faults(f"[[backbones]] number {number}", entry, _BACKBONE)
+    for number, entry in enumerate(_tables(document, "classes"), start=1):
+        yield from class_faults(number, entry)
+    for name in ("backbones", "classes"):
+        if document.get(name) == []:
+            yield f"[[{name}]] is empty, give {_STUDY[name].what}"
+
+
+def _noise_faults(document: Document) -> Iterator[str]:
+    table = document.get("noise", {})
+    others = {name: value for name, value in table.items() if name != "shapes"} if isinstance(table, dict) else table
+    yield from table_faults("[noise]", others, _NOISE)
+    if isinstance(table, dict) and not isinstance(table.get("shapes", True), bool):
+        yield f"'shapes' in [noise] is {table['shapes']!r}, give true or false"
+
+
+def _of_structure(table: Mapping[str, Any]) -> Iterator[str]:
+    yield from table_faults("[structure]", table, _STRUCTURE)
+    yield from _structure_faults(table)
+
+
+def _structure_faults(table: Mapping[str, Any]) -> Iterator[str]:
+    """What is wrong with lists and tables within [structure]."""
+    joints = table.get("joints")
+    for name, ends in joints.items() if isinstance(joints, dict) else ():
+        if not isinstance(ends, list) or len(ends) != 2:
+            yield f"the joint {name!r} is {ends!r}, give the two degrees of freedom that it lies between"
+    names = table.get("parameters", [])
+    priors = table.get("priors")
+    for name, given in priors.items() if isinstance(priors, dict) else ():
+        if isinstance(names, list) and name not in names:
+            hint = nearest(name, map(str, names)) if names else "'parameters' names none"
+            yield f"[structure.priors] has {name!r}, which is no parameter to update: {hint}"
+        try:
+            prior_of(given)
+        except InputError as error:
+            yield f"[structure.priors] {name!r}: {error}"
+    matrices = table.get("matrices")
+    for name, file in matrices.items() if isinstance(matrices, dict) else ():
+        if not isinstance(file, str):
+            yield f"{name!r} in [structure.matrices] is {file!r}, give the name of a file in quotes"
+
+
+def _structure(table: Mapping[str, Any], directory: Path) -> tuple[AffineStructure | None, list[str]]:
+    given = table["matrices"]
+    files = {name: directory / file for name, file in given.items()} if isinstance(given, dict) else directory / given
+    dofs, joints, sensors = table.get("dofs"), table.get("joints"), table.get("sensors")
+    return checked_structure(
+        files,
+        sensors=None if sensors is None else [str(sensor) for sensor in sensors],
+        joints=None if joints is None else {name: [str(end) for end in ends] for name, ends in joints.items()},
+        dofs=directory / dofs if isinstance(dofs, str) else None if dofs is None else [str(dof) for dof in dofs],
+        parameters=[str(name) for name in table.get("parameters", [])],
+    )
+
+
+def _backbone(
+    entry: Mapping[str, Any], log: Mapping[str, Any], directory: Path, structure: AffineStructure | None
+) -> MeasuredBackbone:
+    return read_backbone(
+        directory / entry["file"],
+        mode=entry["mode"],
+        controlled_sensor=str(entry["controlled_sensor"]),
+        sensors=None if structure is None else structure.sensors,
+        unit=entry.get("unit", log.get("unit")),
+        name=entry.get("name"),
+    )
+
+
+def _noise(table: Mapping[str, Any]) -> NoiseSettings:
+    given = dict(table)
+    if "cov" in given:
+        try:
+            given["cov"] = {int(mode): float(value) for mode, value in given["cov"].items()}
+        except (ValueError, TypeError):
+            raise InputError(f"'cov' is {given['cov']!r}: give a number for each mode") from None
+    return NoiseSettings(**given)
+
+
+def _settings(document: Document) -> dict[str, Any]:
+    """What is not left to the defaults of `UpdatingStudy`, by the names of its fields; of the right types alone."""
+    whole, sampling = _sound(document, _STUDY), _sound(document.get("sampling"), _SAMPLING)
+    given = {
+        "form": whole.get("form"),
+        "harmonics": whole.get("harmonics"),
+        "sampler": sampling.get("sampler"),
+        "n_samples": sampling.get("samples"),
+        "seed": sampling.get("seed"),
+        "n_internal": _sound(document.get("structure"), _STRUCTURE).get("internal_modes"),
+    }
+    return {name: value for name, value in given.items() if value is not None}
+
+
+# ---- study -> tables -------------------------------------------------------------------------------
+
+
+def _on_one_line(found: re.Match[str]) -> str:
+    return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
+
+
+def _file_of(curve: MeasuredBackbone) -> str:
+    """The name of a backbone as that of a file."""
+    return "_".join(re.findall(r"[\w.+-]+", curve.name)).lstrip(".") + ".csv"
+
+
+def _toml(study: UpdatingStudy) -> str:
+    assert isinstance(study.structure, AffineStructure)  # or it would have been refused
+    structure: dict[str, Any] = {"matrices": "structure.npz", "sensors": list(study.structure.sensors)}
+    structure["internal_modes"] = study.n_internal
+    if study.parameters:
+        structure["parameters"] = list(study.parameters)
+    structure["joints"] = {name: list(ends) for name, ends in study.structure.joints.items()}
+    if study.parameters:
+        structure["priors"] = {name: prior_list(prior) for name, prior in study.parameters.items()}
+    head = {"title": study.title, "form": study.form, "harmonics": list(study.harmonics)}
+    text = tomli_w.dumps({**head, "structure": structure})
+    for curve in study.backbones:
+        file = _file_of(curve)
+        entry = {"file": file, "mode": curve.mode, "controlled_sensor": curve.controlled_sensor}
+        if Path(file).stem != curve.name:
+            entry["name"] = curve.name
+        text += "\n[[backbones]]\n" + tomli_w.dumps(entry)
+    for each in study.classes:
+        text += "\n[[classes]]\n" + tomli_w.dumps(class_table(each))
+    samples = {} if study.n_samples is None else {"samples": study.n_samples}
+    sampling = {"sampler": study.sampler, **samples, "seed": study.seed}
+    given, usual = vars(study.noise), vars(NoiseSettings())
+    # a stated growth is another thing than one that is left out, though they be equal
+    stated = [name for name, value in given.items() if value != usual[name] or type(value) is not type(usual[name])]
+    noise = {name: given[name] for name in stated}
+    if noise.get("cov"):
+        noise["cov"] = {str(mode): value for mode, value in noise["cov"].items()}
+    text += "\n" + tomli_w.dumps({"sampling": sampling, **({"noise": noise} if noise else {})})
+    # a list of plain values on one line
+    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, text)

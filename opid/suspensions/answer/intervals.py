@@ -1,0 +1,448 @@
+"""How well parameters are known: intervals that hold for a coloured residual, absolute values, and what limits them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from opid.estimate import Estimate
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws.law import LAWS
+from opid.mechanics.memory import force_along
+from opid.mechanics.weight import slopes_at_rest
+from opid.signals.recording import FloatArray
+from opid.suspensions.fitting.faults import GROUND
+from opid.suspensions.fitting.fit import Fit
+from opid.suspensions.fitting.least_squares import score_products
+from opid.suspensions.fitting.repeatability import Levels, Repeatability, levels
+from opid.suspensions.model.driven_model import straight_equivalent
+from opid.suspensions.model.law_parameters import from_free
+from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
+
+_WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}
+
+
+def honest_covariance(fit: Fit) -> FloatArray:
+    """Return the covariance of the vector, widened where the residual is coloured.
+
+    The sandwich over cells of neighbouring lines; no parameter becomes better known than for a white residual.
+
+    Returns:
+        (n_unknowns, n_unknowns).
+    """
+    wider = std_over_white(fit)
+    return np.asarray(fit.covariance * np.outer(wider, wider))
+
+
+def known_parameters(fit: Fit, repeatability: float, more: FloatArray | float = 0.0) -> Parameters:
+    """Return the parameters of a fit and how well they are known.
+
+    The repeatability is the stated one; `more` is the covariance of what else is not known, (n_unknowns, n_unknowns).
+    """
+    if not fit.model.repeatability:
+        return Parameters(fit, honest_covariance(fit) + more)
+    found = levels(fit, repeatability).widened(std_over_white(fit))
+    found = found.with_more(np.broadcast_to(more, found.covariance.shape[1:]))
+    return Parameters(fit, found.second_moments(), found)
+
+
+def std_over_white(fit: Fit) -> FloatArray:
+    """Return how much wider a coloured residual makes the interval of each entry of the vector, at least 1."""
+    posterior, jacobian, _ = _scaled(fit)
+    n, known = fit.n_data, fit.model.settings.intervals
+    cells, n_cells = [], 0
+    for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
+        n_lines = run.omega.size
+        # real and imaginary part of all sensors
+        own = np.tile(np.arange(n_lines) // known.lines_per_cell, 2 * line.size // n_lines)
+        cells.append(n_cells + own)
+        n_cells += int(own.max()) + 1
+    small, products = score_products(jacobian[:n], fit.errors.stacked[:n] / fit.variance, np.concatenate(cells))
+    of_prior = jacobian[n:].T @ jacobian[n:]
+    sandwich = posterior @ (small * products + of_prior) @ posterior
+    return np.sqrt(np.maximum(np.diag(sandwich) / np.diag(posterior), 1.0))
+
+
+def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
+    """Return the standard deviation of each entry of the vector by resampled blocks of time, over the white one.
+
+    Each resample draws blocks of half a second of the innovations with replacement (Kuensch 1989), so that what is
+    correlated within a block stays so, and moves the parameters by -C J^T e/s^2, to first order.
+    """
+    posterior, jacobian, scale = _scaled(fit)
+    n, known, first = fit.n_data, fit.model.settings.intervals, 0
+    back = posterior @ jacobian[:n].T / fit.variance
+    moved = np.zeros((known.n_bootstrap, scale.size))
+    n_sensors = len(fit.model.sensors.sprung)
+    for run, prediction in zip(fit.model.runs, fit.errors.predictions, strict=True):
+        block = max(1, min(round(known.bootstrap_s * run.fs), run.n_samples))
+        n_blocks = -(-run.n_samples // block)
+        drawn = rng.integers(0, run.n_samples, (known.n_bootstrap, n_blocks))
+        for sensor in range(n_sensors):
+            parts = [back[:, first + k * n_sensors * run.omega.size + sensor * run.omega.size :] for k in (0, 1)]
+            spectrum = np.zeros((scale.size, run.n_samples // 2 + 1), dtype=np.complex128)
+            spectrum[:, run.lines] = parts[0][:, : run.omega.size] + 1j * parts[1][:, : run.omega.size]
+            # the transpose of `DrivenRun.transform`; the band holds neither the mean nor the highest line
+            influence = fft.irfft(spectrum, run.n_samples) * np.sqrt(run.n_samples / 2)
+            # a block that is drawn near the end goes on at the beginning
+            around = np.append(prediction.innovation[sensor], prediction.innovation[sensor, : block - 1])
+            blocks = np.lib.stride_tricks.sliding_window_view(around, block)
+            resampled = blocks[drawn].reshape(known.n_bootstrap, -1)[:, : run.n_samples]
+            moved += resampled @ influence.T
+        first += 2 * n_sensors * run.omega.size
+    # what was known before the data is drawn anew as well
+    by_prior = np.diag(posterior @ (jacobian[n:].T @ jacobian[n:]) @ posterior)
+    return np.sqrt((moved.var(axis=0) + by_prior) / np.diag(posterior))
+
+
+def _scaled(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Covariance and Jacobian with every entry in units of its standard deviation, and these."""
+    scale = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
+    return fit.covariance / np.outer(scale, scale), fit.errors.jacobian * scale, scale
+
+
+# a derivative of what is told is taken over this many standard deviations
+_SMALL_STEP = 1e-2
+# of a run over which damping is averaged
+_AT_REST_SAMPLES = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """The shared parameters of a fit, and how well they are known: all numbers of an answer are read from here.
+
+    Args:
+        fit: of a model.
+        covariance: (n_unknowns, n_unknowns) of its vector, as of `honest_covariance`.
+        levels: what the runs say at each level of repeatability; None where they were fitted as alike. A mixture has
+            long tails: deviations are then those of its 95 % intervals.
+    """
+
+    fit: Fit
+    covariance: FloatArray
+    levels: Levels | None = None
+
+    def std(self, place: int) -> float:
+        """Return the standard deviation of an entry of the vector."""
+        return self.deviation(np.eye(1, self.fit.theta.size, place)[0])
+
+    def deviation(self, slopes: FloatArray) -> float:
+        """Return the standard deviation of a function of the vector with these derivatives, (n_unknowns,)."""
+        if self.levels is not None:
+            return self.levels.deviation(slopes)
+        return float(np.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0)))
+
+    def estimate(self, value: float, gradient: Mapping[str | int, float]) -> Estimate:
+        """Return a function of the parameters with its interval, by the delta method.
+
+        The gradient has its derivatives by parameters, each by its name or its place in the vector.
+        """
+        names, slopes = self.fit.model.names, np.zeros(self.fit.theta.size)
+        for key, slope in gradient.items():
+            slopes[names.index(key) if isinstance(key, str) else key] = slope
+        return Estimate.normal(value, self.deviation(slopes))
+
+    def per_force(self, place: int, *, per_mass: bool = False) -> Estimate:
+        """Return an entry of the vector that multiplies a force or a mass, times the mass where that is fitted."""
+        model, value = self.fit.model, float(self.fit.theta[place])
+        if per_mass or not model.mass_free:
+            return self.estimate(value, {place: 1.0})
+        mu = model.inverse_mass(self.fit.theta)
+        return self.estimate(value / mu, {place: 1 / mu, "inverse_mass": -value / mu**2})
+
+    @property
+    def inverse_mass(self) -> tuple[float, float]:
+        """One over the reference mass, which is free, and its standard deviation, 1/kg."""
+        return self.fit.model.inverse_mass(self.fit.theta), self.std(self.fit.model.names.index("inverse_mass"))
+
+    @property
+    def mass(self) -> Estimate:
+        """The reference mass, which is free; its interval is the image of that of its inverse, longer upwards."""
+        mu, std = self.inverse_mass
+        if mu <= 1.96 * std:
+            return Estimate(1 / mu if mu > 0 else None)
+        return Estimate(1 / mu, std / mu**2, (1 / (mu + 1.96 * std), 1 / (mu - 1.96 * std)))
+
+    @property
+    def has_negative_mass(self) -> bool:
+        """Whether the reference mass is below nothing by more than its interval."""
+        if not self.fit.model.mass_free:
+            return False
+        mu, std = self.inverse_mass
+        return mu < -1.96 * std
+
+    def suspension(
+        self, number: int, *, per_mass: bool = False
+    ) -> tuple[Estimate, Estimate, dict[str, dict[str, Estimate]]]:
+        """Return stiffness, damping and law of a group: in N, or per kg of the body where the mass is not fitted."""
+        model, theta = self.fit.model, self.fit.theta
+        first, places, law = model.first_of_group[number], model.law_places(number), model.groups[number].law
+        estimates: dict[str, dict[str, Estimate]] = {}
+        if law.terms:
+            law, slopes = from_free(law, theta[places])
+            place = places.start
+            for term in law.terms:
+                table: dict[str, Estimate] = {}
+                estimates[term.name] = table
+                for parameter, value in zip(LAWS[term.name].parameters, term.values, strict=True):
+                    if not table:
+                        table[parameter.name] = self.per_force(place, per_mass=per_mass)
+                    else:
+                        slope = float(slopes[place - places.start])
+                        table[parameter.name] = Estimate.normal(value, slope * self.std(place))
+                    place += 1
+        stiffness, damping = (self.per_force(entry, per_mass=per_mass) for entry in (first, first + 1))
+        return stiffness, damping, estimates
+
+    def rest(self, number: int) -> Estimate:
+        """Return where a group rests on its law in the reference run, from the origin of the law, m."""
+        group = self.fit.model.groups[number]
+        if not group.has_origin:
+            return Estimate(0.0)
+        place = self.fit.model.first_of_group[number] + group.n_head - 1
+        return self.estimate(float(self.fit.theta[place]), {place: 1.0})
+
+    def of_function(self, function: Callable[[FloatArray], FloatArray]) -> list[Estimate]:
+        """Return what a function of the vector gives, with intervals: its derivatives are differences."""
+        values = function(self.fit.theta)
+        model, slopes = self.fit.model, np.zeros((values.size, self.fit.theta.size))
+        departures = [np.arange(slopes.shape[1])[model.places_of_run(place)[1]] for place in range(len(model.runs))]
+        # how a run begins is told by no number
+        for place in (*range(model.n_shared), *np.concatenate(departures)):
+            step = _SMALL_STEP * self.std(place)
+            if step > 0.0:
+                ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
+                ahead[place], back[place] = ahead[place] + step, back[place] - step
+                slopes[:, place] = (function(ahead) - function(back)) / (2 * step)
+        return [
+            Estimate.normal(value, self.deviation(each)) for value, each in zip(values.tolist(), slopes, strict=True)
+        ]
+
+    def at_rest(self, slot: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
+        """Return static travel (m), tangent stiffness and equivalent damping of a suspension in a run.
+
+        The damping dissipates what damper and law do over the motion of the run, sum((f(z, z') - f(z, 0)) z') over
+        sum(z'^2), with what the law remembers on the way.
+        """
+        model, prediction = self.fit.model, self.fit.errors.predictions[run]
+        remembers = model.resting_interfaces(self.fit.theta, run)[slot].law.has_memory
+        every = 1 if remembers else max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
+        z, v = prediction.travel[::every, slot], prediction.velocity[::every, slot]
+        has_mass = model.mass_free and not per_mass
+
+        def read(theta: FloatArray) -> FloatArray:
+            here, moved = model.resting_interfaces(theta, run)[slot], model.rest(theta, run, straight=True)
+            force = force_along(here.law, z, v, model.runs[run].fs) if remembers else here.law.force(z, v)
+            lost = force - here.law.force(z, 0.0)
+            damping = here.damping + float(lost @ v) / float(v @ v)
+            stiffness = here.stiffness + float(here.law.gradient(0.0, 0.0)[0])
+            scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
+            return np.array([0.0 if moved is None else moved.travel[slot], scale * stiffness, scale * damping])
+
+        try:
+            travel, stiffness, damping = self.of_function(read)
+        except UnboundedResponseError:
+            # so near to where the springs give way that a step of the derivative goes beyond
+            return Estimate(), Estimate(), Estimate()
+        if model.body.fall is None or not (model.mass_free or not model.runs[run].loading.any()):
+            travel = Estimate()
+        return travel, stiffness, damping
+
+    def equivalent(self, run: int) -> list[Estimate]:
+        """Return stiffness and damping over mass, frequency and damping ratio of the straight suspension nearest to it.
+
+        Of one gear over the motion of a run, see `straight_equivalent`.
+        """
+        model, motion = self.fit.model, self.fit.errors.predictions[run]
+        try:
+            found = self.of_function(lambda theta: straight_equivalent(model, theta, run, motion))
+        except UnboundedResponseError:
+            return [Estimate()] * 4
+        # what does not spring back has no frequency
+        return [Estimate() if each.value is None or np.isnan(each.value) else each for each in found]
+
+    def ground(self, number: int, std_per_mass: float | None, *, per_mass: bool) -> Estimate:
+        """Return the spring from the body to the ground at a group of interfaces, N/m, or per kg.
+
+        A gear that the runs give none has zero, as well as that would be known: `std_per_mass`, 1/s^2, None where the
+        user ruled such springs out. None is known better than gains are equal.
+        """
+        model = self.fit.model
+        equal, first = model.settings.intervals.equal_gains, model.first_of_group[number]
+        stiffness = self.per_force(first, per_mass=per_mass).value or 0.0
+        if not model.groups[number].ground:
+            if std_per_mass is None:
+                return Estimate(0.0)
+            mu = 1.0 if per_mass or not model.mass_free else model.inverse_mass(self.fit.theta)
+            return Estimate.normal(0.0, float(np.hypot(std_per_mass / mu, equal * stiffness)))
+        found = self.per_force(first + 2, per_mass=per_mass)
+        if found.std is None:
+            return found
+        return Estimate.normal(found.value or 0.0, float(np.hypot(found.std, equal * stiffness)))
+
+    def gear_ratios(self, ground: Estimate) -> GearRatios:
+        """Return ratios to the mass, and frequency and damping ratio on a still wheel, of one gear.
+
+        The frequency is that of the tangent stiffness at rest, which is K2 + K3 where the law has no slope there. The
+        stiffness of the spring to the ground over the mass is given.
+        """
+        fit, group = self.fit, self.fit.model.groups[0]
+        k, c = (fit.value(group.called(what)) for what in ("stiffness_per_mass", "damping_per_mass"))
+        ratios = GearRatios(self.per_force(0, per_mass=True), self.per_force(1, per_mass=True), ground)
+        total = k + fit.value(group.called(GROUND))
+        if slopes_at_rest(fit.model.interfaces(fit.theta)[0][0].law):
+
+            def at_rest(theta: FloatArray) -> FloatArray:
+                slot = fit.model.interfaces(theta)[0][0]
+                square = slot.stiffness + slot.ground_stiffness + float(slot.law.gradient(0.0, 0.0)[0])
+                omega = float(np.sqrt(max(square, 1e-300)))
+                return np.array([omega / (2 * np.pi), slot.damping / (2 * omega)])
+
+            frequency, zeta = self.of_function(at_rest)
+            return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
+        if total <= 0:
+            return ratios
+        omega = float(np.sqrt(total))
+        springs = (0, 2) if group.ground else (0,)
+        frequency = self.estimate(omega / (2 * np.pi), dict.fromkeys(springs, 1 / (4 * np.pi * omega)))
+        zeta = self.estimate(c / (2 * omega), {1: 1 / (2 * omega), **dict.fromkeys(springs, -c / (4 * omega**3))})
+        return replace(ratios, natural_frequency_hz=frequency, damping_ratio=zeta)
+
+    def of_rigid_body(self) -> tuple[BodyParameters, BodyRatios]:
+        """Return absolute parameters and ratios of a rigid body; parameters are empty without the mass."""
+        x, y = (self.estimate(self.fit.value(name), {name: 1.0}) for name in ("x_cg_m", "y_cg_m"))
+        roll_radius, roll_inertia = self._about_the_cg("rxx_m2", "y_cg_m")
+        pitch_radius, pitch_inertia = self._about_the_cg("ryy_m2", "x_cg_m")
+        parameters = BodyParameters()
+        if self.fit.model.mass_free:
+            parameters = BodyParameters(self.mass, roll_inertia, pitch_inertia, x, y)
+        return parameters, BodyRatios(roll_radius, pitch_radius, x, y)
+
+    def _about_the_cg(self, about: str, offset: str) -> tuple[Estimate, Estimate]:
+        """Radius and inertia: the moment about the origin less the square of the offset."""
+        model, away, radius = self.fit.model, self.fit.value(offset), Estimate()
+        square = self.fit.value(about) - away**2
+        if square > 0:
+            root = float(np.sqrt(square))
+            radius = self.estimate(root, {about: 0.5 / root, offset: -away / root})
+        if not model.mass_free:
+            return radius, Estimate()
+        mu = model.inverse_mass(self.fit.theta)
+        gradient: dict[str | int, float] = {about: 1 / mu, offset: -2 * away / mu, "inverse_mass": -square / mu**2}
+        return radius, self.estimate(square / mu, gradient)
+
+
+def limits(known: Parameters, alike: Repeatability, mass: Estimate) -> Iterator[str]:
+    """Yield what limits the mass and the laws, one sentence each."""
+    fit, covariance = known.fit, known.covariance
+    yield from limits_of_mass(alike, fit, mass)
+    if mass.std is not None:
+        yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
+    for number in range(len(fit.model.groups)):
+        places = fit.model.law_places(number)
+        for place in range(places.start, places.stop):
+            sentences = list(_named(fit, covariance, place, "the law"))
+            if sentences:
+                yield sentences[0]
+                return
+
+
+def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[str]:
+    """Yield which part of the interval of the mass is noise and which repeatability, and what would help most.
+
+    Args:
+        alike: how much alike the runs of a fit are.
+        fit: of them.
+        mass: as it is told; nothing where it is not.
+    """
+    if mass.value is not None and mass.std is not None:
+        yield _interval_in_words(alike, 196 * mass.std / mass.value)
+    if len(fit.model.runs) > 1:
+        yield from _repeatability_in_words(alike)
+    if mass.value is not None and mass.std is not None:
+        yield from _what_would_help(alike, fit, mass.value)
+
+
+def _interval_in_words(alike: Repeatability, percent: float) -> str:
+    if alike.mass_if_alike is None:
+        return f"the mass is known to +-{percent:.2g} %, all of it from the sensors' noise"
+    noise = percent * alike.mass_if_alike
+    return (
+        f"the mass is known to +-{percent:.2g} %: +-{noise:.2g} % from the sensors' noise, "
+        f"+-{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
+    )
+
+
+def _repeatability_in_words(alike: Repeatability) -> Iterator[str]:
+    if alike.estimated is not None and not alike.stated:
+        yield (
+            "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`), which these "
+            f"runs contradict: they show {100 * alike.estimated:.1g} %, and the intervals allow for it"
+        )
+    elif alike.estimated is not None:
+        source = "the usual value, for the study states no `repeatability`" if alike.is_usual else "the stated value"
+        yield (
+            "the repeatability, by which stiffness, damping and friction differ from run to run, is taken to be "
+            f"{100 * alike.stated:.2g} % ({source}); these runs show {100 * alike.estimated:.1g} %"
+            f"{', and are too few to prove it' * alike.rules_mass}"
+        )
+    elif alike.stated == 0:
+        yield "stiffness, damping and friction are stated to be the same in all runs (`repeatability = 0`)"
+
+
+def _what_would_help(alike: Repeatability, fit: Fit, mass: float) -> Iterator[str]:
+    runs = fit.model.runs
+    # of several suspensions no single number says how much of the body a loading is
+    changes = [float(run.loading[0, 0]) for run in runs] if fit.model.body.n_slots == 1 else [0.0]
+    fraction = (max(changes) - min(changes)) / mass
+    if fraction > 0:
+        yield (
+            f"the mass change is {100 * fraction:.0f} % of the mass, so that 1 % of stiffness in one run looks like "
+            f"{1 / fraction:.0f} % of mass"
+        )
+    double = "twice the mass change" if fraction > 0 else "twice the loading"
+    if alike.rules_mass:
+        flown_twice = len({run.loading.tobytes() for run in runs}) < len(runs)
+        again = "further runs with the masses in turn" if flown_twice else "each mass flown once more, in turn"
+        yield (
+            f"what would help most: {again}, for the runs then show how much alike they are; {double} would halve the "
+            "interval"
+        )
+    else:
+        duration_s = sum(len(run.sprung) / run.recorded_fs for run in runs)
+        yield (
+            f"what would help most: {double}, or four times the {duration_s:.0f} s of running; either would halve the "
+            "interval"
+        )
+    if alike.mass_if_alike is not None:
+        yield (
+            "a run whose stiffness, damping and friction have all changed by one ratio cannot be told from one with "
+            "another mass change: weigh what is added or taken off"
+        )
+
+
+def _named(fit: Fit, covariance: FloatArray, place: int, what: str) -> Iterator[str]:
+    """The fault of the sensors without which the interval would be narrower by most."""
+    faults, own = fit.model.faults, covariance[place, place]
+    if not faults or own <= 0:
+        return
+    # the variance that is left once a fault is known: Schur complement
+    left = []
+    for fault in faults:
+        k = fit.model.names.index(fault.name)
+        left.append(own - covariance[place, k] ** 2 / max(covariance[k, k], 1e-300))
+    best = int(np.argmin(left))
+    widening = float(np.sqrt(own / max(left[best], 1e-300)))
+    if widening > fit.model.settings.intervals.widening_named:
+        fault = faults[best]
+        side = "" if fault.kind in ("lag", "leak") else f" of the {fault.side} sensor"
+        name = fit.model.sensors.names[fault.channel]
+        where = f" at {name!r}" if name else ""
+        times = f"{widening:.1f} times" if widening < 10 else "more than ten times"
+        yield (
+            f"{what} is limited by the {_WORDS[fault.kind]}{side}{where}, which widens its interval {times}: calibrate "
+            "it and state a smaller tolerance"
+        )

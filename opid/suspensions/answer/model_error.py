@@ -1,0 +1,328 @@
+"""What limits an answer where more is left than the sensors' noise: forces that nobody measured, or the model itself.
+
+A force on the body that has nothing to do with the motion disturbs a fit, but does not bend it. The parameters are then
+the same, within their intervals, however the errors are weighed. What a model lacks goes with the motion: the fit that
+follows the motion freely and the one that is told at each sample where the body is make up for it in different ways.
+Both are fitted, the second with process noise of its own level and colour, and their difference is the test (Hausman
+1978, Specification tests in econometrics). It also widens the intervals.
+
+Where the model is the limit, equivalents, explained fractions and predictions are those of its free motion. The answer
+is then told from the fit whose free motion leaves least, not from that of the least errors of one step: readings that
+correct the motion hide what the model lacks (Ljung 1999, System identification, sec. 8.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.errors import InputError
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
+from opid.suspensions.answer.intervals import std_over_white
+from opid.suspensions.fitting.fit import NO_FIT, Fit, fit_model, predicted_left_out
+from opid.suspensions.model.driven_model import Model, ProcessNoise, straight_equivalent
+from opid.suspensions.model.run import DrivenRun, band_places
+
+Limit = Literal["noise", "unmeasured forces", "model"]
+
+# 95 % of the magnitudes of complex normal numbers of unit mean square lie below
+_MAGNITUDE_95 = 1.7308
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How well the other runs predict a run that was left out, without any of its readings on the body.
+
+    Args:
+        run: place of the run.
+        unexplained: rms of the error over that of the readings, in the band.
+        inside: fraction of the lines whose error lies inside the stated band, which holds 95 % of them.
+    """
+
+    run: int
+    unexplained: float
+    inside: float
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """What a fit leaves beside the noise of the sensors.
+
+    Args:
+        limit: of the answer.
+        departure: the largest difference of stiffness, damping or mass between both fits, in standard deviations.
+        spread: (n_unknowns, n_unknowns) what it adds to the covariance of the vector.
+        left_out: of each run, as the others predict it; none of a single run, or where they do not follow it.
+        of_equivalents: (4,) relative standard deviation of stiffness, damping, frequency and damping ratio of the
+            straight suspension nearest to it: how they differ from one fit to the other, and from pieces of a run to
+            all of it; zero where the model is not the limit.
+    """
+
+    limit: Limit
+    departure: float
+    spread: FloatArray
+    left_out: tuple[LeftOut, ...]
+    of_equivalents: FloatArray
+
+
+def measure_model_error(fit: Fit, *, is_wrong: bool = False) -> ModelError:
+    """Return what limits an answer, for a fit of one suspension that leaves more than the noise of the sensors.
+
+    Args:
+        fit: of one suspension.
+        is_wrong: whether its model is known to be wrong, whatever the difference of the two fits says.
+    """
+    known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
+    moved = np.zeros(fit.theta.size)
+    departure = np.inf
+    try:
+        # both at one rate, so that the same readings speak
+        plain = fit_model(fit.model.coarse, fit.theta, least_promise=promise)
+        places = [*range(2), *([fit.model.names.index("inverse_mass")] if fit.model.mass_free else [])]
+        std = (plain.std * std_over_white(plain)[: fit.model.n_shared])[places]
+        for other in _with_process_noise(plain):
+            moved = other.theta - plain.theta
+            departure = float(np.max(np.abs(moved[places]) / std))
+            if departure > known.surely_other_std:
+                break
+    except NO_FIT:
+        pass
+    spread, of_equivalents = np.outer(moved, moved), np.zeros(4)
+    limit: Limit = "unmeasured forces"
+    if is_wrong or departure > known.same_std:
+        limit = "model"
+        of_pieces, by_piece = _over_pieces(fit)
+        spread += of_pieces
+        of_equivalents = np.hypot(by_piece, _moved_equivalents(fit, moved))
+    return ModelError(limit, departure, spread, left_out(fit), of_equivalents)
+
+
+def follow_freely(fit: Fit, error: ModelError) -> tuple[Fit, ModelError]:
+    """Return the fit whose free motion leaves least, and what limits it; both as given where it is no better.
+
+    Args:
+        fit: that the model limits.
+        error: of it.
+    """
+    before = unexplained(fit)
+    try:
+        free = _free_fit(fit)
+        errors = fit.model.evaluate(free.theta)
+    except NO_FIT:
+        return fit, error
+    found = replace(fit, theta=free.theta, errors=errors, n_evaluations=fit.n_evaluations + free.n_evaluations)
+    if not np.sum(np.square(unexplained(found))) < np.sum(np.square(before)):
+        return fit, error
+    # the fits differ in how the errors are weighed, which a right model does not mind
+    moved = fit.theta - found.theta
+    return found, replace(
+        error,
+        spread=error.spread + np.outer(moved, moved),
+        left_out=left_out(free),
+        of_equivalents=np.hypot(error.of_equivalents, _moved_equivalents(found, moved)),
+    )
+
+
+def _free_fit(fit: Fit) -> Fit:
+    """The free motion of a model fitted to the readings at a coarse rate, each run weighed by what is left of it."""
+    known, model, theta = fit.model.settings, fit.model.coarse.free, fit.theta
+    free = Fit(model, theta, model.evaluate(theta, sensitivity=False), 1)
+    n_evaluations = 1
+    for _ in range(known.process.n_free_fits):
+        rms = [float(np.sqrt(np.mean(np.abs(line) ** 2) / 2)) for line in free.errors.lines]
+        runs = [
+            replace(run, error_level=run.error_level * each) for run, each in zip(free.model.runs, rms, strict=True)
+        ]
+        model, most = replace(free.model, runs=tuple(runs)), known.fit.most_refit_evaluations
+        free = fit_model(model, free.theta, most_evaluations=most, least_promise=known.fit.promise_in_search)
+        n_evaluations += free.n_evaluations
+    return replace(free, n_evaluations=n_evaluations)
+
+
+def _with_process_noise(fit: Fit) -> Iterator[Fit]:
+    """Fits with process noise, each more likely than those before; its colour is found band by band.
+
+    Raises:
+        UnboundedResponseError: no process noise leads to a motion that is bounded.
+    """
+    model, known = fit.model, fit.model.settings.process
+    highest_hz = float(model.runs[0].omega[-1]) / (2 * np.pi)
+    best: float | None = None
+    theta, failed = fit.theta, None
+    for fraction in known.fractions:
+        for corner in known.corners:
+            try:
+                found = _coloured(replace(model, process=ProcessNoise(fraction, corner * highest_hz)), theta)
+            except NO_FIT as error:
+                failed = error
+                continue
+            likely = found.model.log_likelihood(found.errors, found.theta)
+            theta = found.theta
+            if best is None or likely > best:
+                best = likely
+                yield found
+    if best is None:
+        assert failed is not None  # no fit without an error
+        raise failed
+
+
+def _coloured(model: Model, theta: FloatArray) -> Fit:
+    """A fit whose errors are weighed band by band, as large as they are."""
+    known, promise = model.settings.process, model.settings.fit.promise_in_search
+    most = model.settings.fit.most_refit_evaluations
+    fit = fit_model(model, theta, most_evaluations=most, least_promise=promise)
+    likely = -np.inf
+    for _ in range(known.n_rounds):
+        fit = fit_model(_with_own_levels(fit), fit.theta, most_evaluations=most, least_promise=promise)
+        before, likely = likely, fit.model.log_likelihood(fit.errors, fit.theta)
+        if likely - before < known.least_gain:
+            break
+    return fit
+
+
+def _with_own_levels(fit: Fit) -> Model:
+    """The model with the errors of each sensor as large in each band as the fit leaves them."""
+    model, rows = fit.model, []
+    for place, (run, line) in enumerate(zip(model.runs, fit.errors.lines, strict=True)):
+        before = model.process.levels[place] if model.process.levels else np.ones((1, 1))
+        own = np.abs(line.reshape(-1, run.omega.size)) * before / np.sqrt(2)
+        rows.append(np.array([_band_rms(each, _bands(model, place)) for each in own]))
+    return replace(model, process=replace(model.process, levels=tuple(rows)))
+
+
+def _bands(model: Model, place: int) -> NDArray[np.int64]:
+    known = model.settings.process
+    return band_places(model.runs[place].omega, known.bands_per_octave, known.least_lines)
+
+
+def _band_rms(values: FloatArray | ComplexArray, bands: NDArray[np.int64]) -> FloatArray:
+    """The rms magnitude over the band of each line, one for each line."""
+    return np.sqrt(np.bincount(bands, np.abs(values) ** 2) / np.bincount(bands))[bands]
+
+
+def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Mean square of what a fit to each piece of the runs alone moves the shared entries by; and the equivalents.
+
+    Under a model that is wrong a parameter depends on the motion. What it does from piece to piece of these runs it may
+    do in the next one. A single run has two pieces at least. Where no piece can be fitted, nothing is known of what the
+    entries do: they may move by all of their value, and the equivalents by anything.
+    """
+    model, known = fit.model.coarse, fit.model.settings.process
+    found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.zeros(4)
+    kept = [place for place, name in enumerate(model.names) if name != "inverse_mass"]
+    count = 0
+    for place, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
+        whole = straight_equivalent(fit.model, fit.theta, place, motion)
+        run = run.coarse
+        least = 2 if len(model.runs) == 1 else 1
+        for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
+            alone = replace(
+                model,
+                runs=(piece,),
+                mass_free=False,
+                held_inverse_mass=model.inverse_mass(fit.theta),
+                repeatability=0.0,
+            )
+            theta = np.concatenate([fit.theta[kept], np.zeros(alone.n_own)])
+            try:
+                settings = model.settings.fit
+                most, promise = settings.most_refit_evaluations, settings.promise_from_afar
+                now = fit_model(alone, theta, most_evaluations=most, least_promise=promise)
+            except NO_FIT:
+                continue
+            moved = np.zeros(fit.theta.size)
+            moved[kept] = now.theta[: len(kept)] - fit.theta[kept]
+            found += np.outer(moved, moved)
+            equivalent = straight_equivalent(alone, now.theta, 0, now.errors.predictions[0])
+            of_equivalents += (equivalent / whole - 1) ** 2
+            count += 1
+    if count == 0:
+        return np.diag(fit.theta**2), np.full(4, np.inf)
+    return found / count, np.sqrt(of_equivalents / count)
+
+
+def _pieces(run: DrivenRun, count: int) -> tuple[DrivenRun, ...]:
+    """Pieces of a run; none where they would be too short for the band."""
+    try:
+        return run.split(count)
+    except InputError:
+        return ()
+
+
+def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
+    """How a change of the vector changes the equivalents of all runs, relative, rms."""
+    found = []
+    for place, motion in enumerate(fit.errors.predictions):
+        before, after = (straight_equivalent(fit.model, fit.theta + step, place, motion) for step in (0.0, moved))
+        found.append(after / before - 1)
+    return np.sqrt(np.mean(np.square(found), axis=0))
+
+
+def unexplained(fit: Fit) -> tuple[float, ...]:
+    """Return of each run the rms of what the free motion of the model leaves over that of the readings, in the band.
+
+    Infinite where the free motion grows without bound.
+    """
+    try:
+        errors = _free_errors(fit)
+    except NO_FIT:
+        return (np.inf,) * len(fit.model.runs)
+    return tuple(float(np.linalg.norm(error) / np.linalg.norm(reading)) for error, reading in errors)
+
+
+def _free_errors(fit: Fit) -> list[tuple[ComplexArray, ComplexArray]]:
+    """Of each run the lines of the error of the free motion, and of the readings, (n_sensors, n_lines)."""
+    model, found = fit.model, []
+    for place, (run, motion) in enumerate(zip(model.runs, model.simulated(fit.theta), strict=True)):
+        read = run.transform(model.corrected(fit.theta, place)[1].value.T)
+        found.append((read - run.transform(motion.acceleration[:, : len(read)].T), read))
+    return found
+
+
+def left_out(fit: Fit) -> tuple[LeftOut, ...]:
+    """Return how well each run is predicted by the others; nothing where there is one, or where they cannot follow it.
+
+    The band is as wide, in each band of lines, as what the free motion leaves of the other runs, over their readings.
+    """
+    fits = predicted_left_out(replace(fit, model=fit.model.coarse))
+    if fits is None:
+        return ()
+    try:
+        own = [_free_errors(each)[0] for each in fits]
+    except NO_FIT:
+        return ()
+    bands = [_bands(each.model, 0) for each in fits]
+    found = []
+    for place, (error, read) in enumerate(own):
+        others = [k for k in range(len(fits)) if k != place]
+        frequency = fits[place].model.runs[0].omega
+        fraction = _shares(
+            [own[k] for k in others], [fits[k].model.runs[0].omega for k in others], frequency, bands[place]
+        )
+        # how strong the motion is, the prediction itself says
+        std = fraction * np.array([_band_rms(each, bands[place]) for each in read - error])
+        inside = float(np.mean(np.abs(error) <= _MAGNITUDE_95 * std))
+        found.append(LeftOut(place, float(np.linalg.norm(error) / np.linalg.norm(read)), inside))
+    return tuple(found)
+
+
+def _shares(
+    others: Sequence[tuple[ComplexArray, ComplexArray]],
+    lines: Sequence[FloatArray],
+    omega: FloatArray,
+    bands: NDArray[np.int64],
+) -> FloatArray:
+    """What free motions leave of other runs over their predictions, in the band of each line."""
+    edges = np.append(omega[np.flatnonzero(np.diff(bands, prepend=-1))], np.inf)
+    edges[0] = 0.0
+    left, moved = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
+    for (error, read), own in zip(others, lines, strict=True):
+        place = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, left.size - 1)
+        left += np.bincount(place, np.sum(np.abs(error) ** 2, axis=0), minlength=left.size)
+        moved += np.bincount(place, np.sum(np.abs(read - error) ** 2, axis=0), minlength=left.size)
+    return np.sqrt(left / np.maximum(moved, 1e-300))[bands]

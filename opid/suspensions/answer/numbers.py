@@ -1,0 +1,192 @@
+"""The numbers of an answer: as fitted, with what is not to be told taken out, and the gas of a strut as serviced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.estimate import Estimate, Estimates
+from opid.mechanics.weight import ATMOSPHERE_PA
+from opid.signals.recording import FloatArray
+from opid.suspensions.answer.intervals import Parameters
+from opid.suspensions.answer.refusals import ConfoundedTerm
+from opid.suspensions.candidates import Choice, Fitted
+from opid.suspensions.fitting.noise import sensor_ratio, thinned
+from opid.suspensions.result import (
+    AtRest,
+    BodyParameters,
+    BodyRatios,
+    Evidence,
+    GasColumn,
+    GearParameters,
+    GearRatios,
+    InterfaceEstimate,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers(Estimates):
+    """What an answer tells.
+
+    Args:
+        parameters: absolute values.
+        ratios: what needs no known mass.
+        interfaces: the suspensions, in the order of the study.
+        corrections: {"x_m[left]": Estimate, ...} of coordinates.
+    """
+
+    parameters: GearParameters | BodyParameters
+    ratios: GearRatios | BodyRatios
+    interfaces: tuple[InterfaceEstimate, ...]
+    corrections: Mapping[str, Estimate]
+
+    def without_intervals(self) -> Numbers:
+        """Return the values alone."""
+        return self.with_estimates(Estimate.without_interval)
+
+    def without_scale(self) -> Numbers:
+        """Return them without absolute values of the body."""
+        return self.with_estimates(_nothing, only={"parameters"})
+
+    def without_motions(self, motions: Sequence[str]) -> Numbers:
+        """Return them without the inertia of motions that the runs hardly tell."""
+        parameters = self.parameters.with_estimates(_nothing, only={f"{motion}_inertia_kg_m2" for motion in motions})
+        ratios = self.ratios.with_estimates(_nothing, only={f"{motion}_radius_m" for motion in motions})
+        return replace(self, parameters=parameters, ratios=ratios)
+
+    def without_values(self) -> Numbers:
+        """Return nothing but the laws by name: every number would be a guess."""
+        empty = self.with_estimates(_nothing)
+        interfaces = tuple(replace(each, law_estimates={}) for each in empty.interfaces)
+        return replace(empty, interfaces=interfaces, corrections={})
+
+    def without_intervals_of(self, terms: Sequence[ConfoundedTerm], names: Mapping[str, Sequence[str]]) -> Numbers:
+        """Return them without the intervals of terms and what they are confounded with."""
+        parameters, ratios, interfaces = self.parameters, self.ratios, list(self.interfaces)
+        for term in terms:
+            parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
+            ratios = ratios.with_estimates(Estimate.without_interval, only=term.confounded_with)
+            for k, each in enumerate(interfaces):
+                if each.name in names[term.group]:
+                    laws = term.without_interval(each.law_estimates)
+                    bare = each.with_estimates(Estimate.without_interval, only=term.confounded_with)
+                    interfaces[k] = replace(bare, law_estimates=laws)
+        return replace(self, parameters=parameters, ratios=ratios, interfaces=tuple(interfaces))
+
+
+def _nothing(_: Estimate) -> Estimate:
+    return Estimate()
+
+
+def found_numbers(choice: Choice, evidence: Sequence[Evidence], *, per_mass: bool, ground: bool) -> Numbers:
+    """Return the numbers of the fits of an answer as they are.
+
+    Suspensions are told per kg of the body, and no masses, where `per_mass`; `ground` is whether springs to the ground
+    were allowed.
+    """
+    parts = choice.parts
+    interfaces = _interfaces(choice, evidence, per_mass=per_mass, ground=ground)
+    if choice.study.is_one_gear:
+        first, known = interfaces[0], parts[0].known
+        std = evidence[0].ground.std_per_mass[0] if ground else None
+        ratios = known.gear_ratios(known.ground(0, std, per_mass=True))
+        gear = GearParameters()
+        if not per_mass:
+            gear = GearParameters(known.mass, first.stiffness, first.damping, first.ground_stiffness)
+        return Numbers(gear, ratios, interfaces, {})
+    if choice.kind == "rigid_body":
+        body, radii = parts[0].known.of_rigid_body()
+    else:
+        body, radii = BodyParameters(_total(parts)), BodyRatios()
+    return Numbers(BodyParameters() if per_mass else body, radii, interfaces, _corrections(parts))
+
+
+def _total(parts: Sequence[Fitted]) -> Estimate:
+    """Mass of all gears together, where each is known."""
+    if not all(part.fit.model.mass_free for part in parts):
+        return Estimate()
+    value = variance = 0.0
+    for part in parts:
+        mass, count = part.known.mass, len(part.interfaces)
+        if mass.value is None or mass.std is None:
+            return Estimate()
+        value, variance = value + count * mass.value, variance + (count * mass.std) ** 2
+    return Estimate.normal(value, float(np.sqrt(variance)))
+
+
+def _interfaces(
+    choice: Choice, evidence: Sequence[Evidence], *, per_mass: bool, ground: bool
+) -> tuple[InterfaceEstimate, ...]:
+    names = choice.study.names
+    found: dict[int, InterfaceEstimate] = {}
+    for part, row in zip(choice.parts, evidence, strict=True):
+        fit, is_rigid = part.fit, part.kind == "rigid_body"
+        mu = 1.0 if per_mass else fit.model.inverse_mass(fit.theta)
+        for number, group in enumerate(fit.groups):
+            stiffness, damping, law = part.known.suspension(number, per_mass=per_mass)
+            std = row.ground.std_per_mass[number] if ground else None
+            spring = part.known.ground(number, std, per_mass=per_mass)
+            members = [part.interfaces[slot] for slot in group.slots] if is_rigid else part.interfaces
+            for k, member in enumerate(members):
+                slot = group.slots[k] if is_rigid else 0
+                travel, velocity = fit.motion(slot)
+                found[member] = InterfaceEstimate(
+                    name=names[member],
+                    shared_with=tuple(names[other] for other in members if other != member),
+                    stiffness=stiffness,
+                    damping=damping,
+                    ground_stiffness=spring,
+                    law=group.law.scaled(1 / mu) if group.law.terms else group.law,
+                    law_estimates=law,
+                    travel=thinned(travel),
+                    velocity=thinned(velocity),
+                    residual_over_noise=sensor_ratio(fit, slot) * fit.model.level / part.level,
+                    rest_m=part.known.rest(number),
+                    at_rest=at_rest(part, slot, per_mass=per_mass),
+                    gas=None
+                    if per_mass
+                    else gas_of(part.known, number, choice.study.interfaces[member].piston_area_m2),
+                )
+    return tuple(found[k] for k in sorted(found))
+
+
+def at_rest(part: Fitted, slot: int, *, per_mass: bool) -> tuple[AtRest, ...]:
+    """Return a suspension where it rests in each run, its forces per unit of the reference mass with `per_mass`."""
+    return tuple(
+        AtRest(name, *part.known.at_rest(slot, place, per_mass=per_mass))
+        for place, name in enumerate(part.task.run_names)
+    )
+
+
+def _corrections(parts: Sequence[Fitted]) -> dict[str, Estimate]:
+    found = {}
+    for part in parts:
+        for coordinate in part.fit.model.body.coordinates:
+            k = part.fit.model.names.index(coordinate.name)
+            found[coordinate.name] = Estimate.normal(float(part.fit.theta[k]), part.known.std(k))
+    return found
+
+
+def gas_of(known: Parameters, number: int, piston_area_m2: float | None) -> GasColumn | None:
+    """Return the gas that carries a group of interfaces in the reference run; None where none is found.
+
+    Its force at rest is (p - p0) A with the pressure p, that of the air p0 and the area A of the piston; the amplitude
+    of the law is p A, and the length of the column V/A. The mass must be determined; pressure and volume are told only
+    where the area of the piston is stated.
+    """
+    model, theta = known.fit.model, known.fit.theta
+    terms = model.laws(theta)[number].terms
+    place = next((k for k, term in enumerate(terms) if term.kind.quasi_static), None)
+    if place is None or model.inverse_mass(theta) <= 0.0:
+        return None
+    area = piston_area_m2 or 1.0
+
+    def read(vector: FloatArray) -> FloatArray:
+        term = model.laws(vector)[number].terms[place]
+        force = term.amplitude / model.inverse_mass(vector)
+        return np.array([force * term.inner[0], force / area - ATMOSPHERE_PA, area * term.inner[0]])
+
+    content, pressure, volume = known.of_function(read)
+    return GasColumn(content) if piston_area_m2 is None else GasColumn(content, pressure, volume)

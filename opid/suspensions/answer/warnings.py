@@ -1,0 +1,503 @@
+"""What to doubt of an answer, one sentence each: records, residual, structure, demands, runs that differ, and gas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.mechanics.laws.law import LAWS
+from opid.mechanics.repeatability import PARTS, part_of
+from opid.signals.health.across_channels import units_apart
+from opid.signals.health.inspection import findings_in_words
+from opid.suspensions.answer.refusals import ConfoundedTerm, worst_sensor
+from opid.suspensions.candidates import Choice, Fitted
+from opid.suspensions.fitting.faults import GROUND
+from opid.suspensions.fitting.noise import over_noise
+from opid.suspensions.result import (
+    Evidence,
+    InterfaceEstimate,
+    SpringEstimate,
+)
+from opid.suspensions.settings import GasSettings, WarningSettings
+from opid.suspensions.study import MeasuredInterface, Study, rigid_faults
+
+WITHOUT_INTERVALS = "the intervals are withheld: what the structure leaves is no noise, and does not average out"
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What warnings are about.
+
+    Args:
+        choice: the structure that was chosen.
+        evidence: of its parts.
+        mass: that was found.
+        interfaces: as they are told.
+        loose: motions whose inertia is hardly told.
+        confounded: terms of each part that may be stiffness or damping.
+        per_mass: whether forces are told per kg of the body.
+        is_refused: whether no number is told.
+        mended_spikes: below and on the body.
+    """
+
+    choice: Choice
+    evidence: Sequence[Evidence]
+    mass: Estimate
+    interfaces: Sequence[InterfaceEstimate]
+    loose: Sequence[str]
+    confounded: Sequence[Sequence[ConfoundedTerm]]
+    per_mass: bool
+    is_refused: bool
+    mended_spikes: tuple[int, int]
+
+
+def collect_warnings(answer: Answer) -> Iterator[str]:
+    """Yield what to doubt of an answer, one sentence each."""
+    choice = answer.choice
+    for run in choice.study.runs:
+        yield from findings_in_words(run.name, run.findings)
+    if sum(answer.mended_spikes):
+        below, above = answer.mended_spikes
+        yield (
+            f"{below + above} spike(s) of one sample were mended ({below} on the unsprung, {above} on the sprung "
+            "channel)"
+        )
+    yield from _of_the_record(choice)
+    yield from _of_the_levels(choice)
+    yield from _of_the_residual(answer) if choice.study.is_one_gear else _of_the_structure(answer)
+    # of a structure that is refused, faults and places are no more than what the search came to
+    reported = [] if answer.is_refused else choice.parts
+    for part in reported:
+        yield from _of_the_demands(part)
+        yield from _of_implausible_demands(part)
+        yield from _of_stated_facts(part)
+        yield from run_differences(part)
+    if reported:
+        yield from _of_the_ground(answer)
+        yield from doubts_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
+    rules = any(each.repeatability.rules_mass for each in answer.evidence)
+    yield from _of_the_scale(choice.study, answer.mass, choice.parts[0].settings.warnings, rules=rules)
+    for motion in answer.loose:
+        yield _untold_motion(motion)
+    for part in reported:
+        yield from _of_places(part)
+    for term in [term for terms in answer.confounded for term in terms] if reported else ():
+        yield term.warning
+
+
+def _of_the_record(choice: Choice) -> Iterator[str]:
+    """What neither a structure nor a law can mend."""
+    study, settings = choice.study, choice.parts[0].settings.runs
+    if study.structure.noise_m_per_s2 is None and not study.is_one_gear:
+        yield (
+            f"the noise of the sensors, {1e3 * max(part.level for part in choice.parts):.2g} mm/s^2, is taken from "
+            "their quietest spectra, a bound from above: state `noise_m_per_s2` if you know it"
+        )
+    if any(part.is_noise_of_fit for part in choice.parts):
+        level = 1e3 * max(part.level for part in choice.parts if part.is_noise_of_fit)
+        yield (
+            "the spectra do not tell the noise of the sensors, for where they are quietest they hold less than "
+            f"{settings.least_noise_fraction:.1%} of the motion, as after a low-pass filter: the noise is taken to be "
+            f"what the model leaves in the band, {level:.2g} mm/s^2; state `noise_m_per_s2` to check the model by it"
+        )
+    highest = settings.highest_fraction
+    if highest * study.fs < settings.band_hz[1]:
+        yield (
+            f"the runs are sampled at {study.fs:g} Hz, and compared up to {highest * study.fs:.4g} Hz instead of "
+            f"{settings.band_hz[1]:g} Hz, for the filters of loggers begin at {highest:g} of the rate: what moves "
+            f"faster is not in them, or folded; record at {settings.band_hz[1] / highest:.4g} Hz or more, or give a "
+            "band that ends below"
+        )
+
+
+def _of_the_levels(choice: Choice) -> Iterator[str]:
+    """Runs that no model explains together, and one of which is as much stronger than the first as units are apart."""
+    study = choice.study
+    if choice.lack <= choice.verdicts.explained:
+        return
+    names = (*study.channels("unsprung"), *study.channels("sprung"))
+    first, *others = study.runs
+    for run in others:
+        ratios = [float(np.std(run.recording.channel(name)) / np.std(first.recording.channel(name))) for name in names]
+        found = units_apart(ratios)
+        if found:
+            larger, smaller, apart = found
+            mean = float(np.exp(np.mean(np.log(ratios))))
+            yield (
+                f"every channel of run {run.name!r} is {mean:.3g} times as strong as in run {first.name!r}, and "
+                f"{larger} is {apart:.4g} {smaller}: unless road or speed differ as much, one of the two logs is in "
+                "another unit than stated; give the right `unit` in [runs.channels.NAME], or in the log's header"
+            )
+
+
+def _of_the_residual(answer: Answer) -> Iterator[str]:
+    """Of one gear: how large, and what usually leaves such a residual."""
+    (part,), (evidence,), verdicts = answer.choice.parts, answer.evidence, answer.choice.verdicts
+    found, ratio = evidence.whiteness, part.residual_over_noise
+    left_out, more = part.left_out_over_noise, part.settings.warnings.left_out_more
+    if left_out is not None and ratio <= verdicts.noted and left_out > max(verdicts.noted, more * ratio):
+        yield (
+            f"runs that the others predict leave {over_noise(left_out)} times the noise of the sensors: a mass change "
+            "may not be as stated, or something has changed between the runs"
+        )
+    if found.white and ratio < verdicts.noted:
+        return
+    stands_out = (
+        f"it stands out most from {found.band_hz[0]:.2g} to {found.band_hz[1]:.2g} Hz ({found.excess:.1f} times its "
+        f"mean level): {_reason(part, found.band_hz)}"
+    )
+    if ratio > verdicts.noted:
+        yield f"the residual is {ratio:.1f} times the noise of the sensors; {stands_out}"
+        if part.error is not None and not part.implausible and not answer.is_refused:
+            yield _limited_by(part)
+    else:
+        size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
+        yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
+
+
+def _limited_by(part: Fitted) -> str:
+    """What limits an answer that leaves more than noise, in words."""
+    assert part.error is not None  # more than noise is left
+    least, most = (f"{100 * end(part.unexplained):.2g}" for end in (min, max))
+    left = least if least == most else f"{least} to {most}"
+    if part.error.limit == "model" and part.error.departure <= part.settings.process.same_std:
+        return (
+            f"the answer is limited by the model, which leaves {left} % of the body's acceleration: another law of the "
+            "library promises to explain a part of that, so the given one is not the strut's; let it be searched"
+        )
+    if part.error.limit == "model":
+        return (
+            f"the answer is limited by the model, which leaves {left} % of the body's acceleration: how the errors are "
+            "weighed moves the parameters by more than their intervals, which are widened by that, and by how they "
+            "differ from one piece of the runs to the other"
+        )
+    return (
+        f"the answer is limited by something that moves the body and that no sensor measured ({left} % of its "
+        "acceleration): it does not bend the parameters, which are the same however the errors are weighed, and the "
+        "intervals allow for it"
+    )
+
+
+def _reason(part: Fitted, band_hz: tuple[float, float]) -> str:
+    """What usually leaves a residual in such a band."""
+    fit, other = part.fit, "other than the given one" if part.law_is_given else "outside the library"
+    square = fit.theta[0] + fit.value(fit.model.groups[0].called(GROUND))
+    settings = fit.model.settings.warnings
+    resonance_hz = float(np.sqrt(max(square, 0.0))) / (2 * np.pi)
+    if band_hz[1] < settings.slow_fraction * resonance_hz:
+        return f"AC coupling, a drifting sensor or a law of the travel {other} make such slow motion"
+    if band_hz[0] > settings.fast_fraction * resonance_hz:
+        return "a second resonance (a roll, pitch or bending mode, a loose bracket) or a lag between the channels"
+    return (
+        f"a gear on a body that rolls or pitches is no gear alone, a law {other}, memory in the strut or "
+        "motion across the axis leave such a residual"
+    )
+
+
+def _of_the_structure(answer: Answer) -> Iterator[str]:
+    choice = answer.choice
+    study, parts, ratio, lack, verdicts = choice.study, choice.parts, choice.ratio, choice.lack, choice.verdicts
+    if lack > verdicts.explained:
+        named = verdicts.explained < ratio <= verdicts.refused
+        yield choice.why + (worst_sensor(study, parts) if named else "")
+        more = parts[0].settings.warnings.left_out_more_of_body
+        if ratio <= verdicts.explained or (lack > more * ratio and ratio <= verdicts.refused):
+            yield (
+                f"runs that the others predict leave {over_noise(lack)} times the noise: a loading may have another "
+                "mass or stand elsewhere than stated, or something has changed between the runs"
+            )
+        if ratio <= verdicts.refused:
+            yield WITHOUT_INTERVALS
+    elif not all(each.whiteness.white for each in answer.evidence):
+        yield (
+            "what the structure leaves is not white, though little: a law or a coordinate may be missing; intervals "
+            "allow for its colour"
+        )
+    if len(study.runs) > 1 and any(part.left_out_over_noise is None and not part.is_hopeless for part in parts):
+        yield (
+            "the model cannot follow the runs without one of them: nothing is said of runs that the others predict; "
+            "check the loading of each run"
+        )
+    rigid = [part for part in choice.tried if part.kind == "rigid_body"]
+    if study.structure.kind == "auto" and len(study.interfaces) > 1 and not rigid:
+        yield f"one rigid body was not tried: {'; '.join(rigid_faults(study))}"
+    for part in rigid:
+        if part.has_fit and not part.explains and part not in parts:
+            yield (
+                f"one rigid body leaves {over_noise(part.residual_over_noise)} times the noise"
+                f"{worst_sensor(study, [part])}: look at that sensor first"
+            )
+
+
+def _of_the_demands(part: Fitted) -> Iterator[str]:
+    for words in dict.fromkeys(demand.words for demand in part.demands):
+        mine = [demand for demand in part.demands if demand.words == words]
+        values = ", ".join(f"{each.name} = {each.value:.4g} +- {each.std:.1g}" for each in mine)
+        also = f"; {' and '.join(mine[0].alike)} would explain the runs as well" if mine[0].alike else ""
+        stated = ", which nobody stated"
+        if mine[0].hypothesis.is_stated:
+            stated = " than the study states without a tolerance"
+        yield (
+            f"the runs demand {words}{stated} ({values}): without it the error is "
+            f"{1e3 * mine[0].error_before:.3g} instead of {1e3 * mine[0].error_after:.3g} mm/s^2{also}"
+        )
+
+
+def _of_implausible_demands(part: Fitted) -> Iterator[str]:
+    for words in dict.fromkeys(demand.words for demand in part.implausible):
+        mine = [demand for demand in part.implausible if demand.words == words]
+        values = ", ".join(f"{each.name} = {each.value:.3g}" for each in mine)
+        less = 1e3 * mine[0].error_after, 1e3 * mine[0].error_before
+        yield (
+            f"the runs demand {words} ({values}), with which the error would be {less[0]:.3g} instead of {less[1]:.3g} "
+            "mm/s^2; it was not let in, for it lies far beyond what such sensors do and may stand in for something "
+            "else (a unit, a channel, a law), so the intervals are withheld: check the sensors, and state what is true "
+            "of them under [sensors]"
+        )
+
+
+def _of_stated_facts(part: Fitted) -> Iterator[str]:
+    """A fact of a sensor that the fit contradicts: it is wrong, or stands in for something else."""
+    demanded = {demand.name for demand in part.demands}
+    what = {"gain": "gain", "corner": "corner of the AC coupling", "lag": "delay", "leak": "cross-axis leak"}
+    units = {"corner": " Hz", "lag": " s"}
+    lower, upper = part.fit.model.bounds()
+    for fault in part.fit.model.faults:
+        value = part.fit.value(fault.name)
+        off = abs(value - fault.nominal) / fault.std
+        if fault.name in demanded or off <= part.settings.faults.contradicted_std:
+            continue
+        unit = units.get(fault.kind, "")
+        # a gear alone has one group, and its sensors need no names
+        name = part.fit.model.sensors.names[fault.channel] or part.fit.model.groups[0].name
+        place = part.fit.model.names.index(fault.name)
+        # as far as it is looked for
+        more = " or less" * bool(value <= lower[place]) + " or more" * bool(value >= upper[place])
+        yield (
+            f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
+            f"{fault.nominal:.3g} +- {fault.std:.2g}{unit}, contradicts the runs, which show {value:.3g}{unit}{more} "
+            f"({off:.1f} standard deviations off): check the data sheet, or state a wider tolerance"
+        )
+
+
+def _of_the_ground(answer: Answer) -> Iterator[str]:
+    first = answer.interfaces[0]
+    ground, stiffness = first.ground_stiffness.value, first.stiffness.value
+    if (
+        not answer.choice.study.is_one_gear
+        or ground is None
+        or stiffness is None
+        or abs(ground) <= answer.choice.parts[0].settings.intervals.negligible_ground * abs(stiffness)
+        or first.ground_stiffness.holds(0.0)
+    ):
+        return
+    sentences = answer.evidence[0].ground.sentences
+    imitations = "; ".join(sentences) or "none of the usual faults of the sensors looks much like it"
+    yield (
+        f"the ground spring K3 = {ground:.3g} N/m{' per kg' * answer.per_mass} differs from zero, yet a free "
+        "aircraft has none: faults of the sensors were tried beside it and explain the runs less well; for comparison, "
+        f"{imitations}"
+    )
+
+
+def _of_the_scale(study: Study, mass: Estimate, settings: WarningSettings, *, rules: bool) -> Iterator[str]:
+    """A loading in another unit scales everything: accelerations and weight tell no more than ratios to the mass."""
+    if mass.value is None:
+        return
+    largest = max((each for run in study.runs for each in run.masses), key=lambda each: abs(each.mass_kg))
+    is_small = abs(largest.mass_kg) < settings.least_loading_kg or mass.value < settings.least_mass_kg
+    is_large = mass.value > (settings.most_mass_of_gear_kg if study.is_one_gear else settings.most_mass_kg)
+    if is_small or is_large:
+        where = "" if study.is_one_gear else f" at ({largest.x_m:g}, {largest.y_m:g}) m"
+        key = "mass_change_kg is" if study.is_one_gear else "loadings are"
+        yield (
+            f"the scale rests on {largest.mass_kg:+g} kg{where}, which makes the mass {mass.value:.3g} kg: {key} in "
+            f"kg, and the runs cannot show that it was {'tonnes' if is_small else 'grams'}, which scale all masses and "
+            "forces alike"
+        )
+    if study.is_one_gear:
+        changes = [run.mass_change_kg for run in study.runs]
+        fraction = (max(changes) - min(changes)) / mass.value
+        # where runs that are not alike rule, the limits say so
+        if mass.std is not None and mass.std / mass.value > settings.loose_mass and not rules:
+            yield (
+                f"the mass change is {100 * fraction:.0f} % of the mass, which multiplies every relative error by "
+                f"about {1 / fraction:.0f}: doubling it would halve the interval of the mass"
+            )
+
+
+def _untold_motion(motion: str) -> str:
+    one, other, side = ("left", "right", "side") if motion == "roll" else ("front", "rear", "end")
+    return (
+        f"these runs do not tell the inertia in {motion}: the body hardly moves in it, or places are too roughly "
+        f"known; let {one} and {other} run over different ground, load one {side}, or measure the coordinates better"
+    )
+
+
+def _of_places(part: Fitted) -> Iterator[str]:
+    """Coordinates that moved far from where they are stated to be."""
+    for coordinate in part.fit.model.body.coordinates:
+        value, std = part.fit.value(coordinate.name), coordinate.std
+        if abs(value) > part.settings.intervals.far_std * std:
+            # as far as they are looked for
+            more = " or more" * (abs(value) > 0.999 * part.settings.fit.farthest_std * std)
+            yield (
+                f"{coordinate.name} would have to be {100 * value:+.1f} cm{more} from where it is stated to be: check "
+                "the drawing, and the places of the loadings"
+            )
+
+
+_PARTS_IN_WORDS = {"spring": "the stiffness", "damper": "the damping", "friction": "the friction"}
+
+
+def run_differences(part: Fitted) -> Iterator[str]:
+    """Yield what differs between runs by more than its interval, against the first run, one sentence each."""
+    fit, alike, study = part.fit, part.repeatability, part.task.study
+    if part.known.levels is None:
+        return
+    if alike.exceeds and not alike.is_usual:
+        yield (
+            f"the runs differ by about {100 * (alike.estimated or 0.0):.1g} % in stiffness, damping or friction, more "
+            f"than the stated repeatability of {100 * alike.stated:.2g} %: state a larger one, or look for what changed"
+        )
+    for number, group in enumerate(fit.model.groups):
+        where = f" at {group.name!r}" * bool(group.name)
+        changes = [_Change.of(part, number, place) for place in range(1, len(part.runs))]
+        for change in changes:
+            yield from _of_unlike_run(part, change, where)
+        is_alone = fit.model.body.n_slots == 1 and (study is None or study.is_one_gear)
+        if is_alone and changes:
+            yield from _of_another_mass(part, max(changes, key=lambda change: abs(change.common[0])))
+
+
+@dataclass(frozen=True)
+class _Change:
+    """What a group of a run has changed against the first run: values with their standard deviations.
+
+    Args:
+        place: of the run.
+        single: of each part that the group has.
+        unlike: of one part less another.
+        common: of all parts together, their mean.
+    """
+
+    place: int
+    single: Mapping[str, tuple[float, float]]
+    unlike: Mapping[tuple[str, str], tuple[float, float]]
+    common: tuple[float, float]
+
+    @classmethod
+    def of(cls, part: Fitted, number: int, place: int) -> _Change:
+        """Return the change of a group of a run."""
+        model = part.fit.model
+        parts = ["spring", "damper", *{part_of(term.kind) for term in model.groups[number].law.terms} - set(PARTS[:2])]
+
+        def change(weights: Mapping[str, float]) -> tuple[float, float]:
+            slopes = np.zeros(part.fit.theta.size)
+            for run, sign in ((place, 1.0), (0, -1.0)):
+                first = model.places_of_run(run)[1].start + number * len(PARTS)
+                for name, weight in weights.items():
+                    slopes[first + PARTS.index(name)] = sign * weight
+            return float(slopes @ part.fit.theta), part.known.deviation(slopes)
+
+        return cls(
+            place,
+            {name: change({name: 1.0}) for name in parts},
+            {(a, b): change({a: 1.0, b: -1.0}) for a, b in combinations(parts, 2)},
+            change({name: 1 / len(parts) for name in parts}),
+        )
+
+    @property
+    def surest(self) -> tuple[str, str]:
+        """The two parts that are told apart best."""
+        return max(self.unlike, key=lambda pair: abs(self.unlike[pair][0]) / self.unlike[pair][1])
+
+
+def _of_unlike_run(part: Fitted, change: _Change, where: str) -> Iterator[str]:
+    """A part that changed by more than its interval; else two that changed by ratios that differ."""
+    names, known = part.task.run_names, part.settings.warnings
+    named, than = f"{where} in run {names[change.place]!r}", f"in run {names[0]!r}"
+    certain = [name for name, (value, std) in change.single.items() if abs(value) > known.unlike_std * std]
+    for name in certain:
+        value, std = change.single[name]
+        yield (
+            f"{_PARTS_IN_WORDS[name]}{named} is {100 * abs(value):.2g} +- {100 * std:.1g} % "
+            f"{'more' if value > 0 else 'less'} than {than}"
+        )
+    value, std = change.unlike[change.surest]
+    if not certain and abs(value) > known.unlike_std * std:
+        first, second = (_PARTS_IN_WORDS[name] for name in change.surest)
+        yield (
+            f"{first} and {second}{named} are not those {than}: one of them changed by {100 * abs(value):.2g} +- "
+            f"{100 * std:.1g} % against the other, and which is not told; further runs with the masses in turn would "
+            "tell"
+        )
+
+
+def _of_another_mass(part: Fitted, change: _Change) -> Iterator[str]:
+    """All forces of a run changed by one ratio: that is what another mass does, and no strut."""
+    (common, _), (differs, std), names = change.common, change.unlike[change.surest], part.task.run_names
+    if abs(common) < part.settings.warnings.as_one * max(abs(differs), std):
+        return
+    model, wrong = part.fit.model, ""
+    if model.mass_free:
+        change_kg = float(model.runs[change.place].loading[0, 0])
+        off_kg = abs(common) * (1 / model.inverse_mass(part.fit.theta) + change_kg)
+        wrong = f", as if it carried {off_kg:.0f} kg {'less' if common > 0 else 'more'} than stated"
+    key = "loadings" if part.task.study is None else "mass_change_kg"
+    yield (
+        f"stiffness, damping and friction in run {names[change.place]!r} are all {100 * abs(common):.2g} % "
+        f"{'more' if common > 0 else 'less'} than in run {names[0]!r}{wrong}: check the {key} of all runs"
+    )
+
+
+def doubts_of_gas(
+    interfaces: Sequence[InterfaceEstimate], measured: Sequence[MeasuredInterface], settings: GasSettings
+) -> Iterator[str]:
+    """Yield what to doubt of the gas that carries suspensions, one sentence each, once for those that share a law.
+
+    Suspensions that cannot be fitted are not among the first, but all stand, as stated, among the measured ones.
+    """
+    done, areas = set[str](), {stated.name: stated.piston_area_m2 for stated in measured}
+    for each in interfaces:
+        if done.isdisjoint(each.shared_with):
+            names = ", ".join((each.name, *each.shared_with))
+            where = f"at {names!r}: " if len(measured) > 1 else ""
+            for doubt in _doubts_of_column(each, areas[each.name], settings):
+                yield where + doubt
+        done.add(each.name)
+
+
+def _doubts_of_column(
+    interface: InterfaceEstimate, piston_area_m2: float | None, settings: GasSettings
+) -> Iterator[str]:
+    pressure, (low, high) = None if interface.gas is None else interface.gas.pressure_pa.value, settings.pressures_pa
+    if pressure is not None and not low <= pressure <= high:
+        yield (
+            f"the stated piston_area_m2 of {piston_area_m2:g} contradicts the static pressure: the weight would make "
+            f"it {1e-6 * pressure:.2g} MPa, and struts are serviced with {1e-6 * low:g} to {1e-6 * high:g} MPa; check "
+            "the area and the unit of the mass changes"
+        )
+    yield from doubts_of_exponents(interface, settings)
+
+
+def doubts_of_exponents(suspension: SpringEstimate, settings: GasSettings) -> Iterator[str]:
+    """Yield the exponents of a suspension that gas in a strut does not have, one sentence each."""
+    for kind, estimates in suspension.law_estimates.items():
+        if not LAWS[kind].quasi_static:
+            continue
+        for parameter in LAWS[kind].parameters:
+            value = estimates[parameter.name].value
+            if parameter.known is None or value is None:
+                continue
+            mean, reach = parameter.known[0], settings.far_std * parameter.known[1]
+            if abs(value - mean) > reach:
+                yield (
+                    f"the exponent {value:.3g} of {kind} is unusual for gas in a strut ({mean - reach:.3g} to "
+                    f"{mean + reach:.3g}): another spring probably carries a part of the weight, so do not trust "
+                    "static force, length, pressure and volume of the gas; the mass does not depend on them"
+                )

@@ -1,0 +1,491 @@
+"""What the runs demand beside the suspensions: springs to the ground, or faults of the sensors that nobody stated.
+
+All are first tried by score tests, one simulation together. What would lower the error most is fitted, and kept if the
+information criterion agrees; then the rest is tried again. Several of them look alike (a gain error and a ground
+spring, say): all that explain the runs about as well as the one that was let in are named. Which faults pass for a
+ground spring, and how large a one, is said where there is none, too.
+
+A fault that lies far beyond what such sensors do may stand in for something else. AC coupling is let in all the same
+where little is left with it, for nothing else looks like it then. Other faults are not, but are told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from opid.mechanics.driven import UnboundedResponseError
+from opid.signals.recording import FloatArray
+from opid.suspensions.fitting.fit import NO_FIT, Fit, carried_over, fit_model, rows_with_departures
+from opid.suspensions.fitting.start import Start
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.run import DrivenRun
+from opid.suspensions.sensor_facts import SensorFacts, Sensors, Side
+from opid.suspensions.settings import FaultSettings, IntervalSettings
+
+GROUND = "ground_stiffness_per_mass"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Something that the model may lack.
+
+    Args:
+        words: what it is.
+        ground: whether it is springs to the ground.
+        changes: else what makes faults of sensors free: side, number and facts of each sensor.
+        is_stated: whether the study says otherwise, without a tolerance.
+    """
+
+    words: str
+    ground: bool = False
+    changes: tuple[tuple[Side, int, tuple[tuple[str, float], ...]], ...] = ()
+    is_stated: bool = False
+
+    @property
+    def is_coupling(self) -> bool:
+        """Whether it is AC coupling."""
+        return any(name.startswith("corner") for _, _, facts in self.changes for name, _ in facts)
+
+    def added_to(self, model: Model) -> Model:
+        """The model with it."""
+        if self.ground:
+            return replace(model, groups=tuple(replace(group, ground=True) for group in model.groups))
+        sensors = model.sensors
+        for side, channel, facts in self.changes:
+            sensors = sensors.changed(side, channel, **dict(facts))
+        return replace(model, sensors=sensors)
+
+    def taken_from(self, model: Model) -> Model:
+        """The model without it."""
+        if self.ground:
+            return replace(model, groups=tuple(replace(group, ground=False) for group in model.groups))
+        sensors = model.sensors
+        for side, channel, facts in self.changes:
+            sensors = sensors.changed(side, channel, **dict.fromkeys(dict(facts), 0.0))
+        return replace(model, sensors=sensors)
+
+    def about(self, fit: Fit) -> Hypothesis:
+        """An AC coupling that is looked for about the corners of a fit, where they are above the usual one."""
+        usual_hz = fit.model.settings.faults.corner_hz
+        corners = [fault for fault in fit.model.faults if fault.kind == "corner"]
+        corners_hz = {(each.side, each.channel): max(fit.value(each.name), usual_hz) for each in corners}
+        changes = tuple(
+            (side, channel, tuple({**dict(facts), "corner_hz": corners_hz[side, channel]}.items()))
+            for side, channel, facts in self.changes
+        )
+        return replace(self, changes=changes)
+
+    def names(self, model: Model) -> tuple[str, ...]:
+        """Its parameters."""
+        before, after = self.taken_from(model).names, self.added_to(model).names
+        return tuple(name for name in after if name not in before)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A parameter that was let into the model because the runs demand it.
+
+    Args:
+        name: of the parameter, "ground_stiffness_per_mass" or a fault of the sensors.
+        words: what it is.
+        value: its estimate.
+        std: its standard deviation.
+        error_before: error without it, m/s^2.
+        error_after: error with it, m/s^2.
+        alike: what would explain the runs as well.
+        hypothesis: what made it free.
+    """
+
+    name: str
+    words: str
+    value: float
+    std: float
+    error_before: float
+    error_after: float
+    alike: tuple[str, ...]
+    hypothesis: Hypothesis
+
+    def updated(self, fit: Fit) -> Demand:
+        """Return the demand with its value in a later fit."""
+        std = float(fit.std[fit.model.names.index(self.name)])
+        return replace(self, value=fit.value(self.name), std=std, error_after=fit.noise_m_per_s2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    fit: Fit
+    demands: tuple[Demand, ...]
+
+
+def let_in(
+    fit: Fit,
+    before: tuple[Demand, ...] = (),
+    *,
+    ground: bool,
+    start: Start | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Fit, tuple[Demand, ...]]:
+    """Return the fit with what the runs demand beside the suspensions, and what that is.
+
+    What was let in before is taken out again where the runs no longer demand it. The start values are for springs to
+    the ground.
+    """
+    say, known = progress or (lambda step: None), fit.model.settings.faults
+    runs = fit.model.runs
+    standing = now = _Standing(fit, tuple(demand.updated(fit) for demand in before))
+    # faults that explain the runs only together are let in together: what stands is the last that explains something
+    for _ in range(known.most):
+        promising, tried = _promising(now.fit, ground, start), []
+        if not promising:
+            break
+        # what is tried is compared at a coarse rate, what is let in is confirmed with all readings
+        coarse = _at_runs(now.fit, now.fit.model.coarse.runs)
+        for hypothesis in promising:
+            say(hypothesis.words)
+            grown = _grown(coarse, hypothesis, start)
+            if grown is None:
+                continue
+            explains = False
+            if _is_plausible(grown, hypothesis):
+                explains = grown.ratio < fit.model.settings.verdicts.noted
+                tried.append((grown, hypothesis))
+            if hypothesis.is_coupling and not explains:
+                tried += _looked_for_farther(coarse, grown, hypothesis)
+        if not tried:
+            break
+        best, hypothesis = min(tried, key=lambda entry: entry[0].bic)
+        if not _is_better(best, coarse, known):
+            break
+        alike = tuple(h.words for other, h in tried if h is not hypothesis and other.bic < best.bic + known.alike_bic)
+        best = _at_runs(best, runs)
+        if not _is_better(best, now.fit, known):
+            break
+        new = tuple(_demands(best, hypothesis, now.fit.noise_m_per_s2, alike))
+        helps = now is standing and best.noise_m_per_s2 < (1 - known.helps_fraction) * now.fit.noise_m_per_s2
+        now = _Standing(best, (*(demand for demand in now.demands if demand.name in best.model.names), *new))
+        if helps or best.ratio < known.nearly_explained:
+            standing = now
+    standing = _without_the_useless(standing, known)
+    return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
+
+
+def implausible_demands(fit: Fit) -> tuple[Demand, ...]:
+    """Return faults that would explain much of what a fit leaves, and lie far beyond what such sensors do.
+
+    They were not let in, for they may stand in for something else: each alone, with its value at a coarse rate. None of
+    them needs a spring to the ground, which may only make up for a gain.
+    """
+    known, found = fit.model.settings.faults, list[Demand]()
+    try:
+        coarse = _at_runs(fit, fit.model.coarse.runs)
+        first = _without_ground(coarse)
+    except NO_FIT:
+        return ()
+    for hypothesis in _promising(first, False, None):
+        grown = _grown(first, hypothesis, None)
+        if grown is None or _is_plausible(grown, hypothesis) or not _is_better(grown, coarse, known):
+            continue
+        if grown.noise_m_per_s2 < (1 - known.helps_fraction) * coarse.noise_m_per_s2:
+            found += _demands(grown, hypothesis, coarse.noise_m_per_s2, ())
+    return tuple(found)
+
+
+def scores(fit: Fit, model: Model, groups: Sequence[Sequence[str]]) -> list[float]:
+    """Return how far more free parameters would lower the squared whitened error, to first order.
+
+    The larger model has all of them. Each group of names is free together; its gain is that of the one that gains most,
+    the others of the group being adapted.
+    """
+    errors = model.evaluate(carried_over(fit, model))
+    # what was known before is left out, but for the struts of the runs
+    rows = rows_with_departures(fit, model)
+    jacobian, stacked = errors.jacobian[rows], errors.stacked[rows]
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    gram, along = (jacobian / size).T @ (jacobian / size), (jacobian / size).T @ stacked
+    place = {name: k for k, name in enumerate(model.names)}
+    new = {place[name] for group in groups for name in group}
+    fitted = [k for k in range(size.size) if k not in new]
+    return [
+        max(_gain(gram, along, [*fitted, *(place[n] for n in group if n != name)], place[name]) for name in group)
+        for group in groups
+    ]
+
+
+def _at_runs(fit: Fit, runs: tuple[DrivenRun, ...]) -> Fit:
+    """The fit with other samples of the same runs."""
+    if all(a is b for a, b in zip(fit.model.runs, runs, strict=True)):
+        return fit
+    promise = fit.model.settings.fit.least_promise
+    return fit_model(replace(fit.model, runs=runs), fit.theta, least_promise=promise)
+
+
+def _gain(gram: FloatArray, along: FloatArray, others: list[int], new: int) -> float:
+    """What a step along one column gains once all others are adapted."""
+    cross = gram[new, others] @ np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
+    size = 1.0 - float(cross @ gram[others, new])
+    return float(along[new] - cross @ along[others]) ** 2 / size if size > 1e-10 else 0.0
+
+
+def _is_better(fit: Fit, than: Fit, known: FaultSettings) -> bool:
+    falls = fit.noise_m_per_s2 < (1 - known.error_margin) * than.noise_m_per_s2
+    return fit.bic < than.bic - known.bic_margin and falls
+
+
+def _is_plausible(fit: Fit, hypothesis: Hypothesis) -> bool:
+    """A fault that lies far beyond what such sensors do stands in for something else."""
+    farthest, names = fit.model.settings.faults.plausible_std, hypothesis.names(fit.model)
+    new = [fault for fault in fit.model.faults if fault.name in names]
+    return all(abs(fit.value(each.name) - each.nominal) < farthest * each.std for each in new)
+
+
+def _looked_for_farther(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Iterator[tuple[Fit, Hypothesis]]:
+    """Yield fits with AC coupling about corners that are far from the usual one, where little is left with it.
+
+    A spring to the ground may stand in its place, so they are looked for from the fit without one, too.
+    """
+    known = fit.model.settings
+    starts = [grown] if not _is_plausible(grown, hypothesis) else []
+    if fit.model.ground:
+        try:
+            again = _grown(_without_ground(fit), hypothesis, None)
+        except NO_FIT:
+            again = None
+        starts += [] if again is None else [again]
+    for now in starts:
+        about = hypothesis
+        for _ in range(known.faults.n_farther):
+            if _is_plausible(now, about) or hypothesis.is_stated:
+                break
+            about = about.about(now)
+            model = about.added_to(now.model)
+            try:
+                now = fit_model(model, carried_over(now, model))
+            except NO_FIT:
+                break
+        if now.ratio < known.verdicts.noted:
+            yield now, about
+
+
+def _without_ground(fit: Fit) -> Fit:
+    """The fit without springs to the ground."""
+    if not fit.model.ground:
+        return fit
+    bare = Hypothesis("springs to the ground", ground=True).taken_from(fit.model)
+    return fit_model(bare, carried_over(fit, bare))
+
+
+def _demands(fit: Fit, hypothesis: Hypothesis, before: float, alike: tuple[str, ...]) -> Iterator[Demand]:
+    for name in hypothesis.names(fit.model):
+        yield Demand(name, hypothesis.words, 0.0, 0.0, before, 0.0, alike, hypothesis).updated(fit)
+
+
+def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing:
+    """Take out again what something else made useless, the ground springs first."""
+    fit, demands = standing.fit, standing.demands
+    hypotheses = dict.fromkeys(demand.hypothesis for demand in demands)
+    if hypotheses and fit.model.ground:
+        # the equation may have asked for a spring where a sensor was at fault
+        hypotheses |= {Hypothesis("springs to the ground", ground=True): None}
+    for hypothesis in sorted(hypotheses, key=lambda each: not each.ground):
+        smaller = hypothesis.taken_from(fit.model)
+        try:
+            without = fit_model(smaller, carried_over(fit, smaller))
+        except NO_FIT:
+            continue
+        if not _is_better(fit, without, known):
+            gone = hypothesis.names(fit.model)
+            fit, demands = without, tuple(demand for demand in demands if demand.name not in gone)
+    return _Standing(fit, demands)
+
+
+def _promising(fit: Fit, ground: bool, start: Start | None) -> list[Hypothesis]:
+    """What a score test speaks for, the best first; a strong spring is beyond it, so the equation speaks for that."""
+    known = fit.model.settings.faults
+    hypotheses = list(_hypotheses(fit.model, ground, known))
+    if not hypotheses:
+        return []
+    model = fit.model
+    for hypothesis in hypotheses:
+        model = hypothesis.added_to(model)
+    model = replace(model, sensors=_slight(fit.model.sensors, model.sensors, known))
+    try:
+        gains = scores(fit, model, [hypothesis.names(fit.model) for hypothesis in hypotheses])
+    except NO_FIT:
+        return []
+    found, refused = [], fit.model.settings.verdicts.refused
+    for gain, hypothesis in zip(gains, hypotheses, strict=True):
+        score = gain / fit.variance
+        # a score is taken where a fault begins, and of a corner that says little of one far from there
+        if fit.ratio > refused and score < known.good_fraction * fit.n_data and not hypothesis.is_coupling:
+            continue
+        if hypothesis.ground and start is not None:
+            is_large = np.abs(start.ground_stiffness) > known.ground_fraction * np.abs(start.stiffness_beside_ground)
+            score = max(score, float(np.max(is_large * (start.ground_stiffness / start.ground_std) ** 2)))
+        found.append((score, hypothesis))
+    found = sorted((entry for entry in found if entry[0] > known.least_score), key=lambda entry: -entry[0])
+    return [hypothesis for _, hypothesis in found[: known.looked_at]]
+
+
+def _slight(before: Sensors, after: Sensors, known: FaultSettings) -> Sensors:
+    """The sensors with a new AC coupling next to none: a score is taken where the fault begins."""
+    for side in ("unsprung", "sprung"):
+        for channel, (was, now) in enumerate(zip(before.facts(side), after.facts(side), strict=True)):
+            if now.corner_hz and not was.corner_hz:
+                after = after.changed(side, channel, corner_hz=known.slight_corner_hz)
+    return after
+
+
+def _hypotheses(model: Model, ground: bool, known: FaultSettings) -> Iterator[Hypothesis]:
+    """What is not in the model yet, with what is known of such faults in general."""
+    below, above, names = model.sensors.unsprung, model.sensors.sprung, model.sensors.names
+    if ground and not model.ground:
+        yield Hypothesis("a spring to the ground" if len(model.groups) == 1 else "springs to the ground", ground=True)
+    gain = (("gain_tolerance", known.gain_tolerance),)
+    lag = (("lag_tolerance_s", known.lag_samples * model.runs[0].finer / model.runs[0].recorded_fs),)
+    if len(above) == 1:
+        if not (below[0].gain_tolerance or above[0].gain_tolerance):
+            yield Hypothesis("a gain error between the sensors", changes=(("sprung", 0, gain),))
+        if not (below[0].lag_tolerance_s or above[0].lag_tolerance_s):
+            yield Hypothesis("a lag between the channels", changes=(("sprung", 0, lag),))
+    else:
+        for side, facts in (("sprung", above), ("unsprung", below)):
+            for channel, each in enumerate(facts):
+                if not each.gain_tolerance:
+                    words = f"a gain error of the {side} sensor of {names[channel]!r}"
+                    yield Hypothesis(words, changes=((side, channel, gain),))  # type: ignore[arg-type]
+        for channel, each in enumerate(above):
+            if not each.lag_tolerance_s and not (channel < len(below) and below[channel].lag_tolerance_s):
+                words = f"a lag of the sprung sensor of {names[channel]!r}"
+                yield Hypothesis(words, changes=(("sprung", channel, lag),))
+    is_stated = any(each.corner_hz for each in (*below, *above))
+    # what is stated without a tolerance may be wrong all the same
+    words = "AC coupling with another corner" if is_stated else "AC coupling of the sensors"
+    free = (("corner_tolerance", known.corner_tolerance),)
+    coupled = free if is_stated else (("corner_hz", known.corner_hz), *free)
+    sides: tuple[tuple[Side, Sequence[SensorFacts]], ...] = (("unsprung", below), ("sprung", above))
+    changes = tuple(
+        (side, channel, coupled)
+        for side, facts in sides
+        for channel, each in enumerate(facts)
+        if bool(each.corner_hz) == is_stated and not each.corner_tolerance
+    )
+    if changes:
+        yield Hypothesis(words, changes=changes, is_stated=is_stated)
+
+
+def _grown(fit: Fit, hypothesis: Hypothesis, start: Start | None) -> Fit | None:
+    """The fit with something more, or None where it grows without bound."""
+    model = hypothesis.added_to(fit.model)
+    values: dict[str, float] = {}
+    if hypothesis.ground and start is not None:
+        # a ground spring changes stiffness, too: both start where it was free
+        for group, ground, beside in zip(
+            model.groups, start.ground_stiffness, start.stiffness_beside_ground, strict=True
+        ):
+            values |= {group.called(GROUND): float(ground), group.called("stiffness_per_mass"): float(beside)}
+    theta = carried_over(fit, model, values)
+    noisier = model.settings.fit.noisier[-1] if values else ()
+    if values:
+        # the starts of a fit without the spring are as wrong as it is
+        theta[model.n_shared :] = 0.0
+    most = model.settings.fit.most_refit_evaluations if fit.ratio > model.settings.verdicts.refused else None
+    try:
+        return fit_model(model, theta, noisier=noisier, most_evaluations=most)
+    except NO_FIT:
+        return None
+
+
+@dataclass(frozen=True)
+class GroundImitations:
+    """How well a spring to the ground is told from nothing, and from faults of the sensors.
+
+    Args:
+        std_per_mass: standard deviation that K3/M2 has, or would have if it were free, 1/s^2, of each group; None where
+            it cannot be said.
+        sentences: the faults that pass for a ground spring, one sentence each.
+    """
+
+    std_per_mass: tuple[float | None, ...]
+    sentences: tuple[str, ...]
+
+
+def ground_imitations(fit: Fit) -> GroundImitations:
+    """Return how well springs to the ground are told from nothing and, of one gear, from faults of the sensors.
+
+    The derivatives of the prediction errors by the spring and by a fault are compared once everything else that is
+    fitted is taken out of both.
+    """
+    model = Hypothesis("springs to the ground", ground=True).added_to(fit.model)
+    is_one = len(fit.model.sensors.sprung) == 1
+    values: dict[str, float] = {}
+    if is_one:
+        model, values = _with_usual_faults(model, fit)
+    try:
+        errors = model.evaluate(carried_over(fit, model, values))
+    except UnboundedResponseError:
+        return GroundImitations((None,) * len(model.groups), ())
+    jacobian = errors.jacobian[rows_with_departures(fit, model)]
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    gram = (jacobian / size).T @ (jacobian / size)
+    names = list(model.names)
+    springs = [names.index(group.called(GROUND)) for group in model.groups]
+    kept = [names.index(name) for name in fit.model.names if name in names]
+    fitted = [*kept, *range(len(names), size.size)]
+    std = []
+    for spring in springs:
+        beside = [k for k in fitted if k != spring]
+        alone = _schur(gram, beside, [spring])[0, 0]
+        std.append(float(np.sqrt(fit.variance / max(alone, 1e-300))) / float(size[spring]))
+    sentences = tuple(_sentences(gram, size, names, springs[0], fit)) if is_one else ()
+    return GroundImitations(tuple(std), sentences)
+
+
+def _with_usual_faults(model: Model, fit: Fit) -> tuple[Model, dict[str, float]]:
+    """The model of one gear in which all usual faults are free, and values of those that cannot stay as they are."""
+    settings, sensors, values = model.settings, model.sensors, dict[str, float]()
+    for side in ("unsprung", "sprung"):
+        corner_hz = sensors.facts(side)[0].corner_hz or settings.intervals.imitating_slight_hz
+        tolerance = settings.faults.corner_tolerance
+        sensors = sensors.changed(side, 0, corner_hz=corner_hz, corner_tolerance=tolerance)
+    sensors = sensors.changed("unsprung", 0, gain_tolerance=0.0)
+    gain, lag_s = settings.intervals.imitating_gain, settings.intervals.imitating_lag_s
+    sensors = sensors.changed("sprung", 0, gain_tolerance=gain, lag_tolerance_s=lag_s)
+    if "gain_unsprung" in fit.model.names:
+        # only the ratio of the gains is seen
+        values["gain_sprung"] = (fit.value("gain_sprung") or 1.0) / fit.value("gain_unsprung")
+    return replace(model, sensors=sensors), values
+
+
+def _schur(gram: FloatArray, others: list[int], kept: list[int]) -> FloatArray:
+    """Products of columns once what others do is taken out of them."""
+    cross = gram[np.ix_(kept, others)]
+    inverse = np.linalg.pinv(gram[np.ix_(others, others)], rcond=1e-13, hermitian=True)
+    return np.asarray(gram[np.ix_(kept, kept)] - cross @ inverse @ cross.T)
+
+
+def _usual_faults(settings: IntervalSettings) -> tuple[tuple[str, str, float], ...]:
+    """Faults of the sensors of the first interface: name, how it is said, size."""
+    gain, corner_hz, lag_s = settings.imitating_gain, settings.imitating_corner_hz, settings.imitating_lag_s
+    return (
+        ("gain_sprung", f"{100 * gain:g} % of gain error between the sensors", gain),
+        ("corner_sprung_hz", f"an AC coupling at {corner_hz:g} Hz of the sprung sensor alone", corner_hz),
+        ("corner_unsprung_hz", f"an AC coupling at {corner_hz:g} Hz of the unsprung sensor alone", corner_hz),
+        ("lag_s", f"a lag of {1e3 * lag_s:g} ms between the channels", lag_s),
+    )
+
+
+def _sentences(gram: FloatArray, size: FloatArray, names: list[str], spring: int, fit: Fit) -> Iterator[str]:
+    settings = fit.model.settings.intervals
+    faults = _usual_faults(settings)
+    places = [spring, *(names.index(name) for name, _, _ in faults)]
+    others = [k for k in range(size.size) if k not in places]
+    left = _schur(gram, others, places) * np.outer(size[places], size[places])
+    stiffness = float(fit.theta[0])
+    for k, (_, words, usual) in enumerate(faults, start=1):
+        cosine = left[0, k] / max(float(np.sqrt(max(left[0, 0] * left[k, k], 0.0))), 1e-300)
+        feigned = usual * left[0, k] / max(left[0, 0], 1e-300) / stiffness
+        if abs(cosine) > settings.alike_cosine:
+            yield f"{words} passes for a ground spring of {100 * feigned:.2g} % of K2 (alike to {abs(cosine):.2f})"

@@ -1,0 +1,501 @@
+"""The model moved until it predicts every sensor on the body from every sensor below its suspensions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws.law import LAWS, Law, Term
+from opid.signals.recording import FloatArray
+from opid.suspensions.fitting.least_squares import least_squares
+from opid.suspensions.fitting.start import Start
+from opid.suspensions.model.body import ImpossibleBodyError
+from opid.suspensions.model.driven_model import Errors, Model
+from opid.suspensions.model.law_parameters import to_free
+from opid.suspensions.model.unknowns import Group
+
+NO_FIT = (UnboundedResponseError, ImpossibleBodyError)
+"""What a fit raises where its start values are no body that the runs can drive."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model.
+
+    Args:
+        model: that was fitted.
+        theta: (n_unknowns,) the vector at the fit.
+        errors: at the fit.
+        n_evaluations: predictions of all runs that were needed.
+    """
+
+    model: Model
+    theta: FloatArray
+    errors: Errors
+    n_evaluations: int
+
+    @property
+    def n_data(self) -> int:
+        """Real numbers fitted."""
+        return 2 * sum(line.size for line in self.errors.lines)
+
+    @cached_property
+    def variance(self) -> float:
+        """Variance of the whitened errors: 1 if the noise is what was assumed."""
+        cost = float(np.sum(self.errors.stacked[: self.n_data] ** 2))
+        return cost / max(self.n_data - self.theta.size, 1)
+
+    @property
+    def ratio(self) -> float:
+        """Residual over the noise that was assumed."""
+        return float(np.sqrt(self.variance))
+
+    @property
+    def noise_m_per_s2(self) -> float:
+        """Noise that would explain the errors, as white noise of one level on all sensors, m/s^2."""
+        return self.model.level * self.ratio
+
+    @property
+    def error_rms(self) -> float:
+        """The same, as a search for laws takes it."""
+        return self.noise_m_per_s2
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(n_unknowns, n_unknowns) of the vector, for errors that are white."""
+        n = self.n_data
+        # what was known before does not become better or worse known by the size of the errors
+        weight = np.concatenate([np.full(n, 1 / self.variance), np.ones(self.errors.stacked.size - n)])
+        jacobian = self.errors.jacobian * np.sqrt(weight)[:, np.newaxis]
+        size = np.linalg.norm(jacobian, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = jacobian / size
+        return np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
+
+    @cached_property
+    def std(self) -> FloatArray:
+        """(n_shared,) standard deviations of the shared parameters, for errors that are white."""
+        n = self.model.n_shared
+        return np.sqrt(np.maximum(np.diag(self.covariance)[:n], 0.0))
+
+    @cached_property
+    def bic(self) -> float:
+        """Bayesian information criterion (Schwarz 1978): smaller is better."""
+        # known to a tolerance before, a place is no free parameter; it costs to move it, and a sensor or the strut of a
+        # run, far from there
+        n_free = self.model.n_shared - len(self.model.body.coordinates) - self.model.n_known_of_laws
+        moved = self.errors.stacked[self.n_data :][self.model.is_weighed]
+        likelihood = self.model.log_likelihood(self.errors, self.theta)
+        return float(n_free * np.log(self.n_data) - 2 * likelihood + moved @ moved)
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """The fitted law of each group by its name, per unit of the reference mass."""
+        laws = self.model.laws(self.theta)
+        return {group.name: law for group, law in zip(self.model.groups, laws, strict=True)}
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The groups with the fitted laws."""
+        return tuple(replace(group, law=self.laws[group.name]) for group in self.model.groups)
+
+    @property
+    def law_name(self) -> str:
+        """The law in words: of all groups where they differ."""
+        names = {
+            group.name: law.name + (" about its own origin" if law.terms and law.rest_m else "")
+            for group, law in zip(self.groups, self.laws.values(), strict=True)
+        }
+        if len(set(names.values())) == 1:
+            return next(iter(names.values()))
+        return "; ".join(f"{group}: {law}" for group, law in names.items())
+
+    def value(self, name: str) -> float:
+        """Return a shared parameter; 0 where it was not fitted.
+
+        Args:
+            name: of the parameter.
+        """
+        return float(self.theta[self.model.names.index(name)]) if name in self.model.names else 0.0
+
+    def motion(self, slot: int) -> tuple[FloatArray, FloatArray]:
+        """Return travel (m) and velocity (m/s) of a slot, (n,) each, of all runs one after the other.
+
+        Args:
+            slot: an interface, or a spring inside.
+        """
+        parts = self.errors.predictions
+        return np.concatenate([p.travel[:, slot] for p in parts]), np.concatenate([p.velocity[:, slot] for p in parts])
+
+
+def first_vector(model: Model, start: Start) -> FloatArray:
+    """Return the vector that start values stand for.
+
+    Args:
+        model: with the groups of the start.
+        start: of the equation of motion.
+    """
+    shared: list[float] = []
+    springs = list(zip(start.stiffness.tolist(), start.damping.tolist(), strict=True))
+    if start.has_ground:
+        # a ground spring takes its part of the stiffness
+        for number, beside in enumerate(start.stiffness_beside_ground.tolist()):
+            springs[number] = (beside, springs[number][1])
+    for group, (stiffness, damping), ground in zip(start.groups, springs, start.ground_stiffness, strict=False):
+        shared += [stiffness, damping, *([ground] if group.ground else []), *to_free(group.law).tolist()]
+    for stiffness, damping in springs[len(start.groups) :]:
+        shared += [stiffness, damping]
+    shared += start.factors.tolist()
+    if model.mass_free:
+        shared.append(start.inverse_mass or 0.0)
+    shared += [start.lags.get(fault.name, fault.nominal) for fault in model.faults]
+    shared += [0.0] * len(model.body.coordinates)
+    for number, place in model.carriers:
+        first, term = model.first_of_group[number], model.carrier(number)
+        tangent = shared[first] + shared[place] * float(term.evaluate(np.array(0.0), np.array(0.0))[1])
+        if tangent > 0.0:
+            column = carrying(term.name, model.weight, tangent)
+            shared[first], shared[place : place + len(column.values)] = 0.0, to_free(Law((column,))).tolist()
+    # at rest: how a run begins no integrated acceleration tells, its filter has not settled there
+    return np.array([*shared, *[0.0] * (model.n_own * len(model.runs))])
+
+
+def carrying(kind: str, weight: float, stiffness: float) -> Term:
+    """Return a column of gas that carries a weight and is as stiff as a spring.
+
+    Args:
+        kind: of it, with a force at rest, a length and an exponent.
+        weight: that it carries, m/s^2, or N.
+        stiffness: of the spring, 1/s^2, or N/m.
+
+    >>> carrying("gas_column", 18e3, 225e3).values
+    (18000.0, 0.098, 1.225)
+    """
+    exponent = LAWS[kind].parameters[2].default
+    return Term(kind, (weight, round(exponent * weight / stiffness, 9), exponent))
+
+
+def fit_model(
+    model: Model,
+    theta: FloatArray,
+    *,
+    noisier: Sequence[float] = (),
+    hold_places: bool = True,
+    free: slice = slice(None),
+    most_evaluations: int | None = None,
+    least_promise: float | None = None,
+) -> Fit:
+    """Move the model until it predicts all runs.
+
+    Args:
+        model: the body, its runs, laws and sensors.
+        theta: where to start.
+        noisier: falling factors on the noise below the suspensions by which to come nearer from afar.
+        hold_places: whether coordinates stay as stated on the way.
+        free: the entries that may move.
+        most_evaluations: predictions of all runs at most, of each step.
+        least_promise: the fit ends when the next step promises less of the squared error over its variance.
+
+    Raises:
+        UnboundedResponseError: the start values make a suspension that grows without bound.
+        ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
+    """
+    known, spent, promise = model.settings.fit, 0, 0.0
+    errors: Errors | None = None
+    for factor in (*noisier, 1.0):
+        louder = replace(model, louder=factor, is_held=bool(model.carriers))
+        if factor != 1.0 and hold_places:
+            louder = _with_places_held(louder)
+        promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
+        theta, errors, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
+        spent += n
+    if not model.carriers and errors is not None:
+        return Fit(model, theta, errors, spent)
+    fit = Fit(model, theta, model.evaluate(theta), spent + 1)
+    if not model.carriers or fit.ratio > model.settings.verdicts.refused:
+        return fit
+    # near enough for the runs to be believed where they say that something else carries, too
+    begun, most = _shared_out(model, theta), most_evaluations or known.most_evaluations
+    theta, errors, n = _moved(model, begun, free, most, promise)
+    spent = fit.n_evaluations + n
+    return Fit(model, theta, errors or model.evaluate(theta), spent + (errors is None))
+
+
+def _shared_out(model: Model, theta: FloatArray) -> FloatArray:
+    """The vector with a spring beside gas whose exponent is none of gas, the first three derivatives at rest kept."""
+    theta = theta.copy()
+    for number, place in model.carriers:
+        first, known = model.first_of_group[number], model.carrier(number).kind.parameters[2].known
+        assert known is not None  # that of a column of gas is
+        mean, std = known
+        carried, length, exponent = (
+            float(theta[place]),
+            float(np.exp(theta[place + 1])),
+            float(np.exp(theta[place + 2])),
+        )
+        if abs(exponent - mean) <= 2 * std:
+            continue
+        now = length * (mean + 2) / (exponent + 2)
+        held = carried * exponent * (exponent + 1) / (mean * (mean + 1)) * (now / length) ** 2
+        theta[first] += exponent * carried / length - mean * held / now
+        theta[place : place + 3] = held, np.log(now), np.log(mean)
+    return theta
+
+
+def refit(fit: Fit, laws: dict[str, Law], *, least_promise: float | None = None) -> Fit | None:
+    """Fit other laws from where a fit stands; None where they make no body that the runs can drive.
+
+    Args:
+        fit: where to start.
+        laws: by the name of the group, with start values; groups that are not named keep theirs.
+        least_promise: of `fit_model`.
+    """
+    most = fit.model.settings.fit.most_refit_evaluations
+    try:
+        return fit_model(*with_laws(fit, laws), most_evaluations=most, least_promise=least_promise)
+    except NO_FIT:
+        return None
+
+
+def with_laws(fit: Fit, laws: dict[str, Law]) -> tuple[Model, FloatArray]:
+    """Return the model of a fit with other laws, and the vector at which everything else stays.
+
+    What a dropped or added term does on average goes from or to stiffness and damping. A law that rests elsewhere than
+    at its origin gets the place where it rests as one more unknown.
+
+    Args:
+        fit: with the laws so far.
+        laws: by the name of the group; groups that are not named keep theirs.
+    """
+    model, groups = fit.model, []
+    parts: list[FloatArray] = []
+    for number, (group, before) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
+        law = laws.get(group.name, before)
+        first, places = model.first_of_group[number], model.law_places(number)
+        head = fit.theta[first : places.start - group.has_origin].copy()
+        if law != before:
+            travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, group.slots), strict=True))
+            for entry, (was, now) in enumerate(
+                zip(before.gradient(travel, velocity), law.gradient(travel, velocity), strict=True)
+            ):
+                head[entry] += float(np.mean(was)) - float(np.mean(now))
+        group = replace(group, origin_m=(group.origin_m or abs(law.rest_m)) if law.rest_m else None)
+        if group.has_origin:
+            head = np.append(head, law.rest_m)
+        parts += [head, to_free(law)]
+        groups.append(replace(group, law=law))
+    return replace(model, groups=tuple(groups)), np.concatenate([*parts, fit.theta[places.stop :]])
+
+
+def carried_over(fit: Fit, model: Model, start: dict[str, float] | None = None) -> FloatArray:
+    """Return the vector of another model at which all that both have is as it was fitted.
+
+    Args:
+        fit: of a model with the same runs and interfaces.
+        model: the other one.
+        start: by name, what else is known of its parameters, before what was fitted; faults begin at their nominal
+            values, the rest at zero.
+    """
+    known = {fault.name: fault.nominal for fault in model.faults}
+    known |= dict(zip(fit.model.names, fit.theta.tolist(), strict=False))
+    known |= start or {}
+    return np.array([*(known.get(name, 0.0) for name in model.names), *fit.theta[fit.model.n_shared :]])
+
+
+def balanced(fit: Fit) -> Fit:
+    """Fit once more with the errors of each run weighed by their size: a wrong model leaves more of a rough run.
+
+    Their level over all runs stays what it was.
+
+    Args:
+        fit: of any model.
+    """
+    rms = [float(np.sqrt(np.mean(np.abs(line) ** 2) / 2)) for line in fit.errors.lines]
+    runs = tuple(
+        replace(run, error_level=run.error_level * each / fit.ratio)
+        for run, each in zip(fit.model.runs, rms, strict=True)
+    )
+    most = fit.model.settings.fit.most_refit_evaluations
+    return fit_model(replace(fit.model, runs=runs), fit.theta, most_evaluations=most)
+
+
+def rows_with_departures(fit: Fit, model: Model) -> NDArray[np.int64]:
+    """Return the rows of a model's errors that tell of data, and of how far the struts of the runs depart.
+
+    Args:
+        fit: of the same runs.
+        model: the fitted one, or one with more that is free.
+    """
+    n_known = len(model.faults) + len(model.body.coordinates)
+    departs = np.flatnonzero(model.is_weighed[n_known:]) + n_known
+    return np.concatenate([np.arange(fit.n_data), fit.n_data + departs])
+
+
+def fastest_rate(model: Model, theta: FloatArray) -> float:
+    """Return the largest rate of the linear structure, frequency or decay, rad/s or 1/s.
+
+    Args:
+        model: the body.
+        theta: the vector.
+
+    Raises:
+        ImpossibleBodyError: a mass matrix that is not positive definite.
+    """
+    slots, _ = model.interfaces(theta)
+    accelerance = model.mobility(theta, 0).accelerance
+    stiffness, damping = (np.array([getattr(slot, name) for slot in slots]) for name in ("stiffness", "damping"))
+    zero = np.zeros_like(accelerance)
+    system = np.block([[zero, np.eye(len(slots))], [-accelerance * stiffness, -accelerance * damping]])
+    return float(np.abs(np.linalg.eigvals(system)).max())
+
+
+def is_at_same_place(fit: Fit, other: Fit) -> bool:
+    """Return whether two fits are of the same runs, sensors and laws, and ended where the shared parameters are alike.
+
+    Args:
+        fit: of any model.
+        other: of any model.
+    """
+    mine, theirs = fit.model, other.model
+    same_runs = len(mine.runs) == len(theirs.runs) and all(a is b for a, b in zip(mine.runs, theirs.runs, strict=True))
+    if not same_runs or mine.names != theirs.names or mine.sensors != theirs.sensors or fit.law_name != other.law_name:
+        return False
+    moved = np.abs(fit.theta[: fit.model.n_shared] - other.theta[: other.model.n_shared])
+    return bool((moved <= fit.model.settings.fit.same_std * np.maximum(fit.std, other.std)).all())
+
+
+def turnover_rate(fit: Fit) -> float:
+    """Return the largest rate at which the laws of a fit let a velocity die away at rest, 1/s: friction is steep there.
+
+    Args:
+        fit: of any laws.
+    """
+    model = fit.model
+    slopes = np.array([float(slot.law.gradient(0.0, 0.0)[1]) for slot in model.interfaces(fit.theta)[0]])
+    return float(np.abs(np.linalg.eigvals(model.mobility(fit.theta, 0).accelerance * slopes)).max())
+
+
+def left_out_ratio(fit: Fit, *, least_promise: float | None = None) -> float | None:
+    """Return the residual over the noise of all runs as fits of the others predict them; None where there are none.
+
+    Args:
+        fit: of all runs.
+        least_promise: of the fits.
+    """
+    fits = predicted_left_out(fit, least_promise=least_promise)
+    if fits is None:
+        return None
+    cost = sum(float(np.sum(each.errors.stacked[: each.n_data] ** 2)) for each in fits)
+    return float(np.sqrt(cost / sum(each.n_data for each in fits)))
+
+
+def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[Fit] | None:
+    """Return each run as a fit of the others predicts it; None where there are no others, or no fits.
+
+    Of the run left out its start is fitted, and its departures against what is known of them. The mass stays that of
+    all runs, the one left out among them, where the others have one loading.
+
+    Args:
+        fit: of all runs.
+        least_promise: of the fits.
+    """
+    model = fit.model
+    if len(model.runs) < 2:
+        return None
+    promise = least_promise or model.settings.fit.promise_in_search
+    found: list[Fit] = []
+    own = fit.theta[model.n_shared :].reshape(len(model.runs), model.n_own)
+    try:
+        for place, run in enumerate(model.runs):
+            others = tuple(each for k, each in enumerate(model.runs) if k != place)
+            changed = model.mass_free and loading_changes([each.loading for each in others])
+            shared = fit.theta[: model.n_shared]
+            if model.mass_free and not changed:
+                shared = np.delete(shared, model.names.index("inverse_mass"))
+            rest = replace(model, runs=others, mass_free=changed, held_inverse_mass=model.inverse_mass(fit.theta))
+            begun = np.concatenate([shared, np.delete(own, place, axis=0).ravel()])
+            without = fit_model(rest, begun, least_promise=promise)
+            alone = np.concatenate([without.theta[: rest.n_shared], own[place]])
+            free = slice(rest.n_shared, None)
+            found.append(fit_model(replace(rest, runs=(run,)), alone, free=free, least_promise=promise))
+    except NO_FIT:
+        return None
+    return found
+
+
+def fits_of_each_run(fit: Fit) -> list[Fit]:
+    """Return fits of the same model to each run alone, at a coarse rate; runs that cannot be fitted are left out."""
+    model, found = fit.model, []
+    shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(len(model.runs), -1)
+    if model.mass_free:
+        shared = np.delete(shared, model.names.index("inverse_mass"))
+    for run, begun in zip(model.runs, own, strict=True):
+        alone = replace(model, runs=(run,), mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta)).coarse
+        try:
+            theta = np.concatenate([shared, begun])
+            found.append(fit_model(alone, theta, least_promise=model.settings.fit.promise_from_afar))
+        except NO_FIT:
+            continue
+    return found
+
+
+def runs_contradict_each_other(fit: Fit) -> bool:
+    """Return whether runs of one loading are each explained much better alone: no law and no sensor mends that.
+
+    Args:
+        fit: of all runs.
+    """
+    model, known = fit.model, fit.model.settings.faults
+    if model.mass_free or len(model.runs) < 2 or fit.ratio <= model.settings.verdicts.doubtful:
+        return False
+    ratios = [each.ratio for each in fits_of_each_run(fit)]
+    return len(ratios) == len(model.runs) and max(ratios) < known.alone_fraction * fit.ratio
+
+
+def loading_changes(loadings: Sequence[FloatArray]) -> bool:
+    """Return whether the loading of a run is another than that of the first.
+
+    Args:
+        loadings: mass matrices of what the runs carry more than the reference, kg.
+    """
+    largest = max(float(np.abs(loading).max()) for loading in loadings)
+    return any(bool((np.abs(loading - loadings[0]) > 1e-6 * largest).any()) for loading in loadings[1:])
+
+
+def _with_places_held(model: Model) -> Model:
+    """The model with every place where it is stated to be: while all is wrong, places are not to make up for it."""
+    fraction = model.settings.fit.held_fraction
+    held = tuple(replace(each, std=fraction * each.std) for each in model.body.coordinates)
+    return replace(model, body=replace(model.body, coordinates=held)) if held else model
+
+
+def _moved(
+    model: Model, theta: FloatArray, free: slice, most_evaluations: int, least_promise: float
+) -> tuple[FloatArray, Errors | None, int]:
+    def evaluate(vector: FloatArray) -> Errors | None:
+        try:
+            return model.evaluate(vector)
+        except NO_FIT:
+            return None
+
+    settings = model.settings.fit
+    lower, upper = model.bounds()
+    return least_squares(
+        evaluate,
+        theta,
+        lower,
+        upper,
+        model.largest_steps(),
+        free=free,
+        most_evaluations=most_evaluations,
+        least_promise=least_promise,
+        negligible_promise=settings.negligible_promise,
+        first_damping=settings.first_damping,
+        least_damping=settings.least_damping,
+        first=model.evaluate,
+    )

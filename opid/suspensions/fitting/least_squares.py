@@ -1,0 +1,464 @@
+"""Least squares that know nothing of runs: bounded steps, laws that are linear in their amplitudes, and covariances.
+
+Steps are those of Levenberg (1944) and Marquardt (1963), in as few evaluations as possible. Of separable least squares
+only the inner parameters of a law are searched; what enters linearly is solved for.
+
+    y = sum_j w_j c_j + sum_i A_i g_i(motion; inner parameters of term i)
+
+For given inner parameters (scales, lags, exponents) the weights w, the amplitudes A and what memories hold at first
+follow from linear least squares (variable projection, Golub & Pereyra 1973). The search over the inner parameters uses
+the derivative of Kaufman (1975).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.mechanics.laws.law import Law, Parameter, Term
+from opid.mechanics.memory import Motion
+from opid.signals.recording import FloatArray
+from opid.suspensions.model.law_parameters import positive, reference
+
+
+class Residual(Protocol):
+    """Errors, (n,), and their derivatives, (n, n_unknowns)."""
+
+    @property
+    def stacked(self) -> FloatArray:
+        """(n,) errors."""
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """(n, n_unknowns) derivatives."""
+
+
+AnyResidual = TypeVar("AnyResidual", bound=Residual)
+
+
+def least_squares(
+    evaluate: Callable[[FloatArray], AnyResidual | None],
+    theta: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    caps: FloatArray,
+    *,
+    free: slice = slice(None),
+    most_evaluations: int,
+    least_promise: float,
+    negligible_promise: float,
+    first_damping: float,
+    least_damping: float,
+    first: Callable[[FloatArray], AnyResidual] | None = None,
+) -> tuple[FloatArray, AnyResidual | None, int]:
+    """Return the vector of least squared error near `theta`, its errors if they are known, and the evaluations spent.
+
+    The last step is taken on its promise, without a look. Where it promises next to nothing the errors stand before it.
+
+    Args:
+        evaluate: errors at a vector; None where there are none.
+        theta: (n_unknowns,) where to start.
+        lower: (n_unknowns,) bounds.
+        upper: (n_unknowns,) bounds.
+        caps: (n_unknowns,) how far each entry may move in a step.
+        free: the entries that may move.
+        most_evaluations: at the most.
+        least_promise: the search ends when the next step promises less of the squared error over its variance.
+        negligible_promise: a last step that promises less does not change the errors.
+        first_damping: of the step after one that failed, over the squared size of each column.
+        least_damping: a smaller one is none.
+        first: takes the place of `evaluate` at the start, and may raise.
+    """
+    lower, upper, caps = lower[free], upper[free], caps[free]
+    best = theta.copy()
+    best[free] = np.clip(best[free], lower, upper)
+    errors = (first or evaluate)(best)
+    if errors is None:
+        return best, None, 1
+    cost, damping, n_data, failed = _cost(errors), 0.0, errors.stacked.size, False
+    for spent in range(1, most_evaluations):
+        step, promise = _step(errors, free, damping, best[free], lower, upper, caps)
+        trial = best.copy()
+        trial[free] = np.clip(best[free] + step, lower, upper)
+        if promise * n_data < least_promise * cost:
+            return trial, errors if promise * n_data < negligible_promise * cost else None, spent
+        new = evaluate(trial)
+        if new is not None and _cost(new) < cost:
+            # where a longer step has just failed the next may as well
+            eased = damping if failed else damping / 10 if damping > least_damping else 0.0
+            best, errors, cost, damping, failed = trial, new, _cost(new), eased, False
+        else:
+            damping, failed = max(10 * damping, first_damping), True
+    return best, errors, most_evaluations
+
+
+def _cost(errors: Residual) -> float:
+    return float(errors.stacked @ errors.stacked)
+
+
+def _step(
+    errors: Residual,
+    free: slice,
+    damping: float,
+    at: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    caps: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return the next step of the free entries and how far the linear model says it lowers the squared error."""
+    jacobian, residual = errors.jacobian[:, free], errors.stacked
+    gradient = jacobian.T @ residual
+    # an entry at its bound that would go beyond stays there
+    moving = ~(((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0)))
+    columns = jacobian[:, moving]
+    size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
+    scaled = columns / size
+    if damping:
+        scaled = np.concatenate([scaled, np.sqrt(damping) * np.eye(size.size)])
+        residual = np.concatenate([residual, np.zeros(size.size)])
+    step = np.zeros(at.size)
+    step[moving] = -np.linalg.lstsq(scaled, residual, rcond=1e-12)[0] / size
+    step /= max(1.0, float(np.max(np.abs(step) / caps)))
+    ahead = errors.stacked + jacobian @ step
+    return step, _cost(errors) - float(ahead @ ahead)
+
+
+@dataclass(frozen=True)
+class SeparableSettings:
+    """Where inner parameters are searched.
+
+    Args:
+        beyond_seen: a scale is searched from the least that can be seen (`Parameter.over_rms`) to this many times the
+            largest: there a friction is a straight line and a gas column a parabola.
+        exponents: least and largest exponent of a kind that names none: 0.1 is nearly dry friction, and beyond 6 a
+            power is a wall.
+        shapes: largest size of a shape; of one in seconds over the ratio of the rms motions.
+        start_fractions: fractions of the largest scale that can be seen from which a scale is searched: of a friction
+            0.1, 0.4 and 1.5 rms velocities, of a gas column 10, 40 and 150 rms travels.
+    """
+
+    beyond_seen: float = 10.0
+    exponents: tuple[float, float] = (0.1, 6.0)
+    shapes: float = 10.0
+    start_fractions: tuple[float, ...] = (1 / 30, 2 / 15, 1 / 2)
+
+
+DEFAULTS = SeparableSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class SeparableFit:
+    """A law fitted beside columns that enter linearly.
+
+    Args:
+        weights: (n_columns,) of the columns.
+        start_weights: (n_memories,) of `Motion.start_columns` of the law.
+        law: with the fitted values.
+        residual: (n,) y minus the fit.
+        at_bound: for each entry of `law.vector`, whether its search ended at a bound.
+    """
+
+    weights: FloatArray
+    start_weights: FloatArray
+    law: Law
+    residual: FloatArray
+    at_bound: tuple[bool, ...]
+
+
+def separable_fit(
+    columns: FloatArray,
+    law: Law,
+    motion: Motion,
+    y: FloatArray,
+    *,
+    starts: Sequence[Law] | None = None,
+    free_exponents: bool = False,
+    noise: float = 0.0,
+    tolerance: float = 1e-7,
+    settings: SeparableSettings = DEFAULTS,
+) -> SeparableFit:
+    """Return the least-squares fit of the columns and the law to `y`.
+
+    Args:
+        columns: (n, n_columns) what enters linearly beside the law.
+        law: its terms say what is fitted.
+        motion: (n,) samples at which the law is evaluated.
+        y: (n,) what is fitted.
+        starts: laws of the same terms whose inner parameters the search starts from; None for `start_laws`.
+        free_exponents: whether exponents are searched too; otherwise they stay at the first start.
+        noise: what a squared error is worth one, as `y`: what is known of exponents beforehand weighs by it.
+        tolerance: the search ends when the squared error, or what is searched, changes by a smaller fraction.
+        settings: where inner parameters are searched.
+
+    >>> z = np.linspace(-1.0, 1.0, 201)
+    >>> friction, motion = Law((Term("arctan_velocity", (3.0, 0.2)),)), Motion(z, np.sin(9 * z))
+    >>> fit = separable_fit(z[:, np.newaxis], friction, motion, 5 * z + motion.force(friction))
+    >>> np.round([*fit.weights, *fit.law.vector], 6).tolist()
+    [5.0, 3.0, 0.2]
+    """
+    from scipy import optimize
+
+    starts = starts or start_laws(law, motion, settings)
+    search = _search_of(starts[0], motion, inner_indices(law, free_exponents=free_exponents), settings)
+    if not search.free:
+        return _fitted(columns, search, np.empty(0), motion, y)
+    # least_squares asks for the residual and then for its derivative at the same point
+    last: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+
+    def solved(inner: FloatArray) -> tuple[FloatArray, FloatArray]:
+        key = inner.tobytes()
+        if key not in last:
+            last.clear()
+            residual, slopes = _projected(columns, search, inner, motion, y)
+            departure, by_inner = _known_before(search, inner, noise)
+            last[key] = np.concatenate([residual, departure]), np.concatenate([slopes, by_inner])
+        return last[key]
+
+    solutions = []
+    for start in starts:
+        inner = np.clip(search.encode(start), search.lower, search.upper)
+        if np.isfinite(solved(inner)[0]).all():
+            solutions.append(
+                optimize.least_squares(
+                    lambda inner: solved(inner)[0],
+                    inner,
+                    jac=lambda inner: solved(inner)[1],
+                    bounds=(search.lower, search.upper),
+                    x_scale=0.5,
+                    xtol=tolerance,
+                    ftol=tolerance,
+                    method="dogbox",
+                )
+            )
+    if not solutions:  # no start lies where the law is defined: the straight columns alone
+        return _fitted(columns, search, search.encode(starts[0]), motion, y)
+    best = min(solutions, key=lambda solution: solution.cost).x
+    return _fitted(columns, search, best, motion, y)
+
+
+def unit_law(law: Law) -> Law:
+    """Return the law with every amplitude 1, so that its `parameter_gradient` holds the basis.
+
+    Args:
+        law: any law.
+
+    >>> unit_law(Law((Term("arctan_velocity", (400.0, 0.02)),))).vector.tolist()
+    [1.0, 0.02]
+    """
+    return Law(tuple(Term(term.name, (1.0, *term.inner)) for term in law.terms))
+
+
+def inner_indices(law: Law, *, free_exponents: bool = False) -> list[int]:
+    """Return the indices in `law.vector` of what is searched: scales, lags and shapes, and exponents if free.
+
+    Args:
+        law: any law.
+        free_exponents: whether exponents are searched too.
+    """
+    fixed = ("amplitude",) if free_exponents else ("amplitude", "exponent")
+    return [k for k, parameter in enumerate(law.parameter_list) if parameter.role not in fixed]
+
+
+def start_laws(law: Law, motion: Motion, settings: SeparableSettings = DEFAULTS) -> list[Law]:
+    """Return the law with its scales at each fraction of the largest that the motion shows, lags at the rms ratio.
+
+    Exponents and shapes are those of the law.
+
+    Args:
+        law: any law.
+        motion: that shows it.
+        settings: the fractions.
+    """
+    starts = []
+    for fraction in settings.start_fractions:
+        vector = law.vector.copy()
+        for k, parameter in enumerate(law.parameter_list):
+            if parameter.role == "scale":
+                vector[k] = fraction * parameter.over_rms[1] * _reference(parameter, motion)
+            elif parameter.role == "lag":
+                vector[k] = _reference(parameter, motion)
+        starts.append(law.with_vector(vector))
+    return list(dict.fromkeys(starts))
+
+
+def independent_samples(residual: FloatArray) -> float:
+    """Return the samples over the integrated autocorrelation time (the first negative value ends the sum).
+
+    Args:
+        residual: (n,) in order of time.
+
+    >>> white = np.random.default_rng(0).standard_normal(20000)
+    >>> slow = np.repeat(white[:2000], 10)
+    >>> bool(17000 < independent_samples(white) <= 20000), bool(1700 < independent_samples(slow) < 2300)
+    (True, True)
+    """
+    from scipy import signal
+
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if power == 0 or residual.size < 4:
+        return float(residual.size)
+    correlation = signal.correlate(centred, centred, method="fft")[residual.size - 1 :] / power
+    negative = np.flatnonzero(correlation < 0)
+    stop = int(negative[0]) if negative.size else residual.size
+    return float(residual.size / max(1.0, 1 + 2 * float(np.sum(correlation[1:stop]))))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Inner parameters as the search moves them: positive ones as logarithms, for they spread over decades.
+
+    Args:
+        law: with the values of what is not searched.
+        free: indices in `law.vector` of what is searched.
+        size: (n_free,) what each of the others is divided by.
+        lower: (n_free,) least values.
+        upper: (n_free,) largest values.
+    """
+
+    law: Law
+    free: list[int]
+    size: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def encode(self, law: Law) -> FloatArray:
+        """Return what the search moves."""
+        values = law.vector[self.free]
+        positive = self._positive
+        return np.where(positive, np.log(np.where(positive, values, 1.0)), values / self.size)
+
+    def decode(self, inner: FloatArray) -> Law:
+        """Return the law, of unit amplitudes."""
+        vector = unit_law(self.law).vector
+        positive = self._positive
+        vector[self.free] = np.where(positive, np.exp(np.where(positive, inner, 0.0)), inner * self.size)
+        return unit_law(self.law).with_vector(vector)
+
+    def stretch(self, law: Law) -> FloatArray:
+        """Return the derivatives of the searched values of a law by what the search moves."""
+        return np.where(self._positive, law.vector[self.free], self.size)
+
+    @property
+    def _positive(self) -> NDArray[np.bool_]:
+        return positive(self.law)[self.free]
+
+
+def _search_of(law: Law, motion: Motion, free: list[int], settings: SeparableSettings) -> _Search:
+    size, bounds = [], []
+    for parameter in (law.parameter_list[k] for k in free):
+        reference = 1.0 if parameter.unit == "1" else _reference(parameter, motion)
+        seen = settings.beyond_seen * parameter.over_rms[1]
+        size.append(reference)
+        if parameter.role == "scale":
+            bounds.append(tuple(np.log(np.multiply(reference, (parameter.over_rms[0], seen)))))
+        elif parameter.role == "exponent":
+            stated = np.isfinite(parameter.within[1])
+            bounds.append(tuple(np.log(parameter.within if stated else settings.exponents)))
+        else:
+            largest = settings.shapes if parameter.role == "shape" else seen
+            bounds.append((-largest, largest))
+    lower, upper = np.array(bounds).reshape(-1, 2).T
+    return _Search(law, free, np.array(size), lower, upper)
+
+
+def _projected(
+    columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the residual for given inner parameters and its derivative by them, as the search moves them."""
+    shapes = search.decode(inner)
+    gradient = motion.parameter_gradient(shapes)
+    linear = np.concatenate([columns, motion.start_columns(shapes)], axis=1)
+    basis = np.concatenate([linear, gradient[:, _amplitudes(shapes)]], axis=1)
+    if not np.isfinite(gradient).all() or not np.isfinite(basis).all():
+        return np.full(y.size, np.nan), np.zeros((y.size, len(search.free)))
+    q, weights = _linear(basis, y)
+    residual = y - basis @ weights
+    owner = np.cumsum([parameter.role == "amplitude" for parameter in shapes.parameter_list]) - 1
+    slopes = gradient[:, search.free] * weights[linear.shape[1] + owner[search.free]] * search.stretch(shapes)
+    return residual, q @ (q.T @ slopes) - slopes
+
+
+def _known_before(search: _Search, inner: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
+    """How far exponents are from what is known of them, in units of a residual, and the derivatives."""
+    known = [(k, search.law.parameter_list[place].known) for k, place in enumerate(search.free)]
+    rows = [(k, noise * each[0] / each[1], float(np.log(each[0]))) for k, each in known if each is not None]
+    slopes = np.zeros((len(rows), inner.size))
+    for row, (k, weight, _) in enumerate(rows):
+        slopes[row, k] = weight
+    return np.array([weight * (inner[k] - mean) for k, weight, mean in rows]), slopes
+
+
+def _linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    scale = np.maximum(np.sqrt(np.mean(basis**2, axis=0)), 1e-300)
+    q, r = np.linalg.qr(basis / scale)
+    return q, np.linalg.lstsq(r, q.T @ y, rcond=1e-12)[0] / scale
+
+
+def _fitted(columns: FloatArray, search: _Search, inner: FloatArray, motion: Motion, y: FloatArray) -> SeparableFit:
+    shapes = search.decode(inner)
+    gradient = motion.parameter_gradient(shapes)
+    own = np.concatenate([motion.start_columns(shapes), gradient[:, _amplitudes(shapes)]], axis=1)
+    if not np.isfinite(own).all():  # where the law is not defined on the motion, it has no part in the fit
+        own = np.zeros_like(own)
+    basis = np.concatenate([columns, own], axis=1)
+    _, weights = _linear(basis, y)
+    n_columns, n_terms = columns.shape[1], len(shapes.terms)
+    straight, start, amplitudes = np.split(weights, [n_columns, weights.size - n_terms])
+    terms = zip(shapes.terms, amplitudes.tolist(), strict=True)
+    fitted = Law(tuple(Term(term.name, (amplitude, *term.inner)) for term, amplitude in terms))
+    at_bound = np.zeros(fitted.vector.size, dtype=bool)
+    at_bound[search.free] = np.isclose(inner, search.lower, atol=1e-3) | np.isclose(inner, search.upper, atol=1e-3)
+    return SeparableFit(straight, start, fitted, y - basis @ weights, tuple(at_bound.tolist()))
+
+
+def _amplitudes(law: Law) -> list[int]:
+    return [k for k, parameter in enumerate(law.parameter_list) if parameter.role == "amplitude"]
+
+
+def _reference(parameter: Parameter, motion: Motion) -> float:
+    """Return the rms motion that an inner parameter is to be compared with."""
+    return reference(parameter, *(float(np.sqrt(np.mean(values**2))) for values in (motion.z, motion.v)))
+
+
+def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> FloatArray:
+    """Return the sandwich covariance with scores added up over cells (Liang & Zeger 1986, small-sample factor).
+
+    Within a cell (a stretch of time, a few neighbouring lines) residuals may be correlated as they like.
+
+    Args:
+        jacobian: (n_data, n_parameters).
+        residual: (n_data,).
+        cells: (n_data,) the cell of each residual.
+
+    >>> rng = np.random.default_rng(0)
+    >>> covariance = clustered_covariance(np.ones((4000, 1)), rng.standard_normal(4000), np.arange(4000) // 4)
+    >>> round(float(4000 * covariance[0, 0]), 1)
+    1.0
+    """
+    scale = np.sqrt(np.sum(jacobian**2, axis=0))
+    # what moves nothing is left as it is
+    scale = np.where(scale > 0.0, scale, 1.0)
+    scaled = jacobian / scale
+    # of the columns, not of their products: what is told a million times less well is told all the same
+    root = np.linalg.pinv(np.linalg.qr(scaled)[1], rcond=1e-13)
+    inverse = root @ root.T
+    factor, products = score_products(scaled, residual, cells)
+    return factor * inverse @ products @ inverse / np.outer(scale, scale)
+
+
+def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
+    """Return the small-sample factor and the products of the scores added up over cells: the inside of the sandwich.
+
+    >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
+    (2.0, array([[4.]]))
+    """
+    _, place = np.unique(cells, return_inverse=True)
+    n_cells, n_parameters = int(place.max()) + 1, jacobian.shape[1]
+    scores = np.zeros((n_cells, n_parameters))
+    np.add.at(scores, place, jacobian * residual[:, np.newaxis])
+    return n_cells / max(n_cells - n_parameters, 1), scores.T @ scores

@@ -1,0 +1,176 @@
+"""How much alike the runs are: told by the runs themselves, within what the study says of it.
+
+Springs, damping and friction of each run depart from those of all runs by factors 1 + e. That e is small is known
+before, but hardly how small: the stated repeatability is believed within a factor of ten. Where springs, damping and
+friction all changed by the same ratio from one mass to the other, or a run at the first mass was as the first, the
+departures are small and the mass is well known. Where they changed by ratios of their own, each is a poor witness.
+
+What is known of the repeatability after the data is found on a grid of levels; each of them weighs the departures
+otherwise (empirical hierarchical model, Gelman et al. 2013, ch. 5). The intervals are those of the mixture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize, special
+
+from opid.signals.recording import FloatArray
+from opid.suspensions.fitting.fit import Fit, fit_model
+
+_HALF_OF_95 = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What the runs say at each level of repeatability.
+
+    Args:
+        repeatability: (n_levels,) relative standard deviation of the departures.
+        weight: (n_levels,) probability of each after the data.
+        moved: (n_levels, n_unknowns) the best vector less that of the fit.
+        covariance: (n_levels, n_unknowns, n_unknowns) about it.
+    """
+
+    repeatability: FloatArray
+    weight: FloatArray
+    moved: FloatArray
+    covariance: FloatArray
+
+    @property
+    def median(self) -> float:
+        """The level that half of the probability lies below."""
+        return float(np.exp(np.interp(0.5, np.cumsum(self.weight), np.log(self.repeatability))))
+
+    def widened(self, factors: FloatArray) -> Levels:
+        """Return the levels with the deviation of each entry of the vector wider by a factor, (n_unknowns,)."""
+        return replace(self, covariance=self.covariance * np.outer(factors, factors))
+
+    def with_more(self, covariance: FloatArray) -> Levels:
+        """Return the levels with the covariance of what else is not known, (n_unknowns, n_unknowns)."""
+        return replace(self, covariance=self.covariance + covariance)
+
+    def second_moments(self) -> FloatArray:
+        """Return the mean square of the vector less that of the fit, over all levels, (n_unknowns, n_unknowns)."""
+        about = np.einsum("l,lij->ij", self.weight, self.covariance)
+        return np.asarray(about + np.einsum("l,li,lj->ij", self.weight, self.moved, self.moved))
+
+    def deviation(self, slopes: FloatArray) -> float:
+        """Return the standard deviation of the normal distribution whose 95 % interval holds 95 % of a mixture.
+
+        It is that of a linear function of the vector with (n_unknowns,) slopes, over all levels, about its value at the
+        fit; neither tail has more than half of the rest.
+        """
+        mean = self.moved @ slopes
+        std = np.sqrt(np.maximum(np.einsum("i,lij,j->l", slopes, self.covariance, slopes), 1e-300))
+        reach = float(np.abs(mean).max() + 10 * std.max())
+
+        def end(side: float) -> float:
+            def excess(value: float) -> float:
+                return float(self.weight @ special.ndtr((side * mean - value) / std)) - 0.025
+
+            return float(optimize.brentq(excess, -reach, reach, xtol=1e-6 * reach))
+
+        return max(end(1.0), end(-1.0)) / _HALF_OF_95
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """How much alike the runs of a fit are.
+
+    Args:
+        stated: relative standard deviation of springs, damping and friction from run to run, known before.
+        is_usual: whether the study left it to what is usual.
+        estimated: the level that the runs speak for, the median of what is known after them; None where the runs were
+            fitted as alike.
+        exceeds: whether the runs speak for more than the stated level, as told by the settings.
+        mass_if_alike: standard deviation of the mass over what it is, were all runs alike; None without a mass.
+        rules_mass: whether the repeatability makes most of the interval of the mass, and noise the rest.
+    """
+
+    stated: float
+    is_usual: bool
+    estimated: float | None = None
+    exceeds: bool = False
+    mass_if_alike: float | None = None
+    rules_mass: bool = False
+
+
+def repeatability_of(fit: Fit, found: Levels | None, stated: float, *, is_usual: bool) -> Repeatability:
+    """Return how much alike the runs of a fit are.
+
+    There are no levels where they were fitted as alike; the repeatability `is_usual` where the study states none.
+    """
+    if found is None:
+        return Repeatability(stated, is_usual)
+    known, fraction, rules = fit.model.settings.repeatability, None, False
+    above = float(found.weight[found.repeatability > known.contradicted * stated].sum())
+    if fit.model.mass_free:
+        slopes = np.zeros(fit.theta.size)
+        slopes[fit.model.names.index("inverse_mass")] = 1.0
+        # the lowest level is far below what any data tell
+        alike = float(np.sqrt(slopes @ found.covariance[0] @ slopes))
+        fraction = min(1.0, alike / found.deviation(slopes))
+        rules = fraction < known.rules_below
+    return Repeatability(stated, is_usual, found.median, above > known.contradicted_weight, fraction, rules)
+
+
+def levels(fit: Fit, stated: float) -> Levels:
+    """Return what the runs say at each level of repeatability, to first order about a fit that has departures."""
+    model, known = fit.model, fit.model.settings.repeatability
+    n, errors = fit.n_data, fit.errors
+    free = np.zeros(fit.theta.size, dtype=bool)
+    for place in range(len(model.runs)):
+        free[model.places_of_run(place)[1]] = True
+    weight = np.concatenate([np.full(n, 1 / np.sqrt(fit.variance)), np.ones(errors.stacked.size - n)])
+    jacobian, left = errors.jacobian * weight[:, np.newaxis], errors.stacked * weight
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    # without what was known of the departures, in units of each column
+    before = np.where(free, 1 / (model.repeatability * size), 0.0) ** 2
+    gram = (jacobian / size).T @ (jacobian / size) - np.diag(before)
+    scaled = fit.theta * size
+    along = -(jacobian / size).T @ left + before * scaled
+    log_level = np.linspace(*known.reach, known.n_levels)
+    repeatability = stated * np.exp(log_level * np.log(known.doubt))
+    log_weight, moved, covariance = [], [], []
+    for level, log in zip(repeatability, log_level, strict=True):
+        prior = np.where(free, 1 / (level * size), 0.0) ** 2
+        inside = gram + np.diag(prior)
+        sizes, directions = np.linalg.eigh(inside)
+        # a direction that nothing depends on, as a stop that is never reached, weighs the same at each level
+        seen = sizes > 1e-13 * sizes[-1]
+        inverse = (directions[:, seen] / sizes[seen]) @ directions[:, seen].T
+        slope = along - prior * scaled
+        step = inverse @ slope
+        likely = 0.5 * float(slope @ step) - 0.5 * float(np.sum(prior * scaled**2))
+        likely += 0.5 * float(np.sum(np.log(prior[free]))) - 0.5 * float(np.sum(np.log(sizes[seen])))
+        log_weight.append(likely - 0.5 * log**2)
+        moved.append(step / size)
+        covariance.append(inverse / np.outer(size, size))
+    weights = special.softmax(log_weight)
+    return Levels(repeatability, weights, np.array(moved), np.array(covariance))
+
+
+def with_departures(fit: Fit, repeatability: float) -> Fit:
+    """Fit once more, springs, damping and friction of each run let go with that relative standard deviation."""
+    model = replace(fit.model, repeatability=repeatability)
+    theta = np.zeros(model.n_shared + model.n_own * len(model.runs))
+    theta[: model.n_shared] = fit.theta[: model.n_shared]
+    for place in range(len(model.runs)):
+        theta[model.places_of_run(place)[0]] = fit.theta[fit.model.places_of_run(place)[0]]
+    return fit_model(model, theta)
+
+
+def mends_much(freed: Fit, fit: Fit) -> bool:
+    """Return whether runs that were let go are explained much better than with the same suspensions in all."""
+    return freed.bic < fit.bic - fit.model.settings.repeatability.bic_margin
+
+
+def with_own_repeatability(fit: Fit) -> Fit:
+    """Fit once more at the repeatability that the runs themselves speak for; a fit without departures as it is."""
+    if not fit.model.repeatability:
+        return fit
+    estimated = levels(fit, fit.model.repeatability).median
+    return fit_model(replace(fit.model, repeatability=estimated), fit.theta)

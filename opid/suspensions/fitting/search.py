@@ -1,0 +1,614 @@
+"""The way from start values to a fitted model: from afar, among laws and faults of sensors, then with all readings.
+
+Until laws are found runs are taken at a coarse rate, where its steps follow the body and nothing that the model does
+not predict would fold into the band. Where neither laws nor faults promise to mend what is left, the search ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from opid.mechanics.laws.law import LINEAR, Law
+from opid.signals.recording import FloatArray
+from opid.suspensions.fitting.faults import Demand, let_in
+from opid.suspensions.fitting.fit import (
+    NO_FIT,
+    Fit,
+    carried_over,
+    fastest_rate,
+    first_vector,
+    fit_model,
+    is_at_same_place,
+    refit,
+    runs_contradict_each_other,
+    turnover_rate,
+    with_laws,
+)
+from opid.suspensions.fitting.noise import is_noise, measure_whiteness
+from opid.suspensions.fitting.repeatability import mends_much, with_departures
+from opid.suspensions.fitting.start import Start, look_for_start
+from opid.suspensions.law_search.driven import DrivenLaws, cannot_be, search_origins
+from opid.suspensions.law_search.pursuit import (
+    LawStep,
+    add_neighbours,
+    chosen,
+    far_behind,
+    is_better,
+    judge_by_left_out,
+    library,
+    n_terms,
+    relatives,
+    search_laws,
+    surely_behind,
+)
+from opid.suspensions.model.driven_model import Model
+from opid.suspensions.model.run import DrivenRun
+from opid.suspensions.sensor_facts import SIDES
+from opid.suspensions.settings import SearchSettings, Settings
+
+Say = Callable[[str], None]
+Ladder = tuple[LawStep[Fit], ...]
+METHODS_OF_LAW = ("pursuit", "sparse regression", "both")
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a search ended.
+
+    Args:
+        fit: of the model.
+        ladder: laws that were tried, the chosen one last among those that were kept.
+        demands: what was let in beside the suspensions.
+        n_starts: ways that were tried.
+        is_unlike: whether the search ended because the suspensions are not the same in all runs.
+        problem: what laws were searched on, with what was asked of it; None where they were given.
+    """
+
+    fit: Fit
+    ladder: Ladder
+    demands: tuple[Demand, ...] = ()
+    n_starts: int = 1
+    is_unlike: bool = False
+    problem: DrivenLaws | None = None
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a search may try.
+
+    Args:
+        law_is_given: whether the laws of the model are those asked for; else laws are searched.
+        ground: whether springs to the ground may be let in.
+        faults: whether unstated faults of sensors may be let in.
+        method_of_law: one of `METHODS_OF_LAW`: how laws are searched.
+        kinds: of law that may enter.
+        repeatability: of springs, damping and friction from run to run: a search that takes them to be the same ends
+            where they are not.
+    """
+
+    law_is_given: bool = False
+    ground: bool = True
+    faults: bool = True
+    method_of_law: str = "pursuit"
+    kinds: tuple[str, ...] = ()
+    repeatability: float = 0.0
+
+
+def find_model(model: Model, start: Start, question: Question, *, progress: Say | None = None) -> Found:
+    """Fit a model from start values, with laws and faults of sensors as the runs demand them.
+
+    Args:
+        model: the body, its runs and first laws.
+        start: where to begin.
+        question: what may be tried.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        UnboundedResponseError: the start values make a suspension that grows without bound.
+        ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
+    """
+    question = replace(question, kinds=question.kinds or library())
+    search = _Search(start, question, progress or (lambda step: None), model.settings)
+    theta = first_vector(model, start)
+    coarse = _at_coarse_rate(model, theta)
+    try:
+        found = search.ways(coarse, theta)
+        lost = fastest_rate(found.fit.model, found.fit.theta) > model.settings.fit.fastest * coarse.runs[0].fs
+    except NO_FIT:
+        if coarse is model:
+            raise
+        lost = True
+    if lost and coarse is not model:
+        # the way leads where long steps do not
+        found = search.ways(model, theta)
+    return search.with_all_readings(found, model.runs)
+
+
+def find_from_reference(
+    model: Model, reference: Fit, start: Start, question: Question, *, progress: Say | None = None
+) -> Found | None:
+    """Fit a model from a fit of the runs without loading: where the others rest depends on a mass not known yet.
+
+    Args:
+        model: of all runs.
+        reference: of its runs without loading, the mass not fitted.
+        start: of the same runs.
+        question: what may be tried.
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        Where the search ended; None where no mass lets the springs carry the loadings.
+    """
+    question = replace(question, kinds=question.kinds or library())
+    search = _Search(start, question, progress or (lambda step: None), model.settings)
+    grown = replace(model, groups=reference.groups, sensors=reference.model.sensors).coarse
+    # a load that was only moved changes no mass, but moments
+    largest = max(abs(float(run.loading[0, 0])) for run in model.runs)
+    largest = largest or max(float(np.abs(run.loading).max()) for run in model.runs)
+    best: tuple[float, FloatArray] | None = None
+    for fraction in np.geomspace(*model.settings.fit.mass_fractions, model.settings.fit.n_mass_fractions):
+        values = dict(zip(reference.model.names, reference.theta.tolist(), strict=False))
+        values["inverse_mass"] = float(fraction) / largest
+        shared = [values[name] for name in grown.names]
+        theta = np.array([*shared, *np.zeros(grown.bounds()[0].size - len(shared))])
+        theta = _begun(grown, theta, model.settings.fit.noisier[-1])
+        try:
+            errors = replace(grown, louder=model.settings.fit.noisier[0][0]).evaluate(theta, sensitivity=False)
+        except NO_FIT:
+            continue
+        cost = -grown.log_likelihood(errors, theta)
+        best = min(best or (np.inf, theta), (cost, theta), key=lambda entry: entry[0])
+    if best is None:
+        return None
+    found = search.way(grown, best[1], model.settings.fit.noisier[0])
+    return search.with_all_readings(found, model.runs)
+
+
+def is_hopeless(fit: Fit) -> bool:
+    """Return whether a fit leaves what is beyond the mending of laws.
+
+    Args:
+        fit: of any laws.
+    """
+    return fit.ratio > fit.model.settings.verdicts.refused
+
+
+def _shares_nothing(fit: Fit) -> bool:
+    """Whether the body moves as if it knew nothing of what is below it: no law and no fault of a sensor mends that."""
+    runs, known = fit.model.runs, fit.model.settings.search
+    return fit.model.body.n_interfaces == 1 and max(run.shared_fraction for run in runs) < known.least_shared
+
+
+class _Search:
+    def __init__(self, start: Start, question: Question, say: Say, settings: Settings) -> None:
+        self.start, self.question, self.say = start, question, say
+        self.problem = DrivenLaws(settings.search, settings.fit.promise_in_search)
+        self.asked: list[tuple[Fit, tuple[Fit, tuple[Demand, ...]]]] = []
+
+    def ways(self, model: Model, theta: FloatArray) -> Found:
+        """The first way, and others while what is left is more than noise: minima differ from way to way."""
+        noisier = model.settings.fit.noisier
+        bare = replace(model, groups=tuple(replace(group, law=LINEAR) for group in model.groups))
+        searched = not self.question.law_is_given
+        ways: list[Callable[[], Found]] = [lambda: self.way(model, _begun(model, theta, noisier[0]), noisier[0])]
+        if searched and any(group.law.terms for group in model.groups):
+            ways.append(lambda: self.way(bare, _without_laws(model, theta), noisier[0]))
+        n_sure = len(ways)
+        ways += [lambda each=each: self.way(model, theta, each, hold_places=False) for each in noisier[1:]]  # type: ignore[misc]
+        n_without_faults = len(ways)
+        ways += [lambda: self.way(model, theta, noisier[0], faults_first=True)] * self.question.faults
+        best: Found | None = None
+        last: Found | None = None
+        failed: Exception | None = None
+        n_starts = 0
+        is_confirmed = False
+        for number, way in enumerate(ways):
+            if best is not None and (_explains(best.fit) or (n_starts >= n_sure and is_hopeless(best.fit))):
+                break
+            if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
+                break
+            if n_starts == 1 and best is not None and self._are_unlike(best.fit):
+                # other ways would make up for what is not the same in all runs
+                return replace(best, n_starts=1, is_unlike=True)
+            if best is not None and is_confirmed and (number < n_without_faults or best.demands):
+                # two ways ended at one place; one that let faults in searched its laws anew, as a way with faults first
+                continue
+            n_starts += 1
+            try:
+                found = way()
+            except NO_FIT as error:
+                failed = failed or error
+                continue
+            if found.is_unlike:
+                return replace(found, n_starts=n_starts)
+            if searched and cannot_be(found.fit):
+                # such a law no search would take; the start values had it
+                last = last or found
+                continue
+            is_confirmed = is_confirmed or (best is not None and _is_as_likely(found.fit, best.fit))
+            best = found if best is None or found.fit.bic < best.fit.bic else best
+        best = best or last
+        if best is None:
+            assert failed is not None  # no way without a fit or an error
+            raise failed
+        return replace(best, n_starts=n_starts)
+
+    def _are_unlike(self, fit: Fit) -> bool:
+        """Whether letting springs, damping and friction of each run go mends much."""
+        return self._can_depart(fit) and mends_much(with_departures(fit, self.question.repeatability), fit)
+
+    def _are_only_unlike(self, fit: Fit) -> bool:
+        """Whether it mends all that is left: no other law is then asked to make up for it."""
+        if is_noise(fit) or is_hopeless(fit) or not self._can_depart(fit):
+            return False
+        freed = with_departures(fit, self.question.repeatability)
+        return is_noise(freed) and mends_much(freed, fit)
+
+    def _can_depart(self, fit: Fit) -> bool:
+        """Whether the runs may differ, and were taken to be alike."""
+        return bool(self.question.repeatability) and not fit.model.repeatability and len(fit.model.runs) > 1
+
+    def way(
+        self,
+        model: Model,
+        theta: FloatArray,
+        noisier: Sequence[float],
+        *,
+        hold_places: bool = True,
+        faults_first: bool = False,
+    ) -> Found:
+        """One way from start values to a fit, with the laws and faults that were tried on it."""
+        promise = model.settings.fit.promise_in_search
+        fit = fit_model(model, theta, noisier=noisier, hold_places=hold_places, least_promise=promise)
+        if model.body.n_slots == 1 and not is_noise(fit):
+            # with better parameters another start may predict the first seconds better
+            begun = _begun(model, fit.theta, noisier)
+            again = fit_model(model, begun, noisier=noisier[-1:], least_promise=promise)
+            fit = min(fit, again, key=lambda each: each.bic)
+        if runs_contradict_each_other(fit) or _shares_nothing(fit):
+            # a law of many terms would hide it
+            return Found(fit, (LawStep(fit, True, "given" if self.question.law_is_given else "equation"),))
+        if not self.question.law_is_given and self._are_only_unlike(fit):
+            return Found(fit, (LawStep(fit, True, "equation"),), is_unlike=True)
+        demands: tuple[Demand, ...] = ()
+        more: tuple[Demand, ...] = ()
+        if faults_first:
+            fit, demands = self._let_in(fit)
+        ladder = self._laws(fit)
+        ladder = (*ladder, *self._origins(chosen(ladder).fit))
+        fit = chosen(ladder).fit
+        if not is_noise(fit):
+            fit, more = self._let_in(fit)
+        if more:
+            # what was wrong with the sensors may have been taken for a term of the law
+            ladder = (*ladder, *self._laws_anew(fit))
+            fit = chosen(ladder).fit
+        return Found(fit, ladder, (*demands, *more))
+
+    def _laws_anew(self, fit: Fit) -> Ladder:
+        """Laws searched from those of a fit, and from none: the better of both."""
+        ladder = self._laws(fit)
+        linear = None if self.question.law_is_given else refit(fit, dict.fromkeys(fit.laws, LINEAR))
+        if linear is None or not n_terms(fit):
+            return ladder
+        bare = self._laws(linear)
+        return (*ladder, *bare) if chosen(bare).fit.bic < chosen(ladder).fit.bic else (*bare, *ladder)
+
+    def _laws(self, fit: Fit, method: str = "equation", rejected: Collection[tuple[str, ...]] = ()) -> Ladder:
+        if self.question.law_is_given:
+            return (LawStep(fit, True, "given"),)
+        ladder: Ladder = ()
+        if self.question.method_of_law != "sparse regression":
+            kinds = self.question.kinds
+            ladder = search_laws(self.problem, fit, kinds=kinds, method=method, rejected=rejected, progress=self.say)
+        if self.question.method_of_law != "pursuit":
+            # two seconds to import, so only here
+            from opid.suspensions.law_search.sparse_regression import search_by_regression
+
+            begun = chosen(ladder).fit if ladder else fit
+            method = ladder[-1].method if ladder else method
+            more = search_by_regression(
+                # it begins elsewhere, so what the other method fitted is no answer
+                DrivenLaws(self.problem.settings, self.problem.least_promise),
+                begun,
+                kinds=self.question.kinds,
+                method=method,
+                settings=fit.model.settings.regression,
+                progress=self.say,
+            )
+            ladder = (*ladder, *more)
+        return ladder
+
+    def _origins(self, fit: Fit) -> Ladder:
+        """Laws about another origin than where the suspensions rest; kept where they are better."""
+        settings, known = fit.model.settings, fit.model.settings.search
+        kinds = self.question.kinds
+        # of laws that are searched, only those that nearly fit stand for a force
+        if is_noise(fit) if self.question.law_is_given else is_hopeless(fit):
+            return ()
+        if self.question.law_is_given:
+            kinds = tuple(dict.fromkeys(term.name for law in fit.laws.values() for term in law.terms))
+        ladder = list[LawStep[Fit]]()
+        # along a valley of laws alike each fit tells better where the next one begins
+        for _ in range(settings.origin.n_rounds):
+            steps = search_origins(fit, kinds, least_promise=settings.fit.promise_in_search)
+            best: LawStep[Fit] | None = None
+            for step in steps:
+                than = best.fit if best else fit
+                if is_better(step.fit, than, known) or _says_why_it_is_uneven(step.fit, than, known):
+                    best = step
+            ladder += [step for step in steps if step is not best]
+            if best is None:
+                break
+            more: Ladder = (replace(best, kept=True),)
+            if not self.question.law_is_given:
+                more = search_laws(self.problem, best.fit, kinds=kinds, method=best.method, progress=self.say)
+            ladder, fit = [*ladder, *more], chosen(more).fit
+        return tuple(ladder)
+
+    def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
+        """The fit with what the runs demand, and without what they demanded before and no longer do."""
+        if not self.question.faults or runs_contradict_each_other(fit) or _shares_nothing(fit):
+            return fit, ()
+        for earlier, answer in self.asked:
+            if not before and is_at_same_place(fit, earlier):
+                # several ways end at one place: what the runs demand there is asked once
+                return answer if answer[1] else (fit, ())
+        answer = let_in(fit, before, ground=self.question.ground, start=self.start, progress=self.say)
+        if not before:
+            self.asked.append((fit, answer))
+        return answer
+
+    def with_all_readings(self, found: Found, runs: tuple[DrivenRun, ...]) -> Found:
+        """A fit at a coarse rate, and the laws that were tried, with all readings."""
+        found = replace(found, problem=None if self.question.law_is_given else self.problem)
+        fit, ladder, demands = found.fit, found.ladder, found.demands
+        whole, known = replace(fit.model, runs=runs), fit.model.settings.fit
+        is_coarse = fit.model.runs is not runs
+        is_only_unlike = found.is_unlike and len(ladder) == 1
+        if is_hopeless(fit) or runs_contradict_each_other(fit) or _shares_nothing(fit) or is_only_unlike:
+            most, promise = known.most_hopeless_evaluations, known.promise_from_afar
+            near = fit_model(whole, fit.theta, most_evaluations=most, least_promise=promise) if is_coarse else fit
+            return replace(found, fit=near)
+        rejected = _rejected(ladder) if is_coarse else set()
+        coarse, fit = fit, fit_model(whole, fit.theta)
+        if is_coarse and (is_noise(fit) or not is_noise(coarse)):
+            # unless the coarse rate hid something, the candidates beside the laws are ranked
+            self.problem.rank_as(fit, coarse)
+        finer = _with_more_steps(fit, demands)
+        if finer is not fit:
+            # laws and faults may have made up for steps that were too long
+            fit, demands, is_coarse, rejected = finer, (), True, set()
+        late = bool(demands)
+        for _ in range(2):
+            # what only all readings together show
+            if not self.question.law_is_given and (is_coarse or late):
+                more = self._laws(fit, "pursuit", rejected)
+                ladder = (*ladder, *more)
+                fit = chosen(more).fit
+                fit = fit if fit is more[0].fit else fit_model(fit.model, fit.theta)
+            before = demands
+            fit, demands = self._let_in(fit, demands)
+            late = {demand.name for demand in demands} != {demand.name for demand in before}
+            rejected = set() if late else rejected
+            if not late:
+                break
+        return replace(found, fit=fit, ladder=ladder, demands=demands)
+
+
+def judged(found: Found, question: Question) -> Found:
+    """Return where a search ended, its choice judged by runs left out, with the laws that come closest to it.
+
+    The laws are compared at a coarse rate, where all of them were fitted.
+
+    Args:
+        found: of `find_model`.
+        question: what was tried.
+    """
+    fit = found.fit
+    if is_hopeless(fit) or _shares_nothing(fit):
+        return found if question.law_is_given else _with_fewer_terms(found)
+    settings = fit.model.settings
+    problem = found.problem or DrivenLaws(settings.search, settings.fit.promise_in_search)
+    coarse = _thinned(fit)
+    method = next((step.method for step in reversed(found.ladder) if step.fit.law_name == fit.law_name), "pursuit")
+    ladder: Ladder = (LawStep(coarse, True, method),)
+    if not question.law_is_given:
+        smaller = [step for step in _of_one_rate(found.ladder, coarse) if n_terms(step.fit) < n_terms(fit)]
+        if smaller:
+            best = min(smaller, key=lambda step: step.fit.bic)
+            again = refit(coarse, best.fit.laws, least_promise=settings.fit.promise_in_search)
+            ladder = (*([] if again is None else [LawStep(again, False, best.method)]), *ladder)
+        if len(fit.model.groups) == 1:
+            # of several suspensions a reader asks for the structure first, and each further fit is long
+            far = surely_behind((*_of_one_rate(found.ladder, coarse), *ladder), settings.search)
+            ladder = add_neighbours(problem, ladder, kinds=question.kinds or library(), known=far)
+    ladder = judge_by_left_out(problem, ladder)
+    best_fit = chosen(ladder).fit
+    if best_fit.law_name != fit.law_name:
+        changed, theta = with_laws(fit, best_fit.laws)
+        fit = fit_model(changed, theta)
+    # the whole story, told at one rate
+    on_ladder = {step.fit.law_name for step in ladder}
+    tried = [step for step in _of_one_rate(found.ladder, coarse) if step.fit.law_name not in on_ladder]
+    story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
+    return replace(found, fit=fit, ladder=tuple(story))
+
+
+def _of_one_rate(ladder: Ladder, fit: Fit) -> Ladder:
+    """The steps at the rate of a fit: criteria at one rate compare."""
+    fs = fit.model.runs[0].fs
+    return tuple(step for step in ladder if step.fit.model.runs[0].fs == fs)
+
+
+def _explains(fit: Fit) -> bool:
+    """Whether what a fit leaves is the noise of the sensors: as large as that, and white where that is a mere bound."""
+    if not is_noise(fit):
+        return False
+    is_stated = all(facts.noise_m_per_s2 for side in SIDES for facts in fit.model.sensors.facts(side))
+    return is_stated or measure_whiteness(fit).white
+
+
+def _with_fewer_terms(found: Found) -> Found:
+    """Where a search ended with the smallest law that leaves hardly more: none of them is the law."""
+    fit, known = found.fit, found.fit.model.settings.search
+    chosen_step = next((step for step in found.ladder if step.fit.law_name == fit.law_name), None)
+    if chosen_step is None:
+        return found
+    largest = (1 + known.overfit_fraction) * chosen_step.fit.error_rms
+    alike = [
+        step
+        for step in found.ladder
+        if step.fit.model.runs[0].fs == chosen_step.fit.model.runs[0].fs and step.fit.error_rms <= largest
+    ]
+    best = min(alike, key=lambda step: (n_terms(step.fit), step.fit.error_rms))
+    if n_terms(best.fit) == n_terms(fit):
+        return found
+    again = refit(fit, best.fit.laws)
+    if again is None or again.error_rms > (1 + known.overfit_fraction) * fit.error_rms:
+        return found
+    return _ended_with(found, best, again)
+
+
+def asks_for_law(fit: Fit, kinds: Sequence[str]) -> bool:
+    """Return whether a law of the library promises to explain what a fit leaves: no force that nobody measured does.
+
+    Args:
+        fit: whose law was not searched.
+        kinds: of which the law may be.
+    """
+    dictionaries = DrivenLaws(fit.model.settings.search, fit.model.settings.fit.promise_in_search).dictionaries(
+        fit, kinds or library()
+    )
+    promised = max((each.most_promised() for each in dictionaries.values()), default=0.0)
+    return promised > fit.model.settings.process.most_promised
+
+
+def with_simpler_laws(found: Found, kinds: Sequence[str]) -> Iterator[Found]:
+    """Yield what was found with a term less in its laws, or with a relative of what then remembers.
+
+    Args:
+        found: whose law takes up what the model lacks.
+        kinds: of which a relative may be.
+    """
+    fit, known = found.fit, found.fit.model.settings.process
+    simpler = [
+        (name, Law(tuple(each for each in law.terms if each is not term), law.rest_m))
+        for name, law in fit.laws.items()
+        for term in law.terms
+        if len(law.terms) > 1
+    ]
+    simpler += [(name, each) for name, law in simpler for each in relatives(law, kinds)]
+    for name, law in simpler:
+        again = refit(fit, {name: law})
+        if again is not None and not cannot_be(again) and again.error_rms < known.most_left_by_simpler * fit.error_rms:
+            yield _ended_with(found, LawStep(again, False, "pursuit"), again)
+
+
+def _ended_with(found: Found, last: LawStep[Fit], fit: Fit) -> Found:
+    """What was found, as if its search had ended with another step, and a fit of its laws."""
+    ladder = (*(replace(step, kept=False) for step in found.ladder if step is not last), replace(last, kept=True))
+    return replace(found, fit=fit, ladder=ladder)
+
+
+def _says_why_it_is_uneven(fit: Fit, than: Fit, known: SearchSettings) -> bool:
+    """Whether laws about another origin fit as well as others with even terms about the rest position.
+
+    A cube about the unloaded length is a cube and a square about where it rests, but it also says how far that is.
+    """
+    is_even = any("even_quadratic_stiffness" in law.parameters for law in than.laws.values())
+    return is_even and n_terms(fit) <= n_terms(than) and fit.bic < than.bic + known.alike_bic
+
+
+def _is_as_likely(fit: Fit, other: Fit) -> bool:
+    """Whether two fits have the same laws, sensors and criterion: two minima as deep as each other are hardly met."""
+    is_alike = fit.model.names == other.model.names and fit.law_name == other.law_name
+    return is_alike and abs(fit.bic - other.bic) < fit.model.settings.search.alike_bic
+
+
+def _thinned(fit: Fit) -> Fit:
+    """The fit at a coarse rate; as it is where the body moves too fast for that."""
+    model, known = fit.model.coarse, fit.model.settings.fit
+    fs = model.runs[0].fs
+    is_fast = (
+        fastest_rate(fit.model, fit.theta) > known.fastest * fs or turnover_rate(fit) > known.turnover_in_step * fs
+    )
+    if model is fit.model or is_fast:
+        return fit
+    try:
+        return fit_model(model, fit.theta, least_promise=known.promise_in_search)
+    except NO_FIT:
+        return fit
+
+
+def _rejected(ladder: Ladder) -> set[tuple[str, ...]]:
+    """Names of the laws that need not be tried again at the full rate, with the sensors that were taken at last."""
+    model = chosen(ladder).fit.model
+    alike = [step for step in ladder if step.fit.model.runs is model.runs and step.fit.model.sensors == model.sensors]
+    return far_behind(alike, model.settings.search) | surely_behind(alike, model.settings.search)
+
+
+def _with_more_steps(fit: Fit, demands: Sequence[Demand]) -> Fit:
+    """The fit without demands and with steps so short that its laws do not turn over within one; else as it is."""
+    known, run = fit.model.settings.fit, fit.model.runs[0]
+    by = int(np.ceil(turnover_rate(fit) / (known.turnover_in_step * run.fs)))
+    if by <= 1:
+        return fit
+    by, model = min(by, known.most_steps), fit.model
+    for demand in demands:
+        model = demand.hypothesis.taken_from(model)
+    finer = replace(model, runs=tuple(run.sampled_finer(by) for run in model.runs))
+    try:
+        return fit_model(finer, carried_over(fit, finer))
+    except NO_FIT:
+        return fit
+
+
+def _begun(model: Model, theta: FloatArray, noisier: Sequence[float]) -> FloatArray:
+    """The vector with the start of each run of one gear looked for under the noise that a way begins with.
+
+    Several interfaces have too many starts for a grid.
+    """
+    if model.body.n_slots > 1:
+        return theta
+    factor = noisier[0] if noisier else 1.0
+    return look_for_start(replace(model, louder=factor), theta)
+
+
+def _without_laws(model: Model, theta: FloatArray) -> FloatArray:
+    """The vector without the laws."""
+    gone = [np.arange(theta.size)[model.law_places(number)] for number in range(len(model.groups))]
+    return np.delete(theta, np.concatenate(gone))
+
+
+def _at_coarse_rate(model: Model, theta: FloatArray) -> Model:
+    """The model at a coarse rate; as it is where that would mislead."""
+    coarse, known = model.coarse, model.settings.fit
+    if coarse is model or fastest_rate(model, theta) > known.fastest * coarse.runs[0].fs:
+        return model
+    predictions = model.evaluate(theta, sensitivity=False).predictions
+    n_sensors = len(model.sensors.sprung)
+    folded = [
+        folded_power(prediction.innovation[:n_sensors], run, thinned)
+        for prediction, run, thinned in zip(predictions, model.runs, coarse.runs, strict=True)
+    ]
+    return coarse if max(folded) < known.most_folded else model
+
+
+def folded_power(innovation: FloatArray, run: DrivenRun, thinned: DrivenRun) -> float:
+    """Return what a thinned run folds into its band of what the model does not predict, over the noise.
+
+    Args:
+        innovation: (n_sensors, n) white errors of the run.
+        run: the run.
+        thinned: the same at a coarse rate.
+    """
+    frequency_hz = fft.rfftfreq(run.n_samples, 1 / run.fs)
+    into_hz = np.abs(frequency_hz - thinned.fs * np.round(frequency_hz / thinned.fs))
+    folds = (frequency_hz > thinned.fs / 2) & (into_hz <= thinned.omega[-1] / (2 * np.pi))
+    power = np.abs(fft.rfft(innovation)[:, folds]) ** 2 / run.n_samples
+    return float(power.mean(axis=1).max())

@@ -1,0 +1,449 @@
+"""Where a fit begins: the equations of motion of the body on the integrated measurements, by linear least squares.
+
+With all sensors on the body q'' is known, and so is the motion of every suspension, but for what is slow. Then
+
+    sum_k theta_k part_k q'' + mu (known + loading) q'' + sum_s j_s (k_s z_s + c_s z_s' + f_s(z_s, z_s')) = - unit q''
+
+is linear in everything but the inner parameters of the laws, which are tried on a grid. The noise on both sides biases
+the answer by some per cent: it is a start, no estimate. Where the runs of one gear begin, their first seconds tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+from scipy import interpolate
+
+from opid.errors import InputError
+from opid.mechanics.driven import UnboundedResponseError
+from opid.mechanics.laws.law import LINEAR, Law, Term
+from opid.mechanics.memory import force_along
+from opid.mechanics.prediction import predict
+from opid.signals.motion import filter_like, integrate
+from opid.signals.recording import FloatArray
+from opid.suspensions.law_search.dictionary import stand_together
+from opid.suspensions.model.body import Body
+from opid.suspensions.model.driven_model import Model, state_at_start
+from opid.suspensions.model.law_parameters import offered_terms
+from opid.suspensions.model.run import DrivenRun
+from opid.suspensions.model.unknowns import Group
+from opid.suspensions.sensor_facts import Fault
+from opid.suspensions.settings import StartSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Start values of a fit.
+
+    Args:
+        groups: which interfaces share what, with the laws found.
+        stiffness: of each group and of each spring inside that is to be found, per unit of the reference mass, 1/s^2.
+        damping: likewise, 1/s.
+        factors: (n_parts,) of the mass matrix.
+        inverse_mass: one over the reference mass, 1/kg; None where the runs do not tell it.
+        motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s).
+        ground_stiffness: of a spring to the ground at each group, per unit of the reference mass, 1/s^2; as if it were
+            there.
+        ground_std: roughly how well it is known.
+        stiffness_beside_ground: of each group with these springs, likewise.
+        lags: delay of sensors, of which a tolerance was stated, by the name of the fault, s.
+
+    Where the equation asks for springs to the ground that no fault of a sensor would feign, the groups have them.
+    """
+
+    groups: tuple[Group, ...]
+    stiffness: FloatArray
+    damping: FloatArray
+    factors: FloatArray
+    inverse_mass: float | None
+    motion_rms: FloatArray
+    ground_stiffness: FloatArray
+    ground_std: FloatArray
+    stiffness_beside_ground: FloatArray
+    lags: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def has_ground(self) -> bool:
+        """Whether the groups have springs to the ground."""
+        return any(group.ground for group in self.groups)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What one run says of the motion: travel, velocity and place (n_slots, n) and acceleration (n_dof, n)."""
+
+    travel: FloatArray
+    velocity: FloatArray
+    place: FloatArray
+    acceleration: FloatArray
+    inside: slice
+
+
+def start_values(
+    runs: Sequence[DrivenRun],
+    body: Body,
+    groups: Sequence[Group],
+    *,
+    mass_free: bool,
+    ground: bool = False,
+    kinds: Sequence[str] = (),
+    lags: Sequence[Fault] = (),
+    settings: StartSettings | None = None,
+) -> Start:
+    """Return start values for the fit of a body.
+
+    Args:
+        runs: the runs.
+        body: the body.
+        groups: which interfaces share what; a law that they have is kept, with its inner values.
+        mass_free: whether one over the reference mass is to be found.
+        ground: whether the groups may have springs to the ground.
+        kinds: of law to try, one after the other, where a group has none.
+        lags: delays of sensors that are not known: a delay of some samples looks like a law that remembers.
+        settings: of the equation.
+
+    Raises:
+        InputError: sensors that do not see all degrees of freedom of the body.
+    """
+    rank = np.linalg.matrix_rank(body.readings)
+    if rank < len(body.dof):
+        raise InputError(
+            f"the sensors on the body see {rank} of its {len(body.dof)} degrees of freedom ({', '.join(body.dof)}): "
+            "measure at more places, or take a body with fewer"
+        )
+    settings = settings or StartSettings()
+
+    def equation_of(runs: Sequence[DrivenRun], settings: StartSettings) -> _Equation:
+        motions = tuple(_motion(run, body, settings) for run in runs)
+        return _Equation(motions, tuple(runs), body, mass_free, settings)
+
+    # a delay turns the phase most where motion is quick
+    highest_hz = float(runs[0].omega[-1]) / (2 * np.pi)
+    quick = replace(settings, band_hz=(settings.lag_fraction * highest_hz, highest_hz))
+    delays = {}
+    for lag in lags:
+        delays[lag.name] = _likely_delay(partial(equation_of, settings=quick), runs, lag, groups, settings)
+        runs = [_earlier(run, lag, delays[lag.name]) for run in runs]
+    equation = equation_of(runs, settings)
+    if lags:
+        # a stiff suspension does not give at all where others are told from
+        equation = min((equation, equation_of(runs, quick)), key=lambda each: each.left(groups))
+    found = tuple(replace(group, ground=ground) for group in groups)
+    if ground and not equation.demands_ground(found):
+        found = tuple(replace(group, ground=False) for group in groups)
+    if kinds:
+        found = _with_laws(equation, found, kinds)
+    return replace(_start(equation, found), lags=delays)
+
+
+def _likely_delay(
+    equation_of: Callable[[Sequence[DrivenRun]], _Equation],
+    runs: Sequence[DrivenRun],
+    lag: Fault,
+    groups: Sequence[Group],
+    settings: StartSettings,
+) -> float:
+    """The delay with which the equation leaves least of what it has to make: on a grid, then on finer ones."""
+
+    def left(delay_s: float) -> float:
+        return equation_of([_earlier(run, lag, delay_s) for run in runs]).left(groups)
+
+    best, reach = lag.nominal, settings.lag_std * lag.std
+    for _ in range(settings.lag_rounds):
+        grid = best + np.linspace(-reach, reach, settings.n_lags)
+        best = float(min(grid.tolist(), key=left))
+        reach = 2 * reach / (settings.n_lags - 1)
+    return best
+
+
+def _earlier(run: DrivenRun, lag: Fault, delay_s: float) -> DrivenRun:
+    """A run with the delay of one sensor taken out."""
+    if not delay_s:
+        return run
+    time = np.arange(len(run.sprung)) / run.recorded_fs
+    side = (run.sprung if lag.side == "sprung" else run.unsprung).copy()
+    spline = interpolate.make_interp_spline(time, side[:, lag.channel], k=3)
+    side[:, lag.channel] = spline(np.clip(time + delay_s, 0.0, time[-1]))
+    return replace(run, sprung=side) if lag.side == "sprung" else replace(run, unsprung=side)
+
+
+def _motion(run: DrivenRun, body: Body, settings: StartSettings) -> _Motion:
+    """Motion of the slots, all through the same high-pass."""
+    n, fs = len(run.sprung), run.recorded_fs
+    accelerations = np.linalg.lstsq(body.readings, run.sprung.T, rcond=None)[0]
+    own = body.rows @ accelerations
+    relative = own.copy()
+    relative[: body.n_interfaces] -= run.unsprung.T
+    motions = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz) for each in relative]
+    places = [integrate(each, fs=fs, high_pass_hz=settings.high_pass_hz).displacement for each in own]
+    return _Motion(
+        np.array([motion.displacement for motion in motions]),
+        np.array([motion.velocity for motion in motions]),
+        np.array(places),
+        np.array([filter_like(each, motions[0]) for each in accelerations]),
+        motions[0].settled if motions[0].settled.stop - motions[0].settled.start > n // 2 else slice(0, n),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Equation:
+    """Columns and target of the least squares."""
+
+    motions: tuple[_Motion, ...]
+    runs: tuple[DrivenRun, ...]
+    body: Body
+    mass_free: bool
+    settings: StartSettings
+
+    @property
+    def rms(self) -> FloatArray:
+        """(n_slots, 2) rms travel and velocity."""
+        travel, velocity = (
+            np.mean([np.mean(getattr(m, name)[:, m.inside] ** 2, axis=1) for m in self.motions], axis=0)
+            for name in ("travel", "velocity")
+        )
+        return np.sqrt(np.stack([travel, velocity], axis=1))
+
+    def column(self, forces: Sequence[FloatArray], *, is_coarse: bool = False) -> FloatArray:
+        """Generalised forces of each run, (n_dof, n), as a column of real numbers; of every few samples at will."""
+        size = np.sqrt(np.mean(self.body.rows[: self.body.n_interfaces] ** 2, axis=0))
+        scale = 1 / np.where(size > 0, size, 1.0)
+        parts = []
+        for run, (window, inside, places), force in zip(self.runs, self._windows, forces, strict=True):
+            every = run.coarse.stride if is_coarse else 1
+            # the equation holds at every instant: under a window it needs no end terms
+            inner = force if is_coarse else force[:, inside]
+            lines = every * np.fft.rfft(inner * window[::every] * scale[:, np.newaxis])
+            lines = lines[:, places].ravel()
+            parts += [lines.real, lines.imag]
+        return np.concatenate(parts)
+
+    @cached_property
+    def _windows(self) -> list[tuple[FloatArray, slice, slice]]:
+        """Of each run a window, the samples under it, as many as a coarse rate divides, and the lines of the band."""
+        found = []
+        for motion, run in zip(self.motions, self.runs, strict=True):
+            first, stop = motion.inside.start, motion.inside.stop
+            n = stop - first - (stop - first) % run.coarse.stride
+            frequency_hz = np.fft.rfftfreq(n, 1 / run.recorded_fs)
+            low, high = np.searchsorted(frequency_hz, self.settings.band_hz)
+            high += high < frequency_hz.size and frequency_hz[high] == self.settings.band_hz[1]
+            found.append((np.hanning(n), slice(first, first + n), slice(int(low), int(high))))
+        return found
+
+    def of_slots(self, slots: Sequence[int], values: Sequence[FloatArray]) -> FloatArray:
+        """Column of forces at some slots; `values` are (n_slots, n) a run."""
+        rows = self.body.rows[list(slots)]
+        return self.column([rows.T @ value[list(slots)] for value in values])
+
+    def of_term(self, group: Group, term: Term, *, is_coarse: bool = False) -> FloatArray:
+        """Column of a term of unit amplitude in the law of a group; of every few samples at will."""
+        unit = Law((Term(term.name, (1.0, *term.inner)),))
+        forces = []
+        for motion, run, (_, inside, _) in zip(self.motions, self.runs, self._windows, strict=True):
+            every = run.coarse.stride if is_coarse else 1
+            taken, fs = slice(inside.start, inside.stop, every) if is_coarse else slice(None), run.recorded_fs / every
+            own = [force_along(unit, motion.travel[k, taken], motion.velocity[k, taken], fs) for k in group.slots]
+            forces.append(self.body.rows[list(group.slots)].T @ np.stack(own))
+        return self.column(forces, is_coarse=is_coarse)
+
+    @property
+    def target(self) -> FloatArray:
+        """What the columns have to make."""
+        return -self.column([self.body.unit @ m.acceleration for m in self.motions]) - (
+            self._known if self.body.absolute else 0.0
+        )
+
+    @property
+    def _known(self) -> FloatArray:
+        """What is known in kg and N/m."""
+        body = self.body
+        forces = []
+        for motion, run in zip(self.motions, self.runs, strict=True):
+            force = (body.known + run.loading) @ motion.acceleration
+            for slot, spring in enumerate(body.inside, start=body.n_interfaces):
+                stiffness, damping = spring.stiffness_n_per_m or 0.0, spring.damping_n_s_per_m or 0.0
+                force = force + np.outer(
+                    body.rows[slot], stiffness * motion.travel[slot] + damping * motion.velocity[slot]
+                )
+            forces.append(force)
+        return self.column(forces)
+
+    def searched(self) -> Iterator[int]:
+        """Slots inside whose springs are to be found."""
+        for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
+            if spring.stiffness_n_per_m is None:
+                yield slot
+
+    def linear(self, groups: Sequence[Group]) -> list[FloatArray]:
+        """Columns of everything but laws and springs to the ground: stiffness and damping in turn, factors, mu."""
+        travel, velocity = [m.travel for m in self.motions], [m.velocity for m in self.motions]
+        columns = []
+        for slots in [*(group.slots for group in groups), *((slot,) for slot in self.searched())]:
+            columns += [self.of_slots(slots, travel), self.of_slots(slots, velocity)]
+        parts = [*self.body.parts, *([] if self.body.product is None else [self.body.product])]
+        columns += [self.column([part @ m.acceleration for m in self.motions]) for part in parts]
+        return [*columns, *([self._known] if self.mass_free else [])]
+
+    def springs_to_ground(self, groups: Sequence[Group]) -> list[FloatArray]:
+        """Columns of the springs to the ground of the groups that have them."""
+        places = [m.place for m in self.motions]
+        return [self.of_slots(group.slots, places) for group in groups if group.ground]
+
+    def demands_ground(self, groups: Sequence[Group]) -> bool:
+        """Whether the equation asks for ground springs that a sensor's fault would hardly feign."""
+        value, std = self.solve(groups)
+        n, known = len(groups), self.settings
+        ground, beside = np.abs(value[-n:]), np.abs(value[: 2 * n : 2])
+        return bool(np.any((ground > known.ground_std * std[-n:]) & (ground > known.ground_fraction * beside)))
+
+    def left(self, groups: Sequence[Group]) -> float:
+        """What stiffness, damping and masses leave of the target, as a fraction of its norm."""
+        matrix, target = np.stack(self.linear(groups), axis=1), self.target
+        size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        value = np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0]
+        return float(np.linalg.norm(target - matrix / size @ value) / np.linalg.norm(target))
+
+    def solve(self, groups: Sequence[Group]) -> tuple[FloatArray, FloatArray]:
+        """Values of the columns and how well they are known; last those of the terms, then springs to the ground."""
+        columns = self.linear(groups)
+        columns += [self.of_term(group, term) for group in groups for term in group.law.terms]
+        columns += self.springs_to_ground(groups)
+        matrix, target = np.stack(columns, axis=1), self.target
+        size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        value = np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0] / size
+        left = target - matrix @ value
+        inverse = np.linalg.pinv((matrix / size).T @ (matrix / size), rcond=1e-12, hermitian=True)
+        std = np.sqrt(np.maximum(np.diag(inverse), 0.0) * float(left @ left) / left.size) / size
+        return value, std
+
+
+def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[str]) -> tuple[Group, ...]:
+    """Add the terms that explain most, one after the other, to groups that had no law."""
+    rms, open_groups = equation.rms, [k for k, group in enumerate(groups) if not group.law.terms]
+    offered = [
+        # what ranks the terms need not be taken of every sample
+        (k, term, equation.of_term(groups[k], term, is_coarse=True))
+        for k in open_groups
+        for kind in kinds
+        for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings.n_scales)
+    ]
+    most_terms = equation.settings.most_terms
+    matrix = np.stack([*equation.linear(groups), *equation.springs_to_ground(groups)], axis=1)
+    target = equation.target
+    for _ in range(most_terms * len(open_groups)):
+        basis = np.linalg.qr(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300))[0]
+        left = target - basis @ (basis.T @ target)
+        gains = []
+        for k, term, column in offered:
+            have = groups[k].law
+            taken = term.name in have.parameters or len(have.terms) >= most_terms
+            taken |= not stand_together([*have.parameters, term.name])
+            rest = column - basis @ (basis.T @ column)
+            size = float(rest @ rest)
+            gains.append(float(rest @ left) ** 2 / size if not taken and size > 1e-8 * float(column @ column) else 0.0)
+        best = int(np.argmax(gains))
+        if gains[best] < equation.settings.least_fraction * float(left @ left):
+            break
+        k, term, column = offered[best]
+        groups = tuple(
+            replace(group, law=group.law + Law((term,))) if number == k else group
+            for number, group in enumerate(groups)
+        )
+        matrix = np.column_stack([matrix, column])
+    return groups
+
+
+def _candidates(kind: str, rms: FloatArray, n_scales: int) -> list[Term]:
+    """Terms of unit amplitude of a kind, at some inner scales."""
+    # from friction that is full at once on
+    return offered_terms(
+        kind, travel_rms=float(rms[0]), velocity_rms=float(rms[1]), n_scales=n_scales, fractions=(0.28, 0.98)
+    )
+
+
+def _start(equation: _Equation, groups: tuple[Group, ...]) -> Start:
+    body, n_springs = equation.body, len(groups) + len(list(equation.searched()))
+    value, _ = equation.solve(groups)
+    springs, rest = value[: 2 * n_springs].reshape(-1, 2), value[2 * n_springs :]
+    n_parts, n = len(body.parts), body.n_interfaces
+    # the product of two factors is fitted as a factor of its own, and forgotten
+    factors, rest = rest[:n_parts], rest[n_parts + (body.product is not None) :]
+    mu, rest = (float(rest[0]), rest[1:]) if equation.mass_free else (None, rest)
+    amplitudes = iter(rest.tolist())
+    with_laws = tuple(
+        replace(group, law=Law(tuple(Term(t.name, (next(amplitudes), *t.inner)) for t in group.law.terms)))
+        if group.law.terms
+        else replace(group, law=LINEAR)
+        for group in groups
+    )
+    beside, std = equation.solve([replace(group, ground=True) for group in groups])
+    return Start(
+        groups=with_laws,
+        stiffness=springs[:, 0],
+        damping=springs[:, 1],
+        factors=factors,
+        inverse_mass=mu,
+        motion_rms=equation.rms[:n],
+        ground_stiffness=beside[-len(groups) :],
+        ground_std=std[-len(groups) :],
+        stiffness_beside_ground=beside[: 2 * len(groups) : 2],
+    )
+
+
+def look_for_start(model: Model, theta: FloatArray) -> FloatArray:
+    """Return the vector with the travel and velocity that predict the first seconds of each run of one gear best.
+
+    All cells of a grid are predicted for a short while, then the best of them for longer.
+    """
+    known, found = model.settings.fit, theta.copy()
+    grid = np.linspace(-known.start_reach_rms, known.start_reach_rms, known.n_start_grid)
+    rms = model.motion_rms[0]
+    std = (grid[1] - grid[0]) / 2 * rms
+    for place in range(len(model.runs)):
+        cells = [np.array([z, v]) * rms for z in grid for v in grid]
+        cost_of_start = _start_costs(model, theta, place, std)
+        for seconds, n_kept in known.start_rounds:
+            costs = [cost_of_start(cell, seconds) for cell in cells]
+            cells = [cells[k] for k in np.argsort(costs, kind="stable")[:n_kept]]
+        found[model.places_of_run(place)[0]] = cells[0]
+    return found
+
+
+def _start_costs(
+    model: Model, theta: FloatArray, place: int, cell_std: FloatArray
+) -> Callable[[FloatArray, float], float]:
+    """What the first seconds of a run speak against a start: a function of the start and the seconds."""
+    run, (below, above) = model.runs[place], model.corrected(theta, place)
+    accelerance = model.mobility(theta, place).accelerance
+    try:
+        slots = model.resting_interfaces(theta, place)
+    except UnboundedResponseError:
+        return lambda cell, seconds: np.inf
+    noise, (usual, covariance) = model.noise_in(theta, run), state_at_start(model, theta, place)
+    np.fill_diagonal(covariance[:2, :2], cell_std**2)
+
+    def cost(cell: FloatArray, seconds: float) -> float:
+        n, start = min(run.n_samples, round(seconds * run.fs)), usual.copy()
+        start[:2, 0] = cell
+        try:
+            begun = predict(
+                slots,
+                accelerance,
+                below.value[: 2 * n - 1],
+                above.value[:n],
+                fs=run.fs,
+                noise=noise,
+                start=start,
+                start_covariance=covariance,
+                ground=model.ground,
+                sensitivity=False,
+            )
+        except UnboundedResponseError:
+            return np.inf
+        return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
+
+    return cost

@@ -1,0 +1,329 @@
+"""The laws of a driven model as the search takes them: candidates beside a fit, other laws fitted, runs left out.
+
+What a fit found stands for a force over the travel, whatever its terms are called. A spring about its unloaded length
+has an origin that is not where the suspension rests: other terms about another origin that make nearly the same force
+are fitted from there, and the origin is one more unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from opid.mechanics.driven import Interface, UnboundedResponseError
+from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
+from opid.mechanics.repeatability import part_of
+from opid.mechanics.weight import depends_on_travel, find_rest
+from opid.signals.recording import FloatArray
+from opid.suspensions.fitting.fit import NO_FIT, Fit, carrying, is_at_same_place, left_out_ratio, refit
+from opid.suspensions.fitting.noise import is_noise, measure_whiteness
+from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
+from opid.suspensions.law_search.pursuit import LawStep
+from opid.suspensions.model.law_parameters import faint_terms, has_slope, offered_terms, pulls_at_a_stop
+from opid.suspensions.model.unknowns import Group
+from opid.suspensions.settings import OriginSettings, SearchSettings
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What was asked about the laws near a fit, for several ways lead to one place.
+
+    Args:
+        fit: of any laws.
+        dictionaries: by the kinds that may enter.
+        refits: by the names of the laws of all groups.
+    """
+
+    fit: Fit
+    dictionaries: dict[tuple[str, ...], dict[str, LawDictionary]] = field(default_factory=dict)
+    refits: dict[tuple[str, ...], Fit | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DrivenLaws:
+    """A `LawProblem` of fits of a driven model.
+
+    Args:
+        settings: of the search.
+        least_promise: a fit ends when the next step promises less; None for that of the settings of the fit.
+        asked: what was asked before: it is not simulated and not fitted again.
+    """
+
+    settings: SearchSettings
+    least_promise: float | None = None
+    asked: list[_Asked] = field(default_factory=list, compare=False)
+
+    def _asked_at(self, fit: Fit, *, of_one_model: bool) -> _Asked:
+        """What was asked where a fit ended; of no other model, where a fit from there is meant."""
+        for each in reversed(self.asked):
+            if is_at_same_place(fit, each.fit) and (not of_one_model or _are_of_one_model(fit, each.fit)):
+                return each
+        self.asked.append(_Asked(fit))
+        return self.asked[-1]
+
+    def dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+        """Return the candidates beside a fit, all of them simulated at once."""
+        known, kinds = self._asked_at(fit, of_one_model=False).dictionaries, tuple(kinds)
+        if kinds not in known:
+            known[kinds] = self._dictionaries(fit, kinds)
+        return known[kinds]
+
+    def rank_as(self, fit: Fit, other: Fit) -> None:
+        """Rank the candidates beside a fit as they were ranked with fewer readings of the same runs.
+
+        They are not simulated anew: each of them would lower the squared error by as many times more as there are
+        readings more.
+
+        Args:
+            fit: with all readings.
+            other: of the same laws.
+        """
+        if fit.model.runs is other.model.runs:
+            return
+        more = sum(run.n_samples for run in fit.model.runs) / sum(run.n_samples for run in other.model.runs)
+        for kinds, known in self._asked_at(other, of_one_model=False).dictionaries.items():
+            scaled = {group: replace(each, n_data=round(more * each.n_data)) for group, each in known.items()}
+            self._asked_at(fit, of_one_model=False).dictionaries.setdefault(kinds, scaled)
+
+    def _dictionaries(self, fit: Fit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
+        model, offered = fit.model, {}
+        for number, (group, law) in enumerate(zip(model.groups, fit.laws.values(), strict=True)):
+            new = [kind for kind in kinds if kind not in law.parameters]
+            if group.has_origin:
+                new = [kind for kind in new if not LAWS[kind].is_about_rest]
+            elif model.is_carried:
+                # a column of gas carries what is known, and takes the place of all springs: see `_carriers`
+                new = [kind for kind in new if not LAWS[kind].quasi_static]
+            offered[number] = [term for kind in new for term in self._faint(kind, fit, group, law.rest_m)]
+        try:
+            errors = model.evaluate(fit.theta, candidates=offered)
+        except UnboundedResponseError:
+            # a model so near its bounds has no neighbours to offer
+            return {}
+        no_prior = np.zeros((errors.stacked.size - fit.n_data, errors.candidates.shape[1]))
+        columns, place, found = np.concatenate([errors.candidates, no_prior]), 0, {}
+        for number, (name, law) in enumerate(fit.laws.items()):
+            nodes: dict[str, list[Node]] = {}
+            for term in offered[number]:
+                nodes.setdefault(term.name, []).append(_node(term, columns[:, place : place + len(term.values)]))
+                place += len(term.values)
+            own = np.arange(errors.jacobian.shape[1])[model.law_places(number)]
+            by_law, others = errors.jacobian[:, own], np.delete(errors.jacobian, own, axis=1)
+            dictionary = make_dictionary(law, errors.stacked, by_law, others, nodes, self.settings)
+            found[name] = replace(dictionary, further=tuple(_carriers(fit, number, law, kinds)))
+        if fit.ratio > fit.model.settings.verdicts.refused:
+            # no law mends what a wrong structure leaves
+            promised = sum(each.most_promised() for each in found.values())
+            return found if promised > self.settings.good_fraction else {}
+        return found
+
+    def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
+        """Fit other laws from where a fit stands; None where they make no suspension."""
+        known = self._asked_at(fit, of_one_model=True).refits
+        names = tuple(f"{law.name} {law.rest_m != 0.0}" for law in {**fit.laws, **laws}.values())
+        if names not in known:
+            found = refit(fit, dict(laws), least_promise=self.least_promise)
+            known[names] = None if found is None or cannot_be(found) else found
+        return known[names]
+
+    def left_out(self, fit: Fit) -> float | None:
+        """Return what is left of each run as a fit of the others predicts it, m/s^2."""
+        ratio = left_out_ratio(fit)
+        return None if ratio is None else fit.model.level * ratio
+
+    def confirms(self, fit: Fit, than: Fit) -> bool:
+        """Return True: runs left out cost as much as a search, so they are asked once, when it has ended."""
+        return True
+
+    def _faint(self, kind: str, fit: Fit, group: Group, rest_m: float) -> list[Term]:
+        """Terms too weak to move anything."""
+        slots = group.slots
+        travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, slots), strict=True))
+        # while a model is wrong its slow travel may be far off: the measured one is not
+        rms = np.sqrt(np.mean(fit.model.motion_rms[list(slots)] ** 2, axis=0))
+        rms *= self.settings.most_measured_rms
+        return faint_terms(
+            kind,
+            travel,
+            velocity,
+            rest_m=rest_m,
+            travel_rms=float(np.hypot(min(float(travel.std()), float(rms[0])), rest_m)),
+            velocity_rms=min(float(velocity.std()), float(rms[1])),
+            noise=fit.model.level,
+            settings=self.settings,
+        )
+
+
+def _are_of_one_model(fit: Fit, other: Fit) -> bool:
+    """Whether two fits of the same runs and parameters have the same noise, and runs that are alike by as much."""
+    mine, theirs = fit.model, other.model
+    return (
+        all(np.array_equal(a, b) for a, b in zip(mine.noise, theirs.noise, strict=True))
+        and (mine.most_noise, mine.louder, mine.repeatability, mine.mass_free)
+        == (theirs.most_noise, theirs.louder, theirs.repeatability, theirs.mass_free)
+        and mine.process is theirs.process
+    )
+
+
+def _carriers(fit: Fit, number: int, law: Law, kinds: Sequence[str]) -> Iterator[Law]:
+    """Laws with a column of gas that carries the weight in place of all springs, as stiff as they are."""
+    model = fit.model
+    if not model.is_carried or any(term.kind.quasi_static for term in law.terms):
+        return
+    if is_noise(fit) and measure_whiteness(fit).white:
+        # a fit of a column of gas is long, and there is nothing left to explain
+        return
+    springs = tuple(term for term in law.terms if part_of(term.kind) == "spring" and not term.kind.is_stop)
+    travel, velocity = (np.concatenate(part) for part in zip(*map(fit.motion, model.groups[number].slots), strict=True))
+    stiffness = float(fit.theta[model.first_of_group[number]])
+    stiffness += float(np.mean(Law(springs, law.rest_m).gradient(travel, velocity)[0]))
+    for kind in kinds:
+        if LAWS[kind].quasi_static and stiffness > 0.0:
+            column = carrying(kind, model.weight, stiffness)
+            yield Law((column, *(term for term in law.terms if term not in springs)))
+
+
+def _node(term: Term, columns: FloatArray) -> Node:
+    # by the logarithm of the inner parameter, for unit amplitude
+    slope = columns[:, 1] * term.inner[0] / term.amplitude if has_slope(term.kind) else None
+    return Node(Term(term.name, (1.0, *term.inner)), columns[:, 0], slope)
+
+
+def cannot_be(fit: Fit) -> bool:
+    """Return whether no strut has the laws of a fit: they feed energy in, pull at a stop, or leave no place to rest."""
+    return feeds_energy(fit) or any(map(pulls_at_a_stop, fit.laws.values())) or gives_way_at_rest(fit)
+
+
+def gives_way_at_rest(fit: Fit) -> bool:
+    """Return whether the suspensions push the body away from where it rests: nothing rests there.
+
+    The tangent stiffness of all of them, at rest in the first run, is compared with its mean over the motion of the
+    runs: in a gap it may be near zero, on either side. Where the mean is negative, too, the noise is larger than the
+    springs, and nothing is said.
+    """
+    at_rest, over_motion = 0.0, 0.0
+    for slot, each in enumerate(fit.model.resting_interfaces(fit.theta, 0)):
+        travel, velocity = fit.motion(slot)
+        straight = each.stiffness + each.ground_stiffness
+        at_rest += straight + float(each.law.gradient(0.0, 0.0)[0])
+        over_motion += straight + float(np.mean(each.law.gradient(travel, velocity)[0]))
+    return over_motion > 0.0 and at_rest < -fit.model.settings.search.rest_fraction * over_motion
+
+
+def feeds_energy(fit: Fit) -> bool:
+    """Return whether a damper beside a law that remembers is negative: both make up for a delay between sensors."""
+    least_std = fit.model.settings.search.least_damping_std
+    for group, first in zip(fit.model.groups, fit.model.first_of_group, strict=True):
+        remembers = any(term.kind.memory is not None for term in group.law.terms)
+        if remembers and fit.theta[first + 1] < -least_std * fit.std[first + 1]:
+            return True
+    return False
+
+
+def search_origins(fit: Fit, kinds: Sequence[str], *, least_promise: float | None = None) -> list[LawStep[Fit]]:
+    """Return fits of laws about another origin that make nearly the force of a fit; none is kept yet.
+
+    Terms of the given kinds may take the place of those that depend on the travel.
+    """
+    settings, steps = fit.model.settings.origin, list[LawStep[Fit]]()
+    if not any(map(depends_on_travel, fit.laws.values())):
+        return []
+    try:
+        travel = static_travel(fit)
+    except NO_FIT:
+        # springs that would not carry the body
+        return []
+    if travel is None:
+        return []
+    ranked: dict[str, list[Law]] = {}
+    for group in fit.model.groups:
+        if depends_on_travel(fit.laws[group.name]):
+            ranked[group.name] = _imitations(fit, group, float(np.mean(travel[list(group.slots)])), kinds, settings)
+    for place in range(min(settings.n_fitted, max(map(len, ranked.values()), default=0))):
+        laws = {name: row[min(place, len(row) - 1)] for name, row in ranked.items() if row}
+        if all(law == fit.laws[name] for name, law in laws.items()):
+            continue
+        again = refit(fit, laws, least_promise=least_promise)
+        steps += [] if again is None else [LawStep(again, False, "origin")]
+    return steps
+
+
+def static_travel(fit: Fit) -> FloatArray | None:
+    """Return how far straight springs of the tangent stiffness would give way under the body, (n_slots,) m.
+
+    From the unloaded length; None where no weight acts.
+
+    Raises:
+        UnboundedResponseError: springs that cannot carry it.
+    """
+    model, body = fit.model, fit.model.body
+    if body.fall is None:
+        return None
+    factors = fit.theta[model.first_factor :][: len(body.names)]
+    mass = body.mass(factors, model.inverse_mass(fit.theta), np.zeros_like(body.unit))
+    slots = [
+        Interface(slot.stiffness + float(slot.law.gradient(0.0, 0.0)[0]), 0.0)
+        for slot in model.interfaces(fit.theta)[0]
+    ]
+    return find_rest(slots, body.rows, mass @ body.fall).travel
+
+
+def _imitations(fit: Fit, group: Group, distance_m: float, kinds: Sequence[str], settings: OriginSettings) -> list[Law]:
+    """Laws of one kind of spring about another origin, those nearest to the fitted force first.
+
+    Of two that are as near, the one is taken whose force about its origin balances the weight.
+    """
+    first, law = fit.model.first_of_group[fit.model.groups.index(group)], fit.laws[group.name]
+    stiffness = float(fit.theta[first])
+    travel = np.concatenate([fit.motion(slot)[0] for slot in group.slots])
+    z = np.quantile(travel, np.linspace(0.001, 0.999, settings.n_travels))
+    straight = np.stack([np.ones_like(z), z], axis=1)
+    force = stiffness * z + law.force(z, 0.0)
+    weight = distance_m * (stiffness + float(law.gradient(0.0, 0.0)[0]))
+    bent = _without(straight, force)
+    kept = tuple(term for term in law.terms if not depends_on_travel(Law((term,))))
+    found: dict[tuple[str, bool], tuple[float, float, Law]] = {}
+
+    def imitate(fraction: float, term: Term) -> None:
+        """Keep the law of a term whose origin lies this fraction of the distance away, where none before is nearer."""
+        rest_m = distance_m * fraction
+        spring = Law((term,), rest_m)
+        whole = spring.force(z, 0.0)
+        shape = _without(straight, whole)
+        size = float(shape @ shape)
+        if size <= settings.least_bend**2 * float(whole @ whole):
+            return
+        amplitude = float(shape @ bent) / size
+        # about where it rests a law says nothing of the weight
+        beside = np.linalg.lstsq(straight, force - amplitude * whole, rcond=None)[0][1]
+        carried = beside * rest_m + amplitude * float(Law((term,)).force(rest_m, 0.0))
+        missing = (carried - weight) / (settings.balance_std * weight) if rest_m else 0.0
+        cost, key = float(np.sum((bent - amplitude * shape) ** 2)) * (1 + missing**2), (term.name, bool(rest_m))
+        if cost < found.get(key, (np.inf, 0.0, LINEAR))[0]:
+            found[key] = cost, fraction, Law((*kept, Term(term.name, (amplitude, *term.inner))), rest_m)
+
+    for fraction in (0.0, *settings.distances):
+        for term in _springs(kinds, float(np.hypot(travel.std(), distance_m * fraction)), settings.n_scales):
+            imitate(fraction, term)
+    for (name, is_away), (_, best, law) in list(found.items()):
+        if is_away:
+            (near,) = (term for term in law.terms if term.name == name)
+            for factor in np.geomspace(1 / settings.finer_reach, settings.finer_reach, settings.n_finer):
+                imitate(best * float(factor), Term(name, (1.0, *near.inner)))
+    return [each for _, _, each in sorted(found.values(), key=lambda entry: entry[0])]
+
+
+def _without(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """What columns do not make of some values."""
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
+def _springs(kinds: Sequence[str], travel_rms: float, n_scales: int) -> Iterator[Term]:
+    """Terms of unit amplitude that depend on the travel and have no origin of their own."""
+    for kind in kinds:
+        for term in offered_terms(kind, travel_rms=travel_rms, velocity_rms=1.0, n_scales=n_scales):
+            is_spring = not any(parameter.role == "lag" for parameter in term.kind.parameters)
+            if is_spring and not term.kind.is_about_rest and depends_on_travel(Law((term,))):
+                yield term

@@ -1,0 +1,478 @@
+"""Prediction errors of a body on driven suspensions, and their derivatives, as functions of one vector.
+
+The noise below the suspensions drives the model too. Every reading on the body therefore corrects the simulated motion
+by as much as the noise levels make right (`opid.mechanics.prediction`), so that the errors are white for the true model
+whatever the law. The lines of a band of them are compared: what sensors do below and above does not matter.
+
+How likely they are needs the spectral density of both noises: there a run has the mean slopes of its laws.
+
+A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.mechanics.laws.law import Law, Term
+from opid.mechanics.memory import force_along
+from opid.mechanics.prediction import Noise, Prediction, predict
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
+from opid.suspensions.model.body import Mobility
+from opid.suspensions.model.run import DrivenRun
+from opid.suspensions.model.unknowns import (
+    Unknowns,
+    add_departures,
+    add_rest,
+    known_before,
+    put_at_rest,
+    sort_out,
+)
+
+# the reading of a slot that has no sensor: nothing is learnt from it
+_NO_SENSOR_M_PER_S2 = 1e6
+# of free motions: so much louder are the sensors on the body, and so much quieter those below
+_DEAF = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessNoise:
+    """What moves the body and no sensor measured: forces of others, and motion that the model does not know.
+
+    Args:
+        fraction: its rms acceleration over that of the readings of a run; 0 for none.
+        corner_hz: above this frequency its spectral density falls, Hz.
+        levels: of each run (n_sensors, n_lines) how large the errors are, band by band; empty where all are 1.
+    """
+
+    fraction: float = 0.0
+    corner_hz: float = 10.0
+    levels: tuple[FloatArray, ...] = ()
+
+    def acceleration_rms(self, run: DrivenRun) -> FloatArray:
+        """Return its rms acceleration at each sensor on the body in a run, m/s^2."""
+        return self.fraction * run.sprung.std(axis=0)
+
+
+NO_PROCESS_NOISE = ProcessNoise()
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Whitened prediction errors of all runs at one vector.
+
+    Args:
+        stacked: (n_data + n_priors,) real and imaginary parts of the lines, then the departures from what was known.
+        jacobian: (n_data + n_priors, n_unknowns); no rows where it was not asked for.
+        lines: one complex array (n_sensors * n_lines,) a run, one sensor after the other.
+        predictions: of each run, without derivatives.
+        candidates: derivatives by the amplitudes and inner values of further terms, (n_data, n_values), if asked for.
+    """
+
+    stacked: FloatArray
+    jacobian: FloatArray
+    lines: tuple[ComplexArray, ...]
+    predictions: tuple[Prediction, ...]
+    candidates: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Model(Unknowns):
+    """Prediction errors and their derivatives as functions of one vector (see `Unknowns` for what stands in it).
+
+    Args:
+        noise: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
+        most_noise: the noise in the band may be so many times as large; 1 where it was stated or spectra tell it.
+        louder: while a fit comes from afar, by how much the noise that moves the suspensions is larger than that of
+            the sensors below: it stands for what the model does not know yet.
+        process: what moves the body and no sensor measured.
+        is_held: whether, while a fit comes from afar, a column of gas carries all of the weight.
+    """
+
+    noise: tuple[FloatArray, FloatArray]
+    most_noise: float = 1.0
+    louder: float = 1.0
+    process: ProcessNoise = NO_PROCESS_NOISE
+    is_held: bool = False
+
+    @cached_property
+    def coarse(self) -> Model:
+        """The model of the same runs at a coarse rate; itself where theirs is."""
+        runs = tuple(run.coarse for run in self.runs)
+        return self if all(a is b for a, b in zip(runs, self.runs, strict=True)) else replace(self, runs=runs)
+
+    @cached_property
+    def free(self) -> Model:
+        """The model of the free motion: what sensors on the body read does not correct it, and drives are exact.
+
+        Its errors are in the same unit.
+        """
+        below, above = self.noise
+        runs = tuple(replace(run, error_level=run.error_level / _DEAF) for run in self.runs)
+        return replace(self, runs=runs, noise=(below / _DEAF, above * _DEAF), process=NO_PROCESS_NOISE)
+
+    @property
+    def level(self) -> float:
+        """The noise that is assumed, as white noise of one level on all sensors, m/s^2."""
+        return noise_level(self.noise)
+
+    @property
+    def n_known_of_laws(self) -> int:
+        """How much of stiffness and laws was known before the data: exponents, and what carries the weight."""
+        exponents = [parameter for group in self.groups for parameter in group.law.parameter_list if parameter.known]
+        return len(exponents) + 2 * len(self.carriers)
+
+    @cached_property
+    def is_weighed(self) -> NDArray[np.bool_]:
+        """Which of the departures from what was known count for a model: all but those of how a run begins."""
+        first = self.first_fault
+        weighed = np.ones(self.n_shared - first + self.n_own * len(self.runs) + self.n_known_of_laws, dtype=bool)
+        for place in range(len(self.runs)):
+            start = self.places_of_run(place)[0]
+            weighed[start.start - first : start.stop - first] = False
+        return weighed
+
+    def _predict(
+        self, theta: FloatArray, place: int, sensitivity: bool, candidates: Mapping[int, Sequence[Term]] | None = None
+    ) -> tuple[Prediction, ComplexArray, ComplexArray]:
+        """Predict one run; also give the derivatives of the lines, (n_unknowns, n_sensors, n_lines)."""
+        run, body, n_slots = self.runs[place], self.body, self.body.n_slots
+        of_reference, slopes = self.interfaces(theta, candidates)
+        rest = self._rest(theta, place, of_reference)
+        resting = put_at_rest(of_reference, rest)
+        slots = self.departed(resting, theta, place)
+        moved = self.mobility(theta, place)
+        n_directions = len(body.names) + self.mass_free
+        kept = [*range(n_directions), *range(len(body.names) + 1, len(moved.by_accelerance))]
+        below, above = self.corrected(theta, place)
+        n_sensors = above.value.shape[1]
+        start, covariance = state_at_start(self, theta, place)
+        prediction = predict(
+            slots,
+            moved.accelerance,
+            _widened(below.value, n_slots),
+            _widened(above.value, n_slots),
+            fs=run.fs,
+            noise=self.noise_in(theta, run),
+            start=start,
+            start_covariance=covariance,
+            accelerance_directions=moved.by_accelerance[kept],
+            # a sensor at its interface reads what acts there: the predictor then need not tell the two apart
+            reading=None if self._is_plain else moved.reading,
+            reading_directions=None if self._is_plain else moved.by_reading[kept],
+            drive_directions=below.directions(n_slots),
+            measured_directions=above.directions(n_slots),
+            ground=self.ground,
+            sensitivity=sensitivity,
+        )
+        by = np.zeros((theta.size if sensitivity else 0, n_sensors, run.omega.size), dtype=np.complex128)
+        further = by[:0]
+        if sensitivity:
+            change = prediction.sensitivity[:n_sensors]
+            if below.by or above.by:
+                change = change.copy()
+                first = change.shape[1] - self._n_starts - len(below.by) - len(above.by)
+                self._add_spread(change[:, first:], prediction, theta, run, (*below.by, *above.by))
+            lines = run.transform(change).transpose(1, 0, 2) / self._levels(place)
+            if self.n_departures:
+                add_departures(self, lines, resting, theta, place, by)
+            if rest is not None:
+                add_rest(self, lines, rest, of_reference, theta, place, by)
+            further = sort_out(self, lines, slots, slopes, (*below.by, *above.by), place, by, candidates or {})
+        # a hundred times larger than the rest, and used up
+        return replace(prediction, sensitivity=prediction.sensitivity[:, :0]), by, further
+
+    @cached_property
+    def _is_plain(self) -> bool:
+        """Whether the readings are the accelerations at the interfaces, in this order."""
+        body = self.body
+        return (
+            body.rows.shape == body.readings.shape and np.array_equal(body.rows, body.readings) and not body.coordinates
+        )
+
+    @property
+    def _n_starts(self) -> int:
+        """Directions of the start state that the predictor has."""
+        return (4 if self.ground else 2) * self.body.n_slots
+
+    def _noise_of_readings(self, theta: FloatArray, run: DrivenRun) -> tuple[FloatArray, FloatArray]:
+        """The noise behind the gains, as the run is sampled.
+
+        The noise is that of a reading: a large gain must not make the errors look small. White noise sampled finer has
+        the same density only at a higher level; of runs sampled coarser the drive alone is averaged.
+        """
+        below, above = (side * np.sqrt(run.finer) for side in self.noise)
+        gains = self.gains(theta)
+        return below / gains[0] / np.sqrt(run.stride), above / gains[1]
+
+    def noise_in(self, theta: FloatArray, run: DrivenRun) -> Noise:
+        """Return the noise of all slots in a run; an AC coupling that was undone adds up its own."""
+        levels = self._noise_of_readings(theta, run)
+        values, rows = self.fault_values(theta), []
+        for side, level, n_all, absent in (
+            ("unsprung", levels[0], self.body.n_slots, 0.0),
+            ("sprung", levels[1], self.body.n_slots, _NO_SENSOR_M_PER_S2),
+        ):
+            corners = np.array([facts.corner_hz for facts in self.sensors.facts(side)])  # type: ignore[arg-type]
+            for fault in self.faults:
+                if fault.kind == "corner" and fault.side == side:
+                    corners[fault.channel] = values[fault.name]
+            walk = 2 * np.pi * corners / run.fs * level
+            n_more = n_all - level.size
+            rows.append((np.append(level, [absent] * n_more), np.append(walk, [0.0] * n_more)))
+        motion = np.sqrt(self.louder**2 - 1) * rows[0][0]
+        unmeasured = np.zeros(self.body.n_slots)
+        if self.process.fraction:
+            unmeasured[: len(levels[1])] = self.process.acceleration_rms(run)
+        return Noise(
+            rows[0][0].tolist(),
+            rows[1][0].tolist(),
+            rows[0][1].tolist(),
+            rows[1][1].tolist(),
+            motion.tolist(),
+            unmeasured.tolist(),
+            self.process.corner_hz,
+        )
+
+    def simulated(self, theta: FloatArray) -> tuple[Prediction, ...]:
+        """Return the free motion of each run: what sensors on the body read does not correct it.
+
+        Args:
+            theta: the vector.
+
+        Raises:
+            UnboundedResponseError: a motion that grows without bound.
+        """
+        return self.free.evaluate(theta, sensitivity=False).predictions
+
+    def _levels(self, place: int) -> FloatArray:
+        """How large the errors of a run are, (n_sensors, n_lines) or one number for all."""
+        level = self.runs[place].error_level
+        return level * self.process.levels[place] if self.process.levels else np.full((1, 1), level)
+
+    def _add_spread(
+        self,
+        change: FloatArray,
+        prediction: Prediction,
+        theta: FloatArray,
+        run: DrivenRun,
+        by_fault: Sequence[tuple[str, int, FloatArray]],
+    ) -> None:
+        """Add what a gain does to the innovations by way of their spread: all gains together change nothing."""
+        kinds = {fault.name: fault for fault in self.faults}
+        n_sensors, gains = len(self.sensors.sprung), self.gains(theta)
+        own = (self._noise_of_readings(theta, run)[1][:, np.newaxis] / prediction.spread[:n_sensors]) ** 2
+        for row, (name, channel, _) in enumerate(by_fault):
+            fault = kinds[name]
+            if fault.kind != "gain":
+                continue
+            gain = gains[fault.side == "sprung"][channel]
+            if fault.side == "sprung":
+                change[channel, row] += prediction.innovation[channel] * own[channel] / gain
+            else:
+                change[:, row] += prediction.innovation[:n_sensors] * (1 - own) / gain / len(self.sensors.unsprung)
+
+    def evaluate(
+        self,
+        theta: FloatArray,
+        *,
+        sensitivity: bool = True,
+        candidates: Mapping[int, Sequence[Term]] | None = None,
+    ) -> Errors:
+        """Return errors, Jacobian and predictions at a vector; of each run the lines of one sensor after the other.
+
+        Candidates are further terms by number of the group, too weak to move anything: their derivatives are given.
+
+        Raises:
+            UnboundedResponseError: a suspension that grows without bound.
+            ImpossibleBodyError: a mass matrix that is not positive definite.
+        """
+        lines, predictions = [], []
+        blocks: list[FloatArray] = []
+        further: list[FloatArray] = []
+        for place, run in enumerate(self.runs):
+            prediction, by, more = self._predict(theta, place, sensitivity, candidates)
+            innovation = prediction.innovation[: len(self.sensors.sprung)]
+            lines.append((run.transform(innovation) / self._levels(place)).ravel())
+            predictions.append(prediction)
+            if sensitivity:
+                blocks += _real_rows(by)
+                further += _real_rows(more)
+        departure, by_prior = known_before(self, theta, is_held=self.is_held)
+        stacked = np.concatenate([part for e in lines for part in (e.real, e.imag)] + [departure])
+        jacobian = np.concatenate([*blocks, by_prior if sensitivity else by_prior[:0]])
+        columns = np.concatenate(further) if further else np.empty((0, 0))
+        return Errors(stacked, jacobian, tuple(lines), tuple(predictions), columns)
+
+    def log_likelihood(self, errors: Errors, theta: FloatArray) -> float:
+        """Return the logarithm of the likelihood of the lines, the noise level at its estimate, up to a constant.
+
+        The spectral density of the readings is that of both noises, the one below passed through the transmissibility
+        T with the mean slopes of the laws: N_s + T N_u T^H.
+        """
+        n_data = 2 * sum(line.size for line in errors.lines)
+        cost = sum(float(np.sum(np.abs(line) ** 2)) for line in errors.lines)
+        spread = 0.0
+        for place, (run, prediction) in enumerate(zip(self.runs, errors.predictions, strict=True)):
+            below, above = self._noise_of_readings(theta, run)
+            straight = straighten(self, theta, place, prediction)
+            ratio = transmissibility(self, straight)
+            density = (ratio * below**2) @ ratio.conj().transpose(0, 2, 1) + np.diag(above**2)
+            if self.process.fraction:
+                density = density + spectral_density(self.process, run, straight)
+            # of the readings themselves, before their gains were taken out
+            spread += float(np.sum(np.linalg.slogdet(density)[1]))
+            spread += 2 * run.omega.size * float(np.sum(np.log(self.gains(theta)[1])))
+            spread += 2 * float(np.sum(np.log(np.broadcast_to(self._levels(place), (above.size, run.omega.size)))))
+        return -0.5 * n_data * float(np.log(cost / n_data)) - spread
+
+
+def noise_level(noise: tuple[FloatArray, FloatArray]) -> float:
+    """Return the noise of the sensors below and on the body as white noise of one level on all of them, m/s^2."""
+    return float(np.sqrt(np.mean([float(np.mean(np.square(side))) for side in noise])))
+
+
+def _widened(samples: FloatArray, n_slots: int) -> FloatArray:
+    """A column for every slot: nothing drives or reads those behind."""
+    if samples.shape[1] == n_slots:
+        return samples
+    return np.concatenate([samples, np.zeros((len(samples), n_slots - samples.shape[1]))], axis=1)
+
+
+def _real_rows(by: ComplexArray) -> list[FloatArray]:
+    rows = by.reshape(len(by), by.shape[1] * by.shape[2]).T
+    return [rows.real, rows.imag]
+
+
+def state_at_start(unknowns: Unknowns, theta: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
+    """Return the state of all slots at a run's first sample, and its covariance: what is fitted is known exactly."""
+    body, known, run = unknowns.body, unknowns.settings.runs, unknowns.runs[place]
+    n, n_rows, n_sensors = body.n_interfaces, 6 if unknowns.ground else 4, len(unknowns.sensors.sprung)
+    start, std = np.zeros((n_rows, body.n_slots)), np.zeros((n_rows, body.n_slots))
+    start[:2, :n] = theta[unknowns.places_of_run(place)[0]].reshape(-1, 2).T
+    std[:2, :n] = 1e-9
+    springs = np.abs(body.rows[n:]).max(axis=1, initial=0.0) > 0.0
+    std[:2, n:] = springs * known.start_rms * unknowns.motion_rms.max(axis=0, initial=0.0)[:, np.newaxis]
+    for row, facts in ((-2, unknowns.sensors.unsprung), (-1, unknowns.sensors.sprung)):
+        offsets = [known.offset_ac_m_per_s2 if each.corner_hz else known.offset_m_per_s2 for each in facts]
+        std[row, : n if row == -2 else n_sensors] = offsets
+    covariance = np.diag(std.ravel() ** 2)
+    if unknowns.ground:
+        below, near = run.ground_at_start
+        for k, sensor in enumerate(unknowns.sensors.unsprung):
+            rows = np.arange(2, 5) * body.n_slots + k
+            if sensor.corner_hz:
+                # what an AC coupling took from the path is not known
+                far = (known.start_displacement_m, known.start_velocity_m_per_s, known.offset_ac_m_per_s2)
+                covariance[rows, rows] = np.square(far)
+            else:
+                start[2:5, k], covariance[np.ix_(rows, rows)] = below[:, k], near[k]
+    return start, covariance
+
+
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """A run with the mean slopes of its laws, on the lines that are compared.
+
+    Args:
+        omega: of the lines, rad/s.
+        moved: what forces do to the body.
+        spring: (n_lines, n_slots) force on the body by travel, with the mean slopes of the laws.
+        ground: (n_slots,) stiffness of the springs to the ground.
+        system: (n_lines, n_slots, n_slots) what gives the travel from accelerations.
+    """
+
+    omega: FloatArray
+    moved: Mobility
+    spring: ComplexArray
+    ground: FloatArray
+    system: ComplexArray
+
+
+def straighten(unknowns: Unknowns, theta: FloatArray, place: int, prediction: Prediction) -> Straight:
+    """Return a run with the mean slopes of the laws along its predicted motion."""
+    omega = unknowns.runs[place].omega
+    slots = unknowns.resting_interfaces(theta, place)
+    moved = unknowns.mobility(theta, place)
+    spring = np.zeros((omega.size, len(slots)), dtype=np.complex128)
+    ground = np.array([slot.ground_stiffness for slot in slots])
+    for k, slot in enumerate(slots):
+        assert isinstance(slot.law, Law)  # without candidates
+        z, v = prediction.travel[:, k], prediction.velocity[:, k]
+        by_z, by_v = slot.law.gradient(z, v)
+        spring[:, k] = slot.stiffness + by_z.mean() + 1j * omega * (slot.damping + by_v.mean())
+        if slot.law.has_memory:
+            stiffness, damping = _of_memories(slot.law, z, v, unknowns.runs[place].fs)
+            spring[:, k] += stiffness + 1j * omega * damping
+    square = (omega**2)[:, np.newaxis, np.newaxis]
+    # z'' = -A F - u, F = spring z + ground (z + x1), x1 = -u / omega^2
+    system = moved.accelerance * (spring + ground)[:, np.newaxis, :] - square * np.eye(len(slots))
+    return Straight(omega, moved, spring, ground, system)
+
+
+def transmissibility(unknowns: Unknowns, straight: Straight) -> ComplexArray:
+    """Return the acceleration of each sensor over that below each suspension, with the mean slopes of the laws.
+
+    Returns:
+        (n_lines, n_sensors, n_interfaces).
+    """
+    moved, ground, n = straight.moved, straight.ground, unknowns.body.n_interfaces
+    square = (straight.omega**2)[:, np.newaxis, np.newaxis]
+    driven = -np.eye(len(ground)) + moved.accelerance * ground / square
+    travel = np.asarray(np.linalg.solve(straight.system, driven[:, :, :n]), dtype=np.complex128)
+    force = (straight.spring + ground)[:, :, np.newaxis] * travel - (np.diag(ground) / square)[:, :, :n]
+    read = moved.reading @ force
+    return -read[:, : len(unknowns.sensors.sprung)]
+
+
+def spectral_density(process: ProcessNoise, run: DrivenRun, straight: Straight) -> ComplexArray:
+    """Return what unmeasured forces make of the density of the readings, (n_lines, n_sensors, n_sensors)."""
+    rms, omega, ground = process.acceleration_rms(run), straight.omega, straight.ground
+    n = rms.size
+    travel = np.linalg.solve(straight.system, np.broadcast_to(np.eye(len(ground))[:, :n], (omega.size, len(ground), n)))
+    read = np.eye(len(ground))[:, :n] - straight.moved.reading @ ((straight.spring + ground)[:, :, np.newaxis] * travel)
+    decay = np.exp(-2 * np.pi * process.corner_hz / run.fs)
+    shape = (1 - decay**2) / np.abs(1 - decay * np.exp(-1j * omega / run.fs)) ** 2
+    density = (read[:, :n] * rms**2) @ read[:, :n].conj().transpose(0, 2, 1)
+    return np.asarray(shape[:, np.newaxis, np.newaxis] * density, dtype=np.complex128)
+
+
+def straight_equivalent(model: Model, theta: FloatArray, run: int, motion: Prediction) -> FloatArray:
+    """Return stiffness and damping over the mass of a run (1/s^2, 1/s), natural frequency (Hz) and damping ratio.
+
+    Their force departs least from that of springs, damper and law, in the mean square over the motion (statistical
+    linearisation, Roberts & Spanos 1990, Random vibration and statistical linearization, ch. 5).
+
+    Args:
+        model: of one gear.
+        theta: its vector.
+        run: place of the run.
+        motion: of that run.
+
+    Returns:
+        (4,); frequency and damping ratio are NaN where it does not spring back.
+    """
+    z, v = motion.travel[:, 0], motion.velocity[:, 0]
+    here = model.resting_interfaces(theta, run)[0]
+    force = here.stiffness * z + here.damping * v
+    if here.law.terms:
+        force += force_along(here.law, z, v, model.runs[run].fs)
+    straight = np.linalg.lstsq(np.stack([z, v], axis=1), force, rcond=None)[0]
+    loading = float(model.runs[run].loading[0, 0])
+    stiffness, damping = straight / (1.0 + model.inverse_mass(theta) * loading)
+    omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
+    return np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)])
+
+
+def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
+    """Stiffness and damping that come nearest to what the terms with memory do along a motion."""
+    remembering = Law(tuple(term for term in law.terms if term.kind.memory is not None))
+    columns, force = np.stack([z - z.mean(), v, np.ones_like(z)], axis=1), force_along(remembering, z, v, fs)
+    # a memory that turns over too fast to be followed is none that holds
+    found = np.linalg.lstsq(columns, np.where(np.isfinite(force), force, 0.0), rcond=None)[0]
+    return float(found[0]), float(found[1])

@@ -1,0 +1,557 @@
+"""One vector of unknowns of all runs: what stands where in it, and what the suspensions and sensors are at its values.
+
+What is known of the entries before the data, and how derivatives by what the interfaces are in one run become those by
+the entries, is said here, too.
+
+A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from opid.mechanics.driven import N_HEAD, Interface
+from opid.mechanics.laws.law import LINEAR, Law, Term, WithCandidates
+from opid.mechanics.repeatability import PARTS, Departure, part_rows
+from opid.mechanics.weight import ATMOSPHERE_PA, Rest, by_parameters, depends_on_rest, find_rest, resting
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import ComplexArray
+from opid.suspensions.model.body import Body, Mobility, mobility
+from opid.suspensions.model.law_parameters import free_bounds, from_free, positive
+from opid.suspensions.model.run import Corrected, DrivenRun
+from opid.suspensions.sensor_facts import Fault, Sensors
+from opid.suspensions.settings import Settings
+
+
+@dataclass(frozen=True)
+class Group:
+    """Interfaces that share stiffness, damping, ground spring and law.
+
+    Args:
+        name: "left", or "left, right"; "" for one gear.
+        slots: of its interfaces.
+        law: says which terms, per unit of the reference mass.
+        ground: whether springs act between the body and the ground at these interfaces.
+        origin_m: about how far the origin of the law lies from where the interfaces rest in the reference run, m; the
+            vector then says where they rest on it. None where it lies there.
+    """
+
+    name: str
+    slots: tuple[int, ...]
+    law: Law = LINEAR
+    ground: bool = False
+    origin_m: float | None = None
+
+    @property
+    def has_origin(self) -> bool:
+        """Whether the law has an origin of its own."""
+        return self.origin_m is not None
+
+    @property
+    def head(self) -> tuple[str, ...]:
+        """Names of the entries of the vector before those of the law."""
+        further = (("ground_stiffness_per_mass", self.ground), ("rest_m", self.has_origin))
+        return ("stiffness_per_mass", "damping_per_mass", *(name for name, has_it in further if has_it))
+
+    @property
+    def n_head(self) -> int:
+        """Entries of the vector before those of the law."""
+        return len(self.head)
+
+    def called(self, what: str) -> str:
+        """Return the name of one of its parameters."""
+        return f"{what}[{self.name}]" if self.name else what
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What all runs have in common, what each has for itself, and where it stands in one vector.
+
+    Of each group stiffness, damping, [ground stiffness], [rest on its law] and law (positive entries as logarithms);
+    stiffness and damping of each spring inside that is to be found; free factors of the mass; [1 / reference mass];
+    faults of sensors; coordinates; then of each run travel and velocity of each interface at its start, and by how much
+    springs, damping and friction of each group depart from those of all runs.
+
+    Args:
+        runs: the runs.
+        body: the body.
+        groups: which interfaces share what.
+        sensors: what is known of the sensors, and which of their faults are free.
+        mass_free: whether one over the reference mass is fitted.
+        motion_rms: (n_interfaces, 2) rms travel (m) and velocity (m/s), roughly.
+        settings: of the estimator.
+        repeatability: relative standard deviation of springs, damping and friction from run to run; 0 where they are
+            the same in all.
+        held_inverse_mass: one over the reference mass where it is not fitted, 1/kg; 0 for ratios alone.
+    """
+
+    runs: tuple[DrivenRun, ...]
+    body: Body
+    groups: tuple[Group, ...]
+    sensors: Sensors
+    mass_free: bool
+    motion_rms: FloatArray
+    settings: Settings
+    repeatability: float = 0.0
+    held_inverse_mass: float = 0.0
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the shared parameters."""
+        names: list[str] = []
+        for group in self.groups:
+            names += [group.called(head) for head in group.head]
+            names += [f"{group.called('law')}[{i}]" for i in range(group.law.vector.size)]
+        for _, spring in self.searched:
+            names += [f"stiffness_per_mass[{spring}]", f"damping_per_mass[{spring}]"]
+        names += [*self.body.names, *(["inverse_mass"] if self.mass_free else [])]
+        names += [fault.name for fault in self.faults]
+        return (*names, *(coordinate.name for coordinate in self.body.coordinates))
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The faults of sensors that are fitted."""
+        return self.sensors.faults
+
+    @cached_property
+    def searched(self) -> tuple[tuple[int, str], ...]:
+        """Slots and names of the springs inside whose stiffness is to be found."""
+        inside = enumerate(self.body.inside, start=self.body.n_interfaces)
+        return tuple((slot, spring.name) for slot, spring in inside if spring.stiffness_n_per_m is None)
+
+    @cached_property
+    def first_of_group(self) -> tuple[int, ...]:
+        """Place of the stiffness of each group in the vector."""
+        sizes = [group.n_head + group.law.vector.size for group in self.groups]
+        return tuple(int(place) for place in np.cumsum([0, *sizes])[:-1])
+
+    @property
+    def n_shared(self) -> int:
+        """Number of shared parameters."""
+        return len(self.names)
+
+    @property
+    def ground(self) -> bool:
+        """Whether any spring acts between body and ground."""
+        return any(group.ground for group in self.groups)
+
+    @property
+    def n_own(self) -> int:
+        """Entries of the vector that each run has for itself."""
+        return 2 * self.body.n_interfaces + self.n_departures
+
+    @property
+    def n_departures(self) -> int:
+        """Entries of the vector that say by how much the groups depart in one run."""
+        return len(PARTS) * len(self.groups) * (self.repeatability > 0.0)
+
+    def places_of_run(self, place: int) -> tuple[slice, slice]:
+        """Return where the start of a run and its departures stand in the vector."""
+        first = self.n_shared + self.n_own * place
+        middle = first + 2 * self.body.n_interfaces
+        return slice(first, middle), slice(middle, first + self.n_own)
+
+    def departures(self, theta: FloatArray, place: int) -> tuple[Departure, ...]:
+        """Return by how much each group departs in a run from what it is in all."""
+        if not self.n_departures:
+            return (Departure(),) * len(self.groups)
+        values = theta[self.places_of_run(place)[1]].reshape(-1, len(PARTS))
+        return tuple(Departure(*row) for row in values.tolist())
+
+    @property
+    def own_load(self) -> float:
+        """What a body on one suspension weighs without a loading, with its sign; 0 where no weight acts.
+
+        Per unit of the reference mass, m/s^2; in N where the body is given in kg.
+        """
+        return 0.0 if self.body.fall is None else float(self.body.unit[0, 0] * self.body.fall[0])
+
+    @property
+    def weight(self) -> float:
+        """What the suspension of one gear carries at rest in the reference run, per unit of the reference mass, m/s^2.
+
+        It is 0 where no weight acts, and for bodies, of which gears carry shares not known.
+        """
+        return abs(self.own_load) if self.body.n_slots == 1 else 0.0
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether it is known what a column of gas would carry: it pushes outwards, so the axis must count so."""
+        return self.body.n_slots == 1 and self.own_load < 0.0
+
+    @cached_property
+    def carriers(self) -> tuple[tuple[int, int], ...]:
+        """Groups whose law has a term that carries the weight, and where the term stands in the vector."""
+        if not self.is_carried:
+            return ()
+        found, place = [], self.law_places(0).start
+        for term in self.groups[0].law.terms:
+            if term.kind.quasi_static:
+                found.append((0, place))
+            place += len(term.values)
+        return tuple(found)
+
+    def carrier(self, number: int) -> Term:
+        """Return the term of a group that carries the weight."""
+        return next(term for term in self.groups[number].law.terms if term.kind.quasi_static)
+
+    @property
+    def first_coordinate(self) -> int:
+        """Where the coordinates stand in the vector."""
+        return self.n_shared - len(self.body.coordinates)
+
+    @property
+    def first_fault(self) -> int:
+        """Where the faults of sensors stand in the vector."""
+        return self.first_coordinate - len(self.faults)
+
+    @property
+    def first_factor(self) -> int:
+        """Where the free factors of the mass stand in the vector."""
+        return self.first_fault - self.mass_free - len(self.body.names)
+
+    @property
+    def first_inside(self) -> int:
+        """Place of the first spring inside that is to be found."""
+        return self.first_factor - 2 * len(self.searched)
+
+    def law_places(self, number: int) -> slice:
+        """Return where the law of a group stands in the vector."""
+        first = self.first_of_group[number] + self.groups[number].n_head
+        return slice(first, first + self.groups[number].law.vector.size)
+
+    def inverse_mass(self, theta: FloatArray) -> float:
+        """Return one over the reference mass at a vector, 1/kg; 1 where the body is given in kg."""
+        if self.mass_free:
+            return float(theta[self.first_fault - 1])
+        return 1.0 if self.body.absolute else self.held_inverse_mass
+
+    def mobility(self, theta: FloatArray, place: int) -> Mobility:
+        """Return what forces do to the body in one run."""
+        first = self.first_factor
+        factors, shifts = theta[first : first + len(self.body.names)], theta[self.first_coordinate : self.n_shared]
+        return mobility(self.body, factors, self.inverse_mass(theta), shifts, self.runs[place].loading)
+
+    def fault_values(self, theta: FloatArray) -> dict[str, float]:
+        """Return the faults of the sensors at a vector by name."""
+        first = self.first_fault
+        return {fault.name: float(theta[first + k]) for k, fault in enumerate(self.faults)}
+
+    def gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gain of every sensor below the suspensions and on the body."""
+        gains = np.ones(len(self.sensors.unsprung)), np.ones(len(self.sensors.sprung))
+        for k, fault in enumerate(self.faults, start=self.first_fault):
+            if fault.kind == "gain":
+                gains[fault.side == "sprung"][fault.channel] = theta[k]
+        return gains
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return lower and upper bounds of the vector, infinite but for scales, damping, faults and coordinates."""
+        lower = np.full(self.n_shared + self.n_own * len(self.runs), -np.inf)
+        upper = -lower
+        for number, group in enumerate(self.groups):
+            travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
+            travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
+            places = self.law_places(number)
+            lower[places], upper[places] = free_bounds(
+                group.law,
+                travel_rms=travel_rms,
+                velocity_rms=velocity_rms,
+                slide_beyond=self.settings.fit.slide_beyond,
+            )
+        farthest = self.settings.fit.farthest_std
+        for k, fault in enumerate(self.faults, start=self.first_fault):
+            lower[k], upper[k] = fault.nominal - farthest * fault.std, fault.nominal + farthest * fault.std
+            if fault.kind == "gain":
+                lower[k] = max(lower[k], self.settings.faults.least_gain)
+            elif fault.kind == "corner":
+                # however sharply a corner is stated: the sensor may have none
+                lower[k] = min(fault.nominal, self.settings.faults.slight_corner_hz)
+        for place in range(len(self.runs)):
+            own = self.places_of_run(place)[1]
+            upper[own] = self.settings.repeatability.farthest_std * self.repeatability
+            lower[own] = -upper[own]
+        for k, coordinate in enumerate(self.body.coordinates, start=self.first_coordinate):
+            lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
+        return lower, upper
+
+    def largest_steps(self) -> FloatArray:
+        """Return how far each entry may move in a step."""
+        caps = np.full(self.n_shared + self.n_own * len(self.runs), np.inf)
+        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
+            caps[self.law_places(number)][positive(group.law)] = self.settings.fit.largest_log_step
+            if group.origin_m is not None:
+                caps[first + group.n_head - 1] = self.settings.fit.largest_log_step * group.origin_m
+        return caps
+
+    def laws(self, theta: FloatArray) -> tuple[Law, ...]:
+        """Return the law of each group at a vector, per unit of the reference mass."""
+        return tuple(law for law, _ in self._laws(theta))
+
+    def _laws(self, theta: FloatArray) -> Iterator[tuple[Law, FloatArray]]:
+        """The law of each group, and what its entries move by (see `from_free`)."""
+        for number, (group, first) in enumerate(zip(self.groups, self.first_of_group, strict=True)):
+            rest_m = float(theta[first + group.n_head - 1]) if group.has_origin else 0.0
+            if group.law.terms:
+                law, slope = from_free(group.law, theta[self.law_places(number)])
+            else:
+                law, slope = LINEAR, np.empty(0)
+            yield law.resting_at(rest_m), slope
+
+    def interfaces(
+        self, theta: FloatArray, candidates: Mapping[int, Sequence[Term]] | None = None
+    ) -> tuple[list[Interface], list[FloatArray]]:
+        """Return the suspensions of all slots at a vector, and what their laws' entries move by (see `from_free`)."""
+        slots: list[Interface] = [Interface(0.0, 0.0)] * self.body.n_slots
+        slopes: list[FloatArray] = []
+        for number, ((law, slope), first) in enumerate(zip(self._laws(theta), self.first_of_group, strict=True)):
+            group, force = self.groups[number], law
+            slopes.append(slope)
+            if candidates and number in candidates:
+                further = tuple(candidates[number])
+                force = WithCandidates((*law.terms, *further), law.rest_m, len(further))  # type: ignore[assignment]
+            ground = float(theta[first + 2]) if group.ground else 0.0
+            for slot in group.slots:
+                slots[slot] = Interface(float(theta[first]), float(theta[first + 1]), ground, force)
+        mu = self.inverse_mass(theta)
+        for slot, spring in enumerate(self.body.inside, start=self.body.n_interfaces):
+            if spring.stiffness_n_per_m is not None and spring.damping_n_s_per_m is not None:
+                slots[slot] = Interface(mu * spring.stiffness_n_per_m, mu * spring.damping_n_s_per_m)
+        for k, (slot, _) in enumerate(self.searched):
+            place = self.first_inside + 2 * k
+            slots[slot] = Interface(float(theta[place]), float(theta[place + 1]))
+        return slots, slopes
+
+    def rest(self, theta: FloatArray, place: int, *, straight: bool = False) -> Rest | None:
+        """Return where the suspensions of a run rest; None where that is without consequence for the motion.
+
+        With `straight` it is told even where no law depends on the travel.
+
+        Raises:
+            UnboundedResponseError: springs that cannot carry what the run's loading weighs.
+        """
+        return self._rest(theta, place, self.interfaces(theta)[0], straight=straight)
+
+    def _rest(
+        self, theta: FloatArray, place: int, slots: Sequence[Interface], *, straight: bool = False
+    ) -> Rest | None:
+        fall, loading = self.body.fall, self.runs[place].loading
+        stiffer = self.stiffer(theta, place)
+        if fall is None or not (loading.any() or stiffer):
+            return None
+        if not straight and not any(depends_on_rest(slot.law) for slot in slots):
+            return None
+        load = self.inverse_mass(theta) * (loading @ fall)
+        if not stiffer:
+            return find_rest(slots, self.body.rows, load)
+        held = np.array([-stiffer * self.own_load])
+        return find_rest(self.departed(list(slots), theta, place), self.body.rows, load, held)
+
+    def stiffer(self, theta: FloatArray, place: int) -> float:
+        """Return by how much the springs of one gear depart in a run.
+
+        It is 0 for bodies, of which gears carry shares not known.
+        """
+        if not self.n_departures or self.body.n_slots > 1:
+            return 0.0
+        return self.departures(theta, place)[0].spring
+
+    def resting_interfaces(self, theta: FloatArray, place: int) -> list[Interface]:
+        """Return the suspensions of all slots as they are in a run, where they rest in it."""
+        slots, _ = self.interfaces(theta)
+        return self.departed(put_at_rest(slots, self._rest(theta, place, slots)), theta, place)
+
+    def departed(self, slots: list[Interface], theta: FloatArray, place: int) -> list[Interface]:
+        """Return suspensions as they are in a run."""
+        if not self.n_departures:
+            return slots
+        changed = list(slots)
+        for group, departure in zip(self.groups, self.departures(theta, place), strict=True):
+            for slot in group.slots:
+                changed[slot] = departure.of(slots[slot])
+        return changed
+
+    def corrected(self, theta: FloatArray, place: int) -> tuple[Corrected, Corrected]:
+        """Return the drive and the readings of a run with the faults of the sensors taken out."""
+        values = self.fault_values(theta)
+        run = self.runs[place]
+        return run.corrected("unsprung", self.sensors, values), run.corrected("sprung", self.sensors, values)
+
+
+def put_at_rest(slots: list[Interface], rest: Rest | None) -> list[Interface]:
+    """Return suspensions where they rest in a run."""
+    if rest is None:
+        return slots
+    return [resting(slot, float(travel)) for slot, travel in zip(slots, rest.travel, strict=True)]
+
+
+def known_before(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the departures from what was known before the data, each over its standard deviation, and their Jacobian.
+
+    First those of faults of sensors, of places, and of roughly how a run begins, then those of the laws.
+    """
+    known = [(fault.nominal, fault.std) for fault in unknowns.faults]
+    known += [(0.0, coordinate.std) for coordinate in unknowns.body.coordinates]
+    start_rms = unknowns.settings.runs.start_rms
+    of_run = [(0.0, start_rms * float(rms)) for rms in unknowns.motion_rms.ravel()]
+    of_run += [(0.0, unknowns.repeatability)] * unknowns.n_departures
+    known += of_run * len(unknowns.runs)
+    nominal, std = np.array(known).reshape(-1, 2).T
+    first = theta.size - std.size
+    jacobian = np.zeros((std.size, theta.size))
+    jacobian[np.arange(std.size), first + np.arange(std.size)] = 1 / std
+    of_laws, by_laws = _known_of_laws(unknowns, theta, is_held=is_held)
+    return np.concatenate([(theta[first:] - nominal) / std, of_laws]), np.concatenate([jacobian, by_laws])
+
+
+def _known_of_laws(unknowns: Unknowns, theta: FloatArray, *, is_held: bool) -> tuple[FloatArray, FloatArray]:
+    """How far exponents are from what is known of them, and what carries the weight from a column of gas alone."""
+    left, rows = [], []
+
+    def add(value: float, slopes: dict[int, float], std: float, *, is_loose: bool = False) -> None:
+        size, slope_factor = value / std, 1.0 / std
+        if is_loose:
+            # Student's t of one degree of freedom: what the runs contradict is given up
+            size, slope_factor = _loosely(size, slope_factor)
+        left.append(size)
+        rows.append(np.zeros(theta.size))
+        for place, slope in slopes.items():
+            rows[-1][place] = slope_factor * slope
+
+    for number, group in enumerate(unknowns.groups):
+        for place, parameter in enumerate(group.law.parameter_list, start=unknowns.law_places(number).start):
+            if parameter.known:
+                mean, std = parameter.known
+                add(float(theta[place]) - float(np.log(mean)), {place: 1.0}, std / mean)
+    for number, place in unknowns.carriers:
+        first, is_loose, gas = unknowns.first_of_group[number], not is_held, unknowns.settings.gas
+        std = gas.carried if unknowns.body.piston_area_m2 else gas.carried_unstated
+        std *= unknowns.settings.fit.held_fraction if is_held else 1.0
+        weight, by_mass = _carried(unknowns, theta)
+        length, exponent = np.exp(theta[place + 1 : place + 3]).tolist()
+        slopes = {place: 1.0 / weight}
+        if unknowns.mass_free:
+            slopes[unknowns.first_fault - 1] = -float(theta[place]) * by_mass / weight**2
+        add(float(theta[place]) / weight - 1.0, slopes, std, is_loose=is_loose)
+        of_gas = length / (exponent * weight)
+        beside = float(theta[first]) * of_gas
+        slopes = {first: of_gas, place + 1: beside, place + 2: -beside}
+        if unknowns.mass_free:
+            slopes[unknowns.first_fault - 1] = -beside * by_mass / weight
+        add(beside, slopes, std, is_loose=is_loose)
+    return np.array(left), np.array(rows).reshape(-1, theta.size)
+
+
+def _carried(unknowns: Unknowns, theta: FloatArray) -> tuple[float, float]:
+    """What gas that carries all of the weight pushes with, and the derivative by one over the mass.
+
+    The air outside pushes back on the piston: per unit of the reference mass, m/s^2 and N.
+    """
+    air_n = ATMOSPHERE_PA * unknowns.body.piston_area_m2
+    mu = unknowns.inverse_mass(theta)
+    return unknowns.weight + air_n * mu, air_n
+
+
+def _loosely(size: float, slope_factor: float) -> tuple[float, float]:
+    """Return the root of minus twice a log density with long tails, sqrt(2 log(1 + x^2/2)), and its derivative."""
+    cost = float(np.sqrt(2.0 * np.log1p(0.5 * size**2)))
+    return float(np.copysign(cost, size)), slope_factor * (abs(size) / (cost * (1.0 + 0.5 * size**2)) if size else 1.0)
+
+
+def add_rest(
+    unknowns: Unknowns,
+    change: ComplexArray,
+    rest: Rest,
+    slots: Sequence[Interface],
+    theta: FloatArray,
+    place: int,
+    by: ComplexArray,
+) -> None:
+    """Add what stiffness, law, mass and departures do to the lines by way of the place where a run rests."""
+    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    by_travel = change[firsts[:-1] + N_HEAD - 1].copy()
+    stiffer = unknowns.stiffer(theta, place)
+    for number, (slot, travel) in enumerate(zip(slots, rest.travel, strict=True)):
+        moved = np.tensordot(-rest.compliance[:, number], by_travel, axes=1)
+        force = (1.0 + stiffer) * by_parameters(slot, travel)
+        force[2] = travel  # the spring to the ground is none of the strut's
+        change[firsts[number] : firsts[number + 1]] += np.multiply.outer(force, moved)
+        if unknowns.n_departures and len(slots) == 1:
+            own = slot.stiffness * travel + float(slot.law.static_force(travel)[0])
+            by[unknowns.places_of_run(place)[1].start] += (own + unknowns.own_load) * moved
+    if unknowns.mass_free:
+        row = firsts[-1] + len(unknowns.body.names)
+        change[row] += np.tensordot(rest.by_load / unknowns.inverse_mass(theta), by_travel, axes=1)
+
+
+def add_departures(
+    unknowns: Unknowns,
+    change: ComplexArray,
+    slots: Sequence[Interface],
+    theta: FloatArray,
+    place: int,
+    by: ComplexArray,
+) -> None:
+    """Turn derivatives by what suspensions have in a run into those by what they have in all, and by departures."""
+    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    row = unknowns.places_of_run(place)[1].start
+    for group, departure in zip(unknowns.groups, unknowns.departures(theta, place), strict=True):
+        for part, factor in enumerate(departure.values):
+            for slot in group.slots:
+                for entry, value in part_rows(slots[slot])[part]:
+                    own = change[firsts[slot] + entry]
+                    by[row + part] += value * own
+                    own *= 1.0 + factor
+        row += len(PARTS)
+
+
+def sort_out(
+    unknowns: Unknowns,
+    change: ComplexArray,
+    slots: Sequence[Interface],
+    slopes: Sequence[FloatArray],
+    by_fault: Sequence[tuple[str, int, FloatArray]],
+    place: int,
+    by: ComplexArray,
+    candidates: Mapping[int, Sequence[Term]],
+) -> ComplexArray:
+    """Add the derivatives by what the slots have to those by the entries of the vector; return the candidates'."""
+    firsts = np.cumsum([0, *(slot.n_parameters for slot in slots)])
+    further: list[ComplexArray] = []
+    for number, (group, first) in enumerate(zip(unknowns.groups, unknowns.first_of_group, strict=True)):
+        n_law = group.law.vector.size
+        n_more = sum(len(term.values) for term in candidates.get(number, ()))
+        more = np.zeros((n_more, *change.shape[1:]), dtype=np.complex128)
+        for slot in group.slots:
+            own = change[firsts[slot] : firsts[slot + 1]]
+            head = [k for k, has_it in enumerate((True, True, group.ground, group.has_origin)) if has_it]
+            by[first : first + group.n_head] += own[head]
+            by[unknowns.law_places(number)] += own[N_HEAD : N_HEAD + n_law] * slopes[number][:, np.newaxis, np.newaxis]
+            more += own[N_HEAD + n_law :]
+        further.append(more)
+    for k, (slot, _) in enumerate(unknowns.searched):
+        row = unknowns.first_inside + 2 * k
+        by[row : row + 2] += change[firsts[slot] : firsts[slot] + 2]
+    body, n_coordinates = unknowns.body, len(unknowns.body.coordinates)
+    n_factors = len(body.names) + unknowns.mass_free
+    rest = change[firsts[-1] :]
+    by[unknowns.first_factor : unknowns.first_factor + n_factors] += rest[:n_factors]
+    by[unknowns.first_coordinate : unknowns.n_shared] += rest[n_factors : n_factors + n_coordinates]
+    if unknowns.mass_free:
+        row = unknowns.first_fault - 1
+        for slot, spring in enumerate(body.inside, start=body.n_interfaces):
+            by[row] += (spring.stiffness_n_per_m or 0.0) * change[firsts[slot]]
+            by[row] += (spring.damping_n_s_per_m or 0.0) * change[firsts[slot] + 1]
+    rest = rest[n_factors + n_coordinates :]
+    names = [fault.name for fault in unknowns.faults]
+    for row, (name, _, _) in enumerate(by_fault):
+        by[unknowns.first_fault + names.index(name)] += rest[row]
+    starts, row = rest[len(by_fault) :], unknowns.places_of_run(place)[0].start
+    for interface in range(body.n_interfaces):
+        by[row + 2 * interface] = starts[interface]
+        by[row + 2 * interface + 1] = starts[body.n_slots + interface]
+    return np.concatenate(further)

@@ -1,0 +1,1 @@
+"""What was measured: backbones and linear modes, their files, their noise, and what is wrong with them."""

@@ -1,0 +1,212 @@
+"""Measured backbones in CSV files: a column of frequencies, one of amplitudes a sensor, in any unit of motion."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.signals.column_names import split_unit
+from opid.signals.files import written_whole
+from opid.signals.logs.text.table import cells_of, number_of
+from opid.signals.recording import FloatArray
+from opid.signals.units import to_si
+from opid.updating.data.measured import MeasuredBackbone
+
+FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
+"""What the column of frequencies may be called, without regard to case; its unit may stand behind in brackets."""
+
+LARGEST_UNSTATED = 0.05
+"""m: larger amplitudes without a unit are taken for millimetres that were meant."""
+
+LARGEST_STATED = 1.0
+"""m: no backbone of a structure is measured there."""
+
+SMALLEST_IN_PARTS = 1e-5
+"""m: smaller amplitudes in mm, cm or inches are taken for numbers that are metres."""
+
+DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}
+"""Units of motion, and how often it is the derivative of the displacement."""
+
+NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")
+"""Units of columns that are left out: force, voltage, current, phase."""
+
+
+def read_backbone(
+    path: str | os.PathLike[str],
+    *,
+    mode: int,
+    controlled_sensor: str,
+    sensors: Sequence[str] | None = None,
+    unit: str | None = None,
+    name: str | None = None,
+) -> MeasuredBackbone:
+    """Return the backbone that a CSV file holds, amplitudes of displacement in m.
+
+    Args:
+        path: a text with a header: `frequency_hz` (or `frequency [Hz]`, `omega [rad/s]`) and one column a sensor with
+            the amplitude of its first harmonic, the unit in brackets (`10 [mm]`); columns are parted by commas,
+            semicolons or tabs. An acceleration is divided by (2 pi f)^2, a velocity by 2 pi f. Columns of a force, a
+            voltage or a phase are left out.
+        mode: number of the mode, from 1.
+        controlled_sensor: the sensor whose amplitude is prescribed to the model.
+        sensors: those of the structure: any other column of motion is refused; every column is one where left out.
+        unit: of the columns that state none; metres where left out.
+        name: of the backbone; that of the file where left out.
+
+    Raises:
+        InputError: no such file, no header, no or two columns of frequencies, a column that is no sensor, a unit that
+            is none of motion, a cell that is no number, amplitudes that no structure has, metres called millimetres, or
+            what `MeasuredBackbone` refuses.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     path = Path(directory, "mode1.csv")
+    ...     _ = path.write_text("frequency_hz,tip [mm]\\n14.6,0.2\\n14.8,1\\n15.1,2\\n")
+    ...     read_backbone(path, mode=1, controlled_sensor="tip").amplitude.ravel().tolist()
+    [0.0002, 0.001, 0.002]
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise InputError(f"there is no backbone {path}: check the name")
+    try:
+        return _backbone(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> None:
+    """Write a backbone to a CSV file that `read_backbone` reads back, amplitudes in m, whole or not at all.
+
+    Args:
+        backbone: what was measured.
+        path: the file; its directory must exist.
+
+    Raises:
+        InputError: a directory that is not there, or a sensor whose name a header cannot hold.
+    """
+    for sensor in backbone.sensors:
+        if split_unit(f"{sensor} [m]") != (sensor, "m") or "\n" in sensor or sensor.casefold() in FREQUENCY_NAMES:
+            raise InputError(f"the sensor {sensor!r} cannot be the name of a column of {path}: rename it")
+    with written_whole(path) as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["frequency_hz", *(f"{sensor} [m]" for sensor in backbone.sensors)])
+        for frequency, row in zip(backbone.frequency_hz, backbone.amplitude, strict=True):
+            writer.writerow([repr(float(value)) for value in (frequency, *row)])
+
+
+def _backbone(
+    source: Path, mode: int, controlled: str, sensors: Sequence[str] | None, unit: str | None, name: str
+) -> MeasuredBackbone:
+    header, values = _table(source)
+    frequency_hz, column = _frequency(header, values)
+    own: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    stated = True
+    for place, cell in enumerate(header):
+        if place == column:
+            continue
+        sensor, given = (cell, None) if sensors is not None and cell in sensors else split_unit(cell)
+        found = _motion(sensor, given or unit, values[:, place], frequency_hz)
+        if found is None:
+            continue
+        if sensors is not None and sensor not in sensors:
+            raise InputError(f"the column {cell!r} is no sensor of the structure: {nearest(sensor, sensors)}")
+        if sensor in own:
+            raise InputError(f"the sensor {sensor!r} has two columns: leave one out")
+        own[sensor] = found
+        stated = stated and (given or unit) is not None
+        units[sensor] = given or unit or "m"
+    if not own:
+        raise InputError("it has no column of a sensor: give one column of amplitudes for each sensor")
+    _require_credible(own, stated)
+    _refuse_metres(own, units)
+    order = [sensor for sensor in sensors if sensor in own] if sensors is not None else list(own)
+    amplitude = np.column_stack([own[sensor] for sensor in order])
+    return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order))
+
+
+def _table(source: Path) -> tuple[list[str], FloatArray]:
+    """The cells of the header, and the numbers below it."""
+    try:
+        text = source.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
+    first = lines[0][1] if lines else ""
+    delimiter = next((mark for mark in "\t;," if mark in first), None)
+    if delimiter is None:
+        raise InputError("its first line has one column: give a header like frequency_hz,1 [mm],2 [mm]")
+    decimal = "." if delimiter == "," else "," if any("," in line for _, line in lines[1:]) else "."
+    header = [cell.strip() for cell in cells_of(first, delimiter)]
+    while header and not header[-1]:
+        header.pop()
+    rows = []
+    for number, line in lines[1:]:
+        cells = cells_of(line, delimiter)
+        if any(cell.strip() for cell in cells[len(header) :]) or len(cells) < len(header):
+            raise InputError(f"line {number} has {len(cells)} cells and the header {len(header)}: give one each")
+        found = [number_of(cell, decimal) for cell in cells[: len(header)]]
+        if None in found:
+            raise InputError(f"line {number} has {cells[found.index(None)]!r} where a number is needed")
+        rows.append(found)
+    return header, np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+
+
+def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
+    """The frequencies, Hz, and the place of their column."""
+    names = [split_unit(cell) for cell in header]
+    places = [place for place, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
+    if len(places) != 1:
+        what = "no column" if not places else f"{len(places)} columns"
+        raise InputError(f"it has {what} of frequencies: call one 'frequency_hz' (its header is {', '.join(header)})")
+    name, unit = names[places[0]]
+    factor, quantity = to_si(unit or ("rad/s" if name.casefold() == "omega" else "Hz"))
+    if quantity not in ("Hz", "rad/s"):
+        raise InputError(f"the frequencies are in {unit!r}: give them in Hz")
+    factor /= 2 * np.pi if quantity == "rad/s" else 1.0
+    frequency_hz = factor * values[:, places[0]]
+    if not (frequency_hz > 0).all():
+        raise InputError(f"row {int(np.argmin(frequency_hz > 0)) + 1} has no positive frequency: leave it out")
+    return frequency_hz, places[0]
+
+
+def _motion(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
+    """Amplitude of displacement, m; None for what is no motion."""
+    factor, quantity = to_si(unit or "m")
+    if quantity in NO_MOTION:
+        return None
+    if quantity not in DERIVATIVES:
+        raise InputError(f"the amplitude of sensor {sensor!r} is in {unit!r}: give a unit of motion, like mm or m/s^2")
+    return factor * values / (2 * np.pi * frequency_hz) ** DERIVATIVES[quantity]
+
+
+def _require_credible(own: dict[str, FloatArray], stated: bool) -> None:
+    """Refuse amplitudes that no structure has: their unit is another."""
+    sensor = max(own, key=lambda name: float(np.nanmax(np.abs(own[name]), initial=0.0)))
+    largest = float(np.nanmax(np.abs(own[sensor]), initial=0.0))
+    if largest > (LARGEST_STATED if stated else LARGEST_UNSTATED):
+        source = "as it is stated" if stated else "for no unit is stated"
+        raise InputError(
+            f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {source}: name the unit in the header, like "
+            f"'{sensor} [mm]'"
+        )
+
+
+def _refuse_metres(own: dict[str, FloatArray], units: dict[str, str]) -> None:
+    """Refuse amplitudes of a few micrometres that are given in mm, cm or inches: their numbers are metres."""
+    sensor = max(own, key=lambda name: float(np.nanmax(np.abs(own[name]), initial=0.0)))
+    largest = float(np.nanmax(np.abs(own[sensor]), initial=0.0))
+    factor, quantity = to_si(units[sensor])
+    if quantity == "m" and 1e-3 <= factor < 1 and 0 < largest < SMALLEST_IN_PARTS:
+        raise InputError(
+            f"the amplitude at sensor {sensor!r} reaches {largest / factor:.3g} {units[sensor]}, {1e6 * largest:.3g} "
+            "micrometres: are the numbers metres? Name the unit they are in ('m', or 'µm' if they are that small)"
+        )

@@ -1,0 +1,323 @@
+"""Do measured backbones fit the structure that they are said to be of: frequencies, numbers of modes, stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.mechanics.backbones.family import refuse_unseen
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.signals.recording import FloatArray
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.structure.affine import AffineStructure
+from opid.updating.structure.reduction import lowest_modes
+
+FARTHEST = 3.0
+"""Ratio of frequencies beyond which no updating of stiffness explains them: a factor of nine."""
+
+ALIKE = 0.8
+"""Modal assurance from which a measured shape is that of a mode."""
+
+UNLIKE = 0.3
+"""Modal assurance below which it is not."""
+
+APART = 0.1
+"""Share by which curves of one mode may begin at different frequencies."""
+
+N_ABOVE = 8
+"""Modes beyond the highest that is named, to look for the right one in."""
+
+LEAST_EXTENSION = 1e-3
+"""Of the largest extension that any mode gives a joint: below it the joints' law does not show in a mode."""
+
+
+def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield where curves of one mode have different sensors: both phases compare shapes entry by entry.
+
+    Args:
+        backbones: all of a study.
+    """
+    for mode in sorted({curve.mode for curve in backbones}):
+        first, *others = (curve for curve in backbones if curve.mode == mode)
+        alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
+        for each in others:
+            lacking = tuple(name for name in first.sensors if name not in each.sensors)
+            more = tuple(name for name in each.sensors if name not in first.sensors)
+            alike.setdefault((lacking, more), []).append(each.name)
+        turned = [each.name for each in others if _in_another_order(each.sensors, first.sensors)]
+        advice = "give all curves of a mode the same sensors, leave out those that one lacks"
+        for (lacking, more), names in alike.items():
+            if lacking:
+                yield (
+                    f"{_named(names)} of mode {mode} lacks the sensor(s) {', '.join(lacking)} of {first.name!r}: "
+                    f"{advice}"
+                )
+            if more:
+                yield (
+                    f"backbone {first.name!r} of mode {mode} lacks the sensor(s) {', '.join(more)} of "
+                    f"{shortened(names)}: {advice}"
+                )
+        if turned:
+            yield (
+                f"{_named(turned)} of mode {mode} has the sensors of {first.name!r} in another order: give all curves "
+                "of a mode the same order"
+            )
+
+
+def _in_another_order(one: Sequence[str], other: Sequence[str]) -> bool:
+    return set(one) == set(other) and tuple(one) != tuple(other)
+
+
+def _named(names: Sequence[str]) -> str:
+    """The backbone, or each of several."""
+    return f"backbone {names[0]!r}" if len(names) == 1 else f"each of {len(names)} backbones ({shortened(names)})"
+
+
+def joint_fault(modes: JointedModes, mode: int) -> list[str]:
+    """Return one clause where a mode extends no joint, so that no law of the joints changes it.
+
+    Args:
+        modes: of the structure.
+        mode: number of the mode, from 1.
+    """
+    size = np.abs(modes.at_joints).max(axis=0, initial=0.0)
+    share = float(size[mode - 1] / max(float(size.max(initial=0.0)), 1e-300))
+    if not modes.joints or share > LEAST_EXTENSION:
+        return []
+    others = np.flatnonzero(size > LEAST_EXTENSION * size.max()) + 1
+    return [
+        f"mode {mode} extends no joint ({share:.1g} of the largest extension), so that their law does not change it: "
+        f"take another mode, such as {', '.join(map(str, others[:3]))}"
+    ]
+
+
+def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield what is wrong with the modes that backbones name: not there, still at the joints or the controlled sensor.
+
+    Args:
+        modes: of the structure.
+        backbones: measured on it.
+    """
+    for mode in sorted({curve.mode for curve in backbones}):
+        if mode > modes.n_modes:
+            names = ", ".join(repr(curve.name) for curve in backbones if curve.mode == mode)
+            yield f"backbone {names} is of mode {mode}, and the structure has {modes.n_modes}"
+            continue
+        yield from joint_fault(modes, mode)
+        held = dict.fromkeys(curve.controlled_sensor for curve in backbones if curve.mode == mode)
+        for sensor in held:
+            try:
+                if sensor in modes.sensors:
+                    refuse_unseen(modes, mode - 1, modes.sensors.index(sensor))
+            except InputError as error:
+                yield str(error)
+
+
+def structure_faults(structure: AffineStructure) -> Iterator[str]:
+    """Yield what is wrong with the matrices as a whole: mass or nominal stiffness that are not positive.
+
+    Args:
+        structure: of the study.
+    """
+    if (worst := _least_eigenvalue(structure.mass)) <= 0:
+        yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
+    # a structure that floats has zeros, and rounding makes them negative
+    stiffness = structure.stiffness_at({})
+    largest = float(np.abs(stiffness.diagonal()).max(initial=0.0))
+    if (worst := _least_eigenvalue(stiffness, 1e-9 * largest)) < -1e-8 * largest:
+        yield f"the stiffness matrix is not positive (eigenvalue {worst:.3g} N/m): look for a wrong sign"
+
+
+def nominal_modes(structure: AffineStructure, n_modes: int) -> JointedModes:
+    """Return the lowest modes of the nominal structure at its sensors.
+
+    Args:
+        structure: of the study.
+        n_modes: how many, or all there are.
+    """
+    eigenvalue, shapes = lowest_modes(structure.mass, structure.stiffness_at({}), min(n_modes, structure.n_dof))
+    rows = [structure.dofs.index(sensor) for sensor in structure.sensors]
+    names = tuple(structure.joints)
+    return JointedModes(eigenvalue, shapes[rows], structure.joint_rows @ shapes, structure.sensors, names)
+
+
+def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield what is wrong with backbones against the structure and against each other, one clause for curves alike.
+
+    Frequencies that are far from any mode, or from the one that is named; the shape of another mode; curves of one mode
+    that begin far from each other; modes whose curves begin in the wrong order.
+
+    Args:
+        structure: of the study.
+        backbones: measured on it.
+    """
+    n_modes = max((curve.mode for curve in backbones), default=0) + N_ABOVE
+    try:
+        modes = nominal_modes(structure, n_modes)
+    except InputError:
+        return  # told by `structure_faults`
+    alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
+    for curve in backbones:
+        alike.setdefault((curve.mode, _misplaced(modes, curve)), []).append(curve)
+    for (_, fault), curves in alike.items():
+        if fault:
+            yield f"{_begun(curves)}{fault}"
+    placed = [curve for (_, fault), curves in alike.items() for curve in curves if not fault]
+    yield from mode_faults(modes, placed)
+    if len(placed) == len(backbones):
+        yield from _crossings(backbones)
+
+
+def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
+    """Return what to doubt where the frequencies of two modes overlap.
+
+    It is no fault: modes that stiffen pass the frequencies at which others began, at different amplitudes.
+
+    Args:
+        backbones: of a study, the modes in the right order.
+    """
+    ends: dict[int, tuple[float, float]] = {}
+    for curve in backbones:
+        low, high = ends.get(curve.mode, (np.inf, 0.0))
+        ends[curve.mode] = (min(low, float(curve.frequency_hz.min())), max(high, float(curve.frequency_hz.max())))
+    return [
+        f"the backbones of mode {low} reach up to {ends[low][1]:.4g} Hz and those of mode {high} down to "
+        f"{ends[high][0]:.4g} Hz: they overlap, as modes may at different amplitudes; look whether a curve has the "
+        "number of another mode or has jumped to it"
+        for low, high in pairwise(sorted(ends))
+        if ends[low][1] >= ends[high][0]
+    ]
+
+
+def _misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
+    """What follows the name of a curve whose mode is not there, lies elsewhere or has another shape; "" if none."""
+    mode, hz = curve.mode, modes.frequency_hz
+    if mode > modes.n_modes:
+        return f", and the structure has {modes.n_modes} modes"
+    lowest, own = float(curve.frequency_hz[0]), float(hz[mode - 1])
+    apart = np.array([_far(lowest, each) for each in hz])
+    like = _likeness(modes, curve)
+    nearest, best = int(np.argmin(apart)), int(np.argmax(like))
+    is_another = like[best] >= ALIKE and best != mode - 1 and apart[best] <= FARTHEST
+    counted = "(modes are counted from 1, rigid ones too)"
+    if apart[mode - 1] <= FARTHEST:
+        if not (is_another and like[mode - 1] < UNLIKE):
+            return ""
+        return (
+            f", and the shape is that of mode {best + 1} of the structure at {hz[best]:.4g} Hz (MAC above {ALIKE:g}), "
+            f"not that of mode {mode} at {own:.4g} Hz (MAC below {UNLIKE:g}): look at the number of the mode {counted}"
+        )
+    if is_another:
+        return (
+            f", and mode {mode} of the structure lies at {own:.4g} Hz: shape and frequency are those of "
+            f"mode {best + 1} at {hz[best]:.4g} Hz {counted}"
+        )
+    if apart[nearest] > FARTHEST:
+        far = f", far from any mode of the structure (the nearest is mode {nearest + 1} at {hz[nearest]:.4g} Hz)"
+    else:
+        far = f", and that mode of the structure lies at {own:.4g} Hz (the nearest is mode {nearest + 1} at "
+        far += f"{hz[nearest]:.4g} Hz)"
+    asked = "are they rad/s? Else " if _far(lowest / max(own, 1e-12), 2 * np.pi) <= 2 else ""
+    return f"{far}: {asked}look at the unit of the frequencies, the number of the mode, and the matrices"
+
+
+def _begun(curves: Sequence[MeasuredBackbone]) -> str:
+    """Names of curves of one mode and where they begin."""
+    first = sorted(float(curve.frequency_hz[0]) for curve in curves)
+    if len(curves) == 1:
+        return f"backbone {curves[0].name!r} of mode {curves[0].mode} begins at {first[0]:.4g} Hz"
+    span = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (first[0], first[-1])))
+    names = shortened([curve.name for curve in curves])
+    return f"{len(curves)} backbones of mode {curves[0].mode} ({names}) begin at {span} Hz"
+
+
+def shortened(names: Sequence[str]) -> str:
+    """Return names in quotes, of more than two the first and how many others.
+
+    Args:
+        names: at least one.
+
+    >>> shortened(["a", "b"]), shortened(["a", "b", "c"])
+    ("'a' and 'b'", "'a' and 2 others")
+    """
+    if len(names) <= 2:
+        return " and ".join(map(repr, names))
+    return f"{names[0]!r} and {len(names) - 1} others"
+
+
+def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
+    """Modal assurance of the shape of the lowest point with each mode; zeros where few sensors say nothing."""
+    rows = [modes.sensors.index(sensor) for sensor in curve.sensors]
+    shape, shapes = curve.amplitude[0], modes.at_sensors[rows]
+    size = np.sum(shape**2) * np.sum(shapes**2, axis=0)
+    if len(rows) < 3:
+        return np.zeros(modes.n_modes)
+    return np.divide((shape @ shapes) ** 2, size, out=np.zeros_like(size), where=size > 0)
+
+
+def _crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Curves of one mode that do not begin together, and modes in the wrong order."""
+    begins: dict[int, dict[str, float]] = {}
+    for curve in backbones:
+        begins.setdefault(curve.mode, {})[curve.name] = float(curve.frequency_hz[0])
+    middle: Mapping[int, float] = {mode: float(np.median(list(curves.values()))) for mode, curves in begins.items()}
+    for mode, curves in sorted(begins.items()):
+        for name, lowest in curves.items():
+            if _far(lowest, middle[mode]) > 1 + APART:
+                yield (
+                    f"backbone {name!r} begins at {lowest:.4g} Hz where the others of mode {mode} begin near "
+                    f"{middle[mode]:.4g} Hz: is it of another mode?"
+                )
+    order = sorted(middle)
+    for low, high in pairwise(order):
+        if middle[low] >= middle[high]:
+            yield (
+                f"the backbones of mode {low} begin at {middle[low]:.4g} Hz and those of mode {high} at "
+                f"{middle[high]:.4g} Hz: they cross, the higher mode has the higher frequency"
+            )
+
+
+def _far(one: float, other: float) -> float:
+    """The ratio of two frequencies, the larger over the smaller."""
+    return max(one, other) / max(min(one, other), 1e-12)
+
+
+def _least_eigenvalue(matrix: object, shift: float = 0.0) -> float:
+    """The least eigenvalue if it is negative, else a positive number or 0: by the signs of the pivots (Sylvester)."""
+    from scipy import sparse
+    from scipy.sparse.linalg import eigsh
+
+    found = sparse.csc_matrix(matrix)
+    if found.shape[0] <= 2:
+        return float(np.linalg.eigvalsh(found.toarray())[0])
+    if _is_positive(found, shift):
+        return 1.0
+    # no eigenvalue lies below -largest; the tenfold of a shift that is enough brackets the least one
+    largest = float(np.abs(found).sum(axis=0).max())
+    shift = max(shift, 1e-12 * largest)
+    while shift < largest and not _is_positive(found, shift):
+        shift *= 10
+    try:
+        # all eigenvalues lie above -shift: the nearest to it is the least
+        return float(eigsh(found, k=1, sigma=-shift, return_eigenvectors=False, tol=1e-4)[0])
+    except (RuntimeError, ValueError):  # a shift that hits an eigenvalue, or no convergence
+        return -shift
+
+
+def _is_positive(matrix: Any, shift: float) -> bool:
+    """Whether a sparse matrix and a multiple of the identity together have positive pivots only."""
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
+    try:
+        factors = splu(
+            matrix + shift * sparse.identity(matrix.shape[0], format="csc"),
+            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+    except RuntimeError:  # singular
+        return False
+    return bool((factors.U.diagonal() > 0).all() and (factors.perm_r == factors.perm_c).all())

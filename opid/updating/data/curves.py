@@ -1,0 +1,274 @@
+"""Measured backbones made ready for likelihoods: grouped by mode, all that does not depend on the law worked out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opid.errors import InputError, nearest
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.signals.recording import FloatArray
+from opid.updating.data.checks import joint_fault, sensor_faults
+from opid.updating.data.curve_noise import CurveNoise, curve_noise
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.data.noise_settings import NoiseSettings
+
+Form = Literal["paper", "literal", "recommended", "independent"]
+FORMS: tuple[Form, ...] = get_args(Form)
+
+IntArray = NDArray[np.int64]
+
+N_NODES = 12
+"""Amplitudes at which the model is solved for one mode; between them its curve is a polynomial."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModeData:
+    """The curves of one mode, ready to be compared with a model that is solved at a few amplitudes.
+
+    Args:
+        mode: its number, from 1.
+        parts: controlled sensor and (n_nodes,) amplitudes, m, at which the model is solved for it.
+        between: (n_points, n_nodes of all parts) what takes values at the nodes to the measured points.
+        curve: (n_points,) number of the curve of each point, from 0.
+        eigenvalue: (n_points,) measured lambda, 1/s^2.
+        sensor: (n_points,) name of the controlled sensor of each point.
+        amplitude: (n_points,) of that sensor, m.
+        level: (n_points,) amplitude of the controlled sensor, of the largest of any curve with the same one.
+        growth: (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude.
+        shapes: (n_points, n_sensors) measured shapes of unit length.
+        free: (n_sensors - 1,) columns of the shapes that tell the whole: all but the largest entry, which follows from
+            the unit length.
+        rows: (n_sensors,) rows of these sensors in the system.
+        linear: lambda of the mode without nonlinearity, 1/s^2.
+        cov: coefficient of variation of lambda over the curves; nan where nothing tells.
+        frequency_noise: noise model of lambda / linear, for the recommended form.
+        shape_noise: noise model of the free entries of the shapes.
+    """
+
+    mode: int
+    parts: tuple[tuple[str, FloatArray], ...]
+    between: FloatArray
+    curve: IntArray
+    eigenvalue: FloatArray
+    sensor: NDArray[np.str_]
+    amplitude: FloatArray
+    level: FloatArray
+    growth: FloatArray
+    shapes: FloatArray
+    free: IntArray
+    rows: IntArray
+    linear: float
+    cov: float
+    frequency_noise: CurveNoise | None
+    shape_noise: CurveNoise | None
+
+
+@dataclass(frozen=True, eq=False)
+class BackboneData:
+    """All measured backbones, ready for `log_likelihood`.
+
+    Args:
+        system: the linear structure with its joints.
+        modes: one entry a mode.
+        form: of the likelihood.
+        harmonics: of the model.
+        noise: settings.
+    """
+
+    system: JointedModes
+    modes: tuple[ModeData, ...]
+    form: Form
+    harmonics: tuple[int, ...]
+    noise: NoiseSettings
+
+
+def backbone_data(
+    system: JointedModes,
+    measured: Sequence[MeasuredBackbone],
+    *,
+    form: Form = "recommended",
+    harmonics: Sequence[int] = (1, 3),
+    noise: NoiseSettings | None = None,
+    n_nodes: int = N_NODES,
+) -> BackboneData:
+    """Return measured backbones grouped by mode, with all that does not depend on the law worked out.
+
+    Args:
+        system: the linear structure with its joints.
+        measured: the backbones; those of one mode are tests of the same structure.
+        form: "paper" is Song eqs. (10) to (12) with the mean of squares of each curve; "literal" eq. (12) as printed,
+            which squares the mean, so that errors cancel; "independent" takes every point as a measurement of its own
+            (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.data.curve_noise`).
+        harmonics: of the model.
+        noise: what is known of the errors.
+        n_nodes: amplitudes at which the model is solved for each mode and controlled sensor; at all measured ones where
+            there are fewer.
+
+    Raises:
+        InputError: no backbone, an unknown form, sensors that the system does not have, curves of one mode with
+            different sensors, a mode that extends no joint, or one whose coefficient of variation neither the curves
+            nor `noise` tell.
+    """
+    noise = noise or NoiseSettings()
+    if form not in FORMS:
+        raise InputError(f"there is no likelihood {form!r}: {nearest(form, FORMS)}")
+    if not measured:
+        raise InputError("there is no measured backbone: give at least one")
+    for fault in sensor_faults(measured):
+        raise InputError(fault)
+    modes = []
+    for mode in sorted({one.mode for one in measured}):
+        curves = [one for one in measured if one.mode == mode]
+        cov = (noise.cov or {}).get(mode) or coefficient_of_variation(curves)
+        modes.append(_mode_data(system, curves, noise, cov, form, n_nodes))
+    if form != "recommended":
+        for each in modes:
+            if not each.cov > 0:
+                raise InputError(scatter_fault(each.mode))
+    return BackboneData(system, tuple(modes), form, tuple(int(h) for h in harmonics), noise)
+
+
+def scatter_fault(mode: int) -> str:
+    """Return what is wrong with a mode in the paper's forms where its curves do not tell how lambda varies.
+
+    Args:
+        mode: its number.
+    """
+    return (
+        f"the curves of mode {mode} do not tell how lambda varies (there is one, they are equal, or they share no "
+        f'amplitudes): give cov of mode {mode}, or take form = "recommended"'
+    )
+
+
+def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
+    """Return standard deviation over mean of lambda across curves, averaged over amplitudes (Song below eqs. 5, 12).
+
+    Args:
+        curves: of one mode; compared over the amplitude of a sensor that all have. nan for a single curve, or where
+            the curves share no range of amplitude.
+    """
+    first = curves[0].controlled_sensor
+    columns = [np.abs(one.amplitude[:, one.sensors.index(first)]) for one in curves if first in one.sensors]
+    if len(columns) < max(2, len(curves)):
+        return float("nan")
+    low, high = max(column.min() for column in columns), min(column.max() for column in columns)
+    if low >= high:
+        return float("nan")
+    levels = np.linspace(low, high, 20)
+    order = [np.argsort(column) for column in columns]
+    values = np.array(
+        [np.interp(levels, c[k], one.eigenvalue[k]) for one, c, k in zip(curves, columns, order, strict=True)]
+    )
+    return float(np.mean(values.std(axis=0, ddof=1) / values.mean(axis=0)))
+
+
+def _mode_data(
+    system: JointedModes,
+    curves: Sequence[MeasuredBackbone],
+    noise: NoiseSettings,
+    cov: float,
+    form: Form,
+    n_nodes: int,
+) -> ModeData:
+    mode = curves[0].mode
+    linear = float(system.eigenvalue[system.place(mode)])
+    if linear <= 0:
+        raise InputError(f"mode {mode} has no stiffness (0 Hz): a backbone needs an elastic mode")
+    for fault in joint_fault(system, mode):
+        raise InputError(fault)
+    sensors = curves[0].sensors
+    rows = np.array([system.sensor(name) for name in sensors])
+    shapes = np.concatenate([one.amplitude[:, [one.sensors.index(name) for name in sensors]] for one in curves])
+    shapes = shapes / np.linalg.norm(shapes, axis=1, keepdims=True)
+    parts, blocks = [], []
+    controlled = [one.controlled_sensor for one in curves]
+    names = np.repeat(controlled, [one.frequency_hz.size for one in curves])
+    amplitude = np.concatenate([one.controlled_amplitude for one in curves])
+    for sensor in dict.fromkeys(controlled):
+        system.sensor(sensor)
+        mine = names == sensor
+        nodes, block = _nodes(amplitude[mine], n_nodes)
+        rows_of_all = np.zeros((mine.size, nodes.size))
+        rows_of_all[mine] = block
+        parts.append((sensor, nodes))
+        blocks.append(rows_of_all)
+    between = np.concatenate(blocks, axis=1)
+    curve = np.repeat(np.arange(len(curves)), [one.frequency_hz.size for one in curves])
+    eigenvalue = np.concatenate([one.eigenvalue for one in curves])
+    level, growth = _level_and_growth(names, amplitude, eigenvalue / linear)
+    free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
+    models: tuple[CurveNoise | None, CurveNoise | None] = (None, None)
+    if form == "recommended":
+        models = _noise_models(noise, between, curve, growth, eigenvalue / linear, shapes[:, free])
+    return ModeData(
+        mode, tuple(parts), between, curve, eigenvalue, names, amplitude, level, growth, shapes, free, rows, linear,
+        cov, *models,
+    )  # fmt: skip
+
+
+def _level_and_growth(
+    names: NDArray[np.str_], amplitude: FloatArray, relative: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Amplitude of each point of the largest, and how far lambda has grown there: a cubic without the points' noise.
+
+    With that noise in it, a slope of the error would take the noise up.
+    """
+    level, smooth = np.empty_like(relative), np.empty_like(relative)
+    for name in np.unique(names):
+        mine = names == name
+        level[mine] = amplitude[mine] / amplitude[mine].max()
+        powers = np.vander(level[mine], 1 + min(3, max(1, int(mine.sum()) // 4)))
+        smooth[mine] = powers @ np.linalg.lstsq(powers, relative[mine], rcond=None)[0]
+    return level, smooth - smooth.min()
+
+
+def _noise_models(
+    noise: NoiseSettings,
+    between: FloatArray,
+    curve: IntArray,
+    growth: FloatArray,
+    relative: FloatArray,
+    shapes: FloatArray,
+) -> tuple[CurveNoise, CurveNoise | None]:
+    frequency = curve_noise(
+        relative[:, None],
+        between,
+        curve,
+        growth,
+        common_std=2 * noise.linear_error,
+        common_growth=noise.linear_error_growth,
+        own_growth=noise.curve_growth,
+        offset=2 * noise.curve_offset,
+        expected=2 * noise.point_noise,
+    )
+    if not noise.shapes or not shapes.shape[1]:
+        return frequency, None
+    shape = curve_noise(
+        shapes,
+        between,
+        curve,
+        growth,
+        common_std=noise.linear_shape_error,
+        common_growth=noise.linear_error_growth,
+        own_growth=noise.curve_growth,
+        offset=noise.shape_offset,
+        expected=noise.shape_noise,
+    )
+    return frequency, shape
+
+
+def _nodes(amplitude: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArray]:
+    """Amplitudes to solve at, and what takes values there to `amplitude`: Chebyshev, or the amplitudes themselves."""
+    unique, place = np.unique(amplitude, return_inverse=True)
+    if unique.size <= n_nodes:
+        return unique, np.eye(unique.size)[place]
+    from scipy.interpolate import BarycentricInterpolator
+
+    low, high = unique[0], unique[-1]
+    nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(n_nodes) / (n_nodes - 1))
+    return nodes, BarycentricInterpolator(nodes, np.eye(n_nodes))(amplitude)

@@ -1,0 +1,1 @@
+"""How likely measured backbones and linear modes are for given parameters, errors of the model included."""

@@ -1,0 +1,221 @@
+"""Logarithm of the evidence of a model class, by the Laplace approximation and by quadrature, within prior bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+from scipy.special import log_ndtr, logsumexp, ndtri_exp
+
+from opid.errors import InputError, NotDeterminedError
+from opid.signals.recording import FloatArray
+from opid.updating.result import Evidence
+from opid.updating.sampling.chains import Chain, LogDensity, covariance_root, evaluate
+from opid.updating.sampling.diagnostics import effective_samples
+from opid.updating.sampling.maximum import Maximum, Support, bounds_of
+
+FAR = 8.5
+"""Standard deviations beyond which a bound takes nothing from a normal distribution (1e-17)."""
+
+WINDOW = 7.0
+"""Standard deviations on each side that quadrature looks at first; more where there is more."""
+
+FIRST_NODES = 16
+"""Nodes of each parameter in the first quadrature; then half as many more, again and again."""
+
+LATTICE = 8191
+"""Points of the rule that integrates a normal distribution over a box."""
+
+
+def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
+    """Return the evidence of a posterior that is normal within its bounds (Song et al. 2021, eqs. 15-17).
+
+    log p(D | M) = log p(D | theta) p(theta) - log N(theta | theta, Sigma) at the maximum a posteriori, Sigma from the
+    curvature there. Near a bound the normal distribution counts only inside; at a bound its centre is where slope and
+    curvature put it, outside. Exact for a normal distribution cut off by a box.
+
+    Args:
+        maximum: of log likelihood plus log prior, both with all their constants.
+        support: lower and upper end of each parameter; None if there are none.
+
+    Raises:
+        InputError: a support of another shape.
+        NotDeterminedError: no curvature at the maximum.
+
+    >>> from opid.updating.sampling.maximum import maximum_a_posteriori
+    >>> peak = maximum_a_posteriori(lambda t: -0.5 * np.sum(t**2, axis=1), [1.0])
+    >>> round(laplace(peak).log_evidence, 6)  # log(2 pi) / 2
+    0.918939
+    """
+    covariance = maximum.covariance
+    shift = covariance @ maximum.gradient
+    value = maximum.log_density + 0.5 * float(maximum.gradient @ shift) + _log_volume(covariance)
+    value += log_probability_inside(maximum.theta + shift, covariance, support)
+    return Evidence("laplace", float(value))
+
+
+def laplace_of_samples(log_density_at_best: float, best: ArrayLike, chain: Chain) -> Evidence:
+    """Return the evidence with mean and covariance of samples (Song et al. 2021, eq. 16), with its standard deviation.
+
+    The deviation is what the finite number of effective samples does to the determinant, not what a posterior that is
+    not normal does. Where the posterior presses against a bound, take `laplace` or `quadrature` instead.
+
+    Args:
+        log_density_at_best: log likelihood plus log prior at `best`, with all their constants.
+        best: (n_parameters,) the maximum a posteriori.
+        chain: samples of the posterior.
+
+    Raises:
+        InputError: samples that never left a plane, or a `best` of another shape.
+    """
+    theta = np.asarray(best, dtype=np.float64)
+    d = chain.n_parameters
+    if theta.shape != (d,):
+        raise InputError(f"best has shape {theta.shape} for {d} parameter(s): give {(d,)}")
+    covariance = np.atleast_2d(np.cov(chain.pooled, rowvar=False))
+    root = covariance_root(covariance, d)
+    score = linalg.solve_triangular(root, theta - chain.pooled.mean(axis=0), lower=True)
+    value = float(log_density_at_best) + _log_volume(covariance) + 0.5 * float(score @ score)
+    return Evidence("laplace", value, float(np.sqrt(d / (2 * effective_samples(chain.samples).min()))))
+
+
+def quadrature(
+    log_density: LogDensity,
+    centre: ArrayLike,
+    covariance: ArrayLike,
+    *,
+    support: Support = None,
+    tolerance: float = 1e-6,
+    max_evaluations: int = 1_000_000,
+) -> Evidence:
+    """Return the evidence as an integral by Gauss-Legendre nodes, for up to three parameters.
+
+    The nodes lie in coordinates in which the covariance is the unit matrix, one parameter after the other, so that
+    bounds of the parameters stay limits of the integrals. The window grows where its edge still holds something; the
+    nodes grow until the logarithm no longer changes, and that last change is the standard deviation.
+
+    Args:
+        log_density: (n, n_parameters) -> (n,), log likelihood plus log prior with all their constants.
+        centre: (n_parameters,), the maximum a posteriori or the mean of samples.
+        covariance: (n_parameters, n_parameters) of the posterior, roughly; that of samples where there are several
+            maxima, so that the window holds them all.
+        support: lower and upper end of each parameter; None if there are none.
+        tolerance: change of the logarithm that is accepted.
+        max_evaluations: rows of theta, of all trials together.
+
+    Raises:
+        InputError: more than three parameters, or shapes that do not match.
+        NotDeterminedError: it did not converge; `partial` is the last value.
+
+    >>> quadrature(lambda t: -0.5 * np.sum(t**2, axis=1), [0.0], 1.0, support=[(0.0, np.inf)]).log_evidence
+    0.2257913526...
+    """
+    middle = np.atleast_1d(np.asarray(centre, dtype=np.float64))
+    if middle.ndim != 1 or not 1 <= middle.size <= 3:
+        raise InputError(f"the centre has shape {middle.shape}: quadrature takes one to three parameters")
+    root, bounds = covariance_root(covariance, middle.size), bounds_of(support, middle.size)
+    window = np.tile([-WINDOW, WINDOW], (middle.size, 1))
+    n, asked, before = FIRST_NODES, 0, np.inf
+    while True:
+        theta, log_weight, open_edge = _nodes(n, middle, root, window, bounds)
+        asked += len(theta)
+        if asked > max_evaluations:
+            break
+        parts = log_weight + evaluate(log_density, theta) if len(theta) else np.array([-np.inf])
+        value = float(logsumexp(parts))
+        if np.isneginf(value):
+            raise NotDeterminedError("the density is zero all around the centre: centre it on the posterior")
+        share = np.exp(parts - value) @ open_edge.reshape(len(parts), -1)
+        spills = share.reshape(middle.size, 2) > 0.1 * tolerance
+        if spills.any():
+            window, before = np.where(spills, 1.4 * window, window), np.inf
+            continue
+        if abs(value - before) < tolerance:
+            return Evidence("quadrature", value, abs(value - before))
+        n, before = n + n // 2, value
+    raise NotDeterminedError(
+        f"the integral did not settle to {tolerance:g} within {max_evaluations} evaluations: the posterior has steps, "
+        "long tails or several maxima; draw more samples, which tell how far it reaches, or take the transitional "
+        "evidence",
+        partial=before,
+    )
+
+
+def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Support) -> float:
+    """Return the logarithm of the probability of a normal distribution within a box, far tails included.
+
+    One parameter after the other, each given those before it (Genz 1992), on a lattice without chance.
+
+    Args:
+        mean: (n_parameters,).
+        covariance: (n_parameters, n_parameters).
+        support: lower and upper end of each parameter; None if there are none.
+
+    Raises:
+        InputError: a support of another shape.
+
+    >>> round(float(np.exp(log_probability_inside(np.zeros(2), np.eye(2), [(0, np.inf), (0, np.inf)]))), 6)
+    0.25
+    """
+    low, high = bounds_of(support, mean.size)
+    deviation = np.sqrt(np.diag(covariance))
+    low, high = (low - mean) / deviation, (high - mean) / deviation
+    near = np.flatnonzero((low > -FAR) | (high < FAR))
+    if not near.size:
+        return 0.0
+    near = near[np.argsort(_log_between(low[near], high[near]))]  # the tightest first
+    low, high = low[near], high[near]
+    root = linalg.cholesky((covariance / np.outer(deviation, deviation))[np.ix_(near, near)], lower=True)
+    primes = np.array([p for p in range(2, 300) if all(p % q for q in range(2, p))][: near.size])
+    lattice = np.abs(2 * np.modf(np.arange(1, LATTICE + 1)[:, None] * np.sqrt(primes))[0] - 1)
+    drawn = np.zeros((LATTICE, near.size))
+    total = np.zeros(LATTICE)
+    for k in range(near.size):
+        given = drawn[:, :k] @ root[k, :k]
+        left, right = (low[k] - given) / root[k, k], (high[k] - given) / root[k, k]
+        inside = _log_between(left, right)
+        total += inside
+        # quantiles from the side on which the tail is
+        flip = left + right > 0
+        tail = np.where(flip, -right, left)
+        quantile = np.logaddexp(log_ndtr(tail), np.log(np.clip(lattice[:, k], 1e-12, 1.0)) + inside)
+        drawn[:, k] = np.where(flip, -1.0, 1.0) * ndtri_exp(np.minimum(quantile, -1e-300))
+    return float(logsumexp(total)) - np.log(LATTICE)
+
+
+def _log_between(left: FloatArray, right: FloatArray) -> FloatArray:
+    """log(Phi(right) - Phi(left)), from the side on which both are small."""
+    flip = left + right > 0
+    a, b = np.where(flip, -right, left), np.where(flip, -left, right)
+    upper, lower = log_ndtr(b), log_ndtr(a)
+    return upper + np.log(-np.expm1(np.minimum(lower - upper, -1e-16)))
+
+
+def _log_volume(covariance: FloatArray) -> float:
+    """-log N(theta | theta, covariance)."""
+    return 0.5 * float(np.linalg.slogdet(2 * np.pi * covariance)[1])
+
+
+def _nodes(
+    n: int, centre: FloatArray, root: FloatArray, window: FloatArray, bounds: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes (m, d), their log weights (m,), and whether each is at an edge of the window that is no bound (m, d, 2)."""
+    x, weight = np.polynomial.legendre.leggauss(n)
+    outer = np.stack([x < -0.9, x > 0.9], axis=1)
+    u = np.zeros((1, 0))
+    log_weight = np.full(1, float(np.sum(np.log(np.diag(root)))))
+    edge = np.zeros((1, 0, 2), dtype=bool)
+    for k in range(centre.size):
+        middle = centre[k] + u @ root[k, :k]
+        low, high = (bounds[0][k] - middle) / root[k, k], (bounds[1][k] - middle) / root[k, k]
+        left, right = np.maximum(low, window[k, 0]), np.minimum(high, window[k, 1])
+        kept = right > left
+        left, right = left[kept], right[kept]
+        half = 0.5 * (right - left)
+        new = 0.5 * (left + right)[:, None] + half[:, None] * x
+        limited = np.stack([left > low[kept], right < high[kept]], axis=1)  # by the window
+        new_edge = outer[None] & limited[:, None, :]  # (rows, n, 2)
+        u = np.concatenate([np.repeat(u[kept], n, axis=0), new.reshape(-1, 1)], axis=1)
+        log_weight = (log_weight[kept, None] + np.log(half)[:, None] + np.log(weight)).ravel()
+        edge = np.concatenate([np.repeat(edge[kept], n, axis=0), new_edge.reshape(-1, 1, 2)], axis=1)
+    return centre + u @ root.T, log_weight, edge

@@ -1,0 +1,375 @@
+"""Matrices of a finite-element code (npz, Matrix Market, MATLAB), names of degrees of freedom -> `AffineStructure`."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from opid.errors import InputError, nearest
+from opid.signals.files import written_whole
+from opid.signals.tables import refuse
+from opid.updating.data.checks import structure_faults
+from opid.updating.structure.affine import AffineStructure
+
+Source = str | os.PathLike[str]
+
+PART = "part_"
+"""What the name of a matrix begins with that a parameter multiplies: part_E_steel for E_steel."""
+NAMES = ("dofs", "sensors", "joints")
+"""What a file may hold beside matrices."""
+PIECES = ("data", "indices", "indptr")
+"""Of a sparse matrix in npz, row by row as scipy has them: mass_data, mass_indices, mass_indptr."""
+
+
+def read_structure(
+    matrices: Source | Mapping[str, Source],
+    *,
+    sensors: Sequence[str] | None = None,
+    joints: Mapping[str, Sequence[str]] | None = None,
+    dofs: Source | Sequence[str] | None = None,
+    parameters: Sequence[str] | None = None,
+) -> AffineStructure:
+    """Read the matrices of a structure, K = stiffness + sum theta_NAME part_NAME, in SI units.
+
+    One file holds all of them: npz (each matrix dense, or sparse in the three pieces of `PIECES`) or MATLAB up to
+    version 7 (full or sparse). Or each has its file: Matrix Market (.mtx, .mtx.gz), scipy's sparse .npz, or .npy. The
+    names are `mass`, `stiffness` (of what is not updated; none where there is none) and `part_NAME` for each parameter.
+    A file may also hold `dofs` (n_dof), `sensors` (n_sensors) and `joints` (n_joints, 3: name, one end, other end) as
+    text. Nothing is unpickled.
+
+    Args:
+        matrices: the file, or a file for each matrix by its name.
+        sensors: names of the degrees of freedom that are measured; those in the file where left out.
+        joints: the two ends of each nonlinear joint, by its name; those in the file where left out.
+        dofs: names of the degrees of freedom, or a text file with one a line, or a CSV file: its column "dof", or all
+            its columns joined by a space ("12 UX"). Where left out those in the file, or else "1", "2", ...
+        parameters: names of the parts that are updated; the others join the stiffness as they are. All where left out.
+
+    Raises:
+        InputError: a file that is missing, damaged, or of another format; a matrix that is missing, not symmetric, not
+            positive or of the wrong size; sensors or joints that are no degrees of freedom; an unknown parameter.
+    """
+    structure, faults = checked_structure(matrices, sensors=sensors, joints=joints, dofs=dofs, parameters=parameters)
+    where = "the matrices" if isinstance(matrices, Mapping) else str(matrices)
+    # what is wrong with a file as a whole names it
+    refuse(faults, None if any(where in fault for fault in faults) else Path(where))
+    assert structure is not None  # or it would have been refused
+    return structure
+
+
+def checked_structure(
+    matrices: Source | Mapping[str, Source],
+    *,
+    sensors: Sequence[str] | None = None,
+    joints: Mapping[str, Sequence[str]] | None = None,
+    dofs: Source | Sequence[str] | None = None,
+    parameters: Sequence[str] | None = None,
+) -> tuple[AffineStructure | None, list[str]]:
+    """Return what `read_structure` reads, or None, and everything that is wrong with it, one clause each.
+
+    Args:
+        matrices: as in `read_structure`, like the others.
+        sensors: likewise.
+        joints: likewise.
+        dofs: likewise.
+        parameters: likewise.
+    """
+    faults: list[str] = []
+    found = _read_each(matrices, faults) if isinstance(matrices, Mapping) else _tried(faults, _read_one, Path(matrices))
+    if found is None:
+        return None, faults
+    faults += _name_faults(found, unread=bool(faults))
+    read = {
+        name: _tried(faults, _matrix, name, value)
+        for name, value in found.items()
+        if name in ("mass", "stiffness") or name.startswith(PART)
+    }
+    whole = {name: matrix for name, matrix in read.items() if matrix is not None}
+    faults += _size_faults(whole)
+    parts = {name[len(PART) :]: matrix for name, matrix in whole.items() if name.startswith(PART)}
+    # of parts that cannot be read, the names are there
+    held = [name[len(PART) :] for name in found if name.startswith(PART)]
+    for name in parameters or ():
+        if name not in held:
+            hint = nearest(name, held) if held else "there is none at all"
+            faults.append(f"there is no matrix {PART + name!r} for the parameter {name!r}: {hint}")
+    n_dof = whole["mass"].shape[0] if "mass" in whole else None
+    names = _tried(faults, _dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
+    given = sensors if sensors is not None else found.get("sensors", ())
+    seen = _tried(faults, _texts, "sensors", given)
+    ends = _tried(faults, _joint_ends, joints if joints is not None else found.get("joints", {}))
+    first: list[str] = []
+    structure = None
+    if not faults and names is not None:
+        stiffness = whole.get("stiffness", sparse.csr_matrix(whole["mass"].shape))
+        chosen = {name: parts[name] for name in (parts if parameters is None else parameters)}
+        fixed = [part for name, part in parts.items() if name not in chosen]
+        structure = _tried(first, AffineStructure, whole["mass"], sum(fixed, stiffness), chosen, names, seen, ends)
+    if structure is not None:
+        faults += structure_faults(structure)
+    else:  # it stops at the first fault, and these go on
+        faults += _structure_faults(whole, names, seen, ends) or first
+    return (None if faults else structure), faults
+
+
+def write_structure(path: Source, structure: AffineStructure) -> None:
+    """Write a structure to an npz file that `read_structure` reads: sparse matrices, names, sensors, joints.
+
+    Args:
+        path: of the file; its ending should be .npz.
+        structure: to write.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    matrices = {"mass": structure.mass, "stiffness": structure.stiffness}
+    matrices |= {PART + name: part for name, part in structure.parts.items()}
+    arrays = {f"{name}_{piece}": getattr(matrix, piece) for name, matrix in matrices.items() for piece in PIECES}
+    arrays["dofs"] = np.array(structure.dofs, dtype=np.str_)
+    arrays["sensors"] = np.array(structure.sensors, dtype=np.str_)
+    ends = [(name, *pair) for name, pair in structure.joints.items()]
+    arrays["joints"] = np.array(ends, dtype=np.str_).reshape(len(ends), 3)
+    with written_whole(path, "wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def _read_one(path: Path) -> dict[str, Any]:
+    """Everything that a npz or MATLAB file holds, by name."""
+    kind = path.suffix.lower()
+    if kind == ".npz":
+        return _joined(path, _opened(path, _npz))
+    if kind == ".mat":
+        return _opened(path, _matlab)
+    if path.name.lower().endswith((".mtx", ".mtx.gz")):
+        raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
+    raise InputError(f"{path} is of no format that is known: give .npz, .mat, or .mtx for each matrix")
+
+
+def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
+    """One matrix from each file that can be read."""
+    found = {name: _tried(faults, _one_matrix, Path(file)) for name, file in files.items()}
+    return {name: matrix for name, matrix in found.items() if matrix is not None}
+
+
+def _one_matrix(path: Path) -> Any:
+    kind = path.suffix.lower()
+    if path.name.lower().endswith((".mtx", ".mtx.gz")):
+        return _opened(path, _market)
+    if kind == ".npz":
+        return _opened(path, _sparse_npz)
+    if kind == ".npy":
+        return _opened(path, lambda each: np.load(each, allow_pickle=False))
+    raise InputError(f"{path} is of no format that is known for a matrix: give .mtx, .mtx.gz, .npz or .npy")
+
+
+def _tried(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
+    """What is made of the arguments; None, and a fault more, where it is refused."""
+    try:
+        return make(*given)
+    except InputError as error:
+        faults.append(str(error))
+        return None
+
+
+def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
+    """What a reader makes of a file, its complaints in a sentence."""
+    import zipfile
+    import zlib
+
+    if not path.is_file():
+        raise InputError(f"there is no file {path}: check the name and the folder")
+    try:
+        return read(path)
+    except NotImplementedError:
+        raise InputError(f"{path} is a MATLAB file of version 7.3: save it with '-v7'") from None
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, IndexError) as error:
+        if "allow_pickle" in str(error):
+            raise InputError(
+                f"{path} holds pickled objects, which are never opened: save names as text, np.array(names, dtype=str)"
+            ) from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path} cannot be read ({reason}): export it again") from None
+
+
+def _npz(path: Path) -> dict[str, Any]:
+    # opened here, for numpy leaves a damaged file open
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+def _sparse_npz(path: Path) -> Any:
+    with path.open("rb") as file:
+        return sparse.load_npz(file)
+
+
+def _market(path: Path) -> Any:
+    from scipy.io import mmread
+
+    return mmread(path)
+
+
+def _matlab(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    return {name: value for name, value in loadmat(path, appendmat=False).items() if not name.startswith("__")}
+
+
+def _joined(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
+    """Arrays of a npz file with the pieces of sparse matrices put together."""
+    found = dict(arrays)
+    for key in arrays:
+        name = key.removesuffix("_indptr")
+        if name == key:
+            continue
+        missing = [piece for piece in PIECES if f"{name}_{piece}" not in arrays]
+        if missing:
+            raise InputError(f"{path}: the sparse matrix {name!r} lacks {name}_{missing[0]}: store all of {PIECES}")
+        data, indices, indptr = (np.ravel(found.pop(f"{name}_{piece}")) for piece in PIECES)
+        size = len(indptr) - 1
+        try:
+            matrix = sparse.csr_matrix((data, indices, indptr), shape=(size, size))
+            matrix.check_format(full_check=True)
+        except ValueError as error:
+            raise InputError(f"{path}: the pieces of {name!r} are no sparse matrix ({error}): store it again") from None
+        found[name] = matrix
+    return found
+
+
+def _matrix(name: str, value: Any) -> sparse.csr_matrix:
+    """One matrix, real and of two dimensions."""
+    if not sparse.issparse(value):
+        value = np.asarray(value)
+        if value.dtype.kind not in "iuf":
+            raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
+    elif value.dtype.kind not in "iuf":
+        raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
+    if value.ndim != 2 or value.shape[0] != value.shape[1] or not value.shape[0]:
+        raise InputError(f"{name!r} has shape {value.shape}: give a square matrix")
+    return sparse.csr_matrix(value, dtype=np.float64)
+
+
+def _name_faults(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
+    """Matrices that are missing or unknown; those of files that cannot be read are told already."""
+    matrices = [name for name in found if name not in NAMES]
+    if "mass" not in found and not unread:
+        yield f"there is no matrix 'mass': {nearest('mass', matrices) if matrices else 'there is no matrix in it'}"
+    for name in matrices:
+        if name not in ("mass", "stiffness") and not name.startswith(PART):
+            yield (
+                f"{name!r} is no matrix that is known: {nearest(name, _known(found))}; a matrix that a parameter "
+                f"multiplies is called {PART}NAME"
+            )
+    if not unread and not any(name == "stiffness" or name.startswith(PART) for name in matrices):
+        yield f"there is neither a matrix 'stiffness' nor a {PART}NAME: give at least one of them"
+
+
+def _size_faults(whole: Mapping[str, sparse.csr_matrix]) -> Iterator[str]:
+    for name, matrix in whole.items():
+        if "mass" in whole and matrix.shape != whole["mass"].shape:
+            yield (
+                f"{name!r} has shape {matrix.shape} and 'mass' {whole['mass'].shape}: export both for the same degrees "
+                "of freedom"
+            )
+
+
+def _structure_faults(
+    whole: Mapping[str, sparse.csr_matrix],
+    names: Sequence[str] | None,
+    sensors: Sequence[str] | None,
+    joints: Mapping[str, tuple[str, str]] | None,
+) -> list[str]:
+    """What `AffineStructure` refuses, each thing by itself, so that the first fault does not hide the others."""
+    trials: list[tuple[Any, ...]] = []
+    unique = tuple(dict.fromkeys(names or ()))
+    for name, matrix in whole.items():
+        size = matrix.shape[0]
+        own = unique if len(unique) == size else tuple(str(place) for place in range(1, size + 1))
+        one, nothing = sparse.identity(size, format="csr"), sparse.csr_matrix(matrix.shape)
+        parts = {name.removeprefix(PART): matrix}
+        alone = {"mass": (matrix, nothing, {}), "stiffness": (one, matrix, {})}.get(name, (one, nothing, parts))
+        trials.append((*alone, own, own[:1]))
+    if names:
+        for given in dict.fromkeys((tuple(names), unique)):
+            one, nothing = sparse.identity(len(given), format="csr"), sparse.csr_matrix((len(given),) * 2)
+            empty: tuple[Any, ...] = (one, nothing, {}, given)
+            trials.append((*empty, given[:1]))
+        # the last one has names that are all different
+        trials += [(*empty, (sensor,)) for sensor in sensors or ()] + [(*empty, ())] * (sensors == ())
+        trials += [(*empty, given[:1], {name: ends}) for name, ends in (joints or {}).items()]
+    faults: list[str] = []
+    for trial in trials:
+        _tried(faults, AffineStructure, *trial)
+    return list(dict.fromkeys(faults))
+
+
+def _known(found: Mapping[str, Any]) -> list[str]:
+    return ["mass", "stiffness", *NAMES, *(name for name in found if name.startswith(PART))]
+
+
+def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
+    """Names of the degrees of freedom from a list, a file, or by number."""
+    if given is None:
+        return tuple(str(place) for place in range(1, (n_dof or 0) + 1))
+    of_file = isinstance(given, str | os.PathLike)
+    names = _label_lines(Path(given), n_dof) if of_file else _texts("dofs", given)
+    if n_dof is not None and len(names) != n_dof:
+        raise InputError(
+            f"{given if of_file else 'dofs'} names {len(names)} degrees of freedom, the matrices have {n_dof}: give "
+            "one name for each row"
+        )
+    return names
+
+
+def _label_lines(path: Path, n_dof: int | None) -> tuple[str, ...]:
+    """Labels of a text or CSV file; a first line too many is a header."""
+    if not path.is_file():
+        raise InputError(f"there is no file {path}: check the name and the folder")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read as text ({error}): save the labels as UTF-8") from None
+    if path.suffix.lower() != ".csv":
+        return tuple(line.strip() for line in text.splitlines() if line.strip())
+    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(map(str.strip, row))]
+    header = [cell.lower() for cell in rows[0]] if rows else []
+    column = header.index("dof") if "dof" in header else None
+    if column is not None or (n_dof is not None and len(rows) == n_dof + 1):
+        rows = rows[1:]
+    if column is not None and any(len(row) <= column for row in rows):
+        raise InputError(f"{path} has lines without the column 'dof': give every line all columns")
+    return tuple(" ".join(row) if column is None else row[column] for row in rows)
+
+
+def _texts(name: str, given: Any) -> tuple[str, ...]:
+    """Text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
+    if isinstance(given, str):
+        raise InputError(f"{name} is the text {given!r}: give a list of names")
+    cells = [cell for entry in np.ravel(np.asarray(given)) for cell in np.ravel(np.asarray(entry))]
+    for cell in cells:
+        if not isinstance(cell, str | int | np.integer | float) or cell != cell:
+            raise InputError(f"{name} holds {cell!r}: give names")
+    return tuple((f"{cell:g}" if isinstance(cell, float) else str(cell)).strip() for cell in cells)
+
+
+def _joint_ends(given: Any) -> dict[str, tuple[str, str]]:
+    """Joints by name from a table or from rows of name, one end, other end."""
+    if isinstance(given, Mapping):
+        rows = [(name, *((ends,) if isinstance(ends, str) else ends)) for name, ends in given.items()]
+    else:
+        texts = _texts("joints", given)
+        width = np.shape(given)[-1] if texts else 3
+        rows = [texts[start : start + width] for start in range(0, len(texts), width)]
+    for row in rows:
+        if len(row) != 3:
+            raise InputError(f"the joint {row[0]!r} lies between {list(row[1:])}: name two degrees of freedom")
+    names = [str(row[0]) for row in rows]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"the joint {name!r} stands twice: give each a name of its own")
+    return {str(name): (str(one), str(other)) for name, one, other in rows}

@@ -1,0 +1,311 @@
+"""Reduction of a finite-element structure to its sensors, its joints and a few modes (Craig and Bampton 1968)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+
+from opid.errors import InputError
+from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
+from opid.signals.recording import FloatArray
+from opid.updating.structure.affine import AffineStructure
+
+IntArray = NDArray[np.int64]
+
+RANK = 1e-10
+"""Share of the mass of a constraint mode below which a direction is taken for one that the free modes hold."""
+SHIFT = 1e-6
+"""Of the mean ratio of stiffness to mass: shifts the pencil off the rigid-body modes of a free structure."""
+DENSE = 200
+"""Degrees of freedom up to which the dense eigensolver is the faster one."""
+SAME_FREQUENCY = 1e-4
+"""Relative difference below which modes share their space."""
+ALIKE = 0.5
+"""Modal assurance criterion from which a shape is taken for that of another mode."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedStructure:
+    """M x'' + K x = 0 in few coordinates p, x = basis p.
+
+    Args:
+        mass: (n, n) kg.
+        stiffness: (n, n) N/m.
+        basis: (n_dof, n) motion of every degree of freedom for unit of each coordinate.
+        sensor_rows: (n_sensors, n) rows of `basis` at the sensors.
+        joint_rows: (n_joints, n) extension of each joint.
+        boundary: degrees of freedom that were kept as coordinates, in order (sensors, then ends of joints).
+        sensors: names of the sensors.
+        joints: names of the joints.
+        method: "fixed" or "free".
+        n_cut: directions that were cut off because the free modes hold them.
+    """
+
+    mass: FloatArray
+    stiffness: FloatArray
+    basis: FloatArray
+    sensor_rows: FloatArray
+    joint_rows: FloatArray
+    boundary: tuple[str, ...]
+    sensors: tuple[str, ...]
+    joints: tuple[str, ...]
+    method: str
+    n_cut: int = 0
+
+    @property
+    def n_dof(self) -> int:
+        """Number of coordinates."""
+        return len(self.mass)
+
+
+@dataclass(frozen=True, eq=False)
+class ReductionErrors:
+    """How a reduced structure differs from the full one, mode by mode (Song Fig. 7).
+
+    Args:
+        frequency_hz: (n,) of the full structure, Hz.
+        reduced_hz: (n,) of the reduced one, Hz.
+        relative: (n,) reduced over full, less 1.
+        mac: (n,) modal assurance criterion of the shapes over all degrees of freedom, the same number of mode in both.
+            Of modes with equal frequencies it is that of the nearest shape in their common space.
+        nearest: (n,) number, from 1, of the mode of the full structure whose shape each reduced mode has: its own, or
+            another one where the order has changed; 0 where none of the n has a MAC of 0.5.
+        nearest_mac: (n,) modal assurance criterion with that one, or the largest where there is none.
+        method: "fixed" or "free".
+        n_dof: coordinates of the reduced structure.
+        n_cut: directions that were cut off because other coordinates hold them.
+    """
+
+    frequency_hz: FloatArray
+    reduced_hz: FloatArray
+    relative: FloatArray
+    mac: FloatArray
+    nearest: IntArray
+    nearest_mac: FloatArray
+    method: str = "fixed"
+    n_dof: int = 0
+    n_cut: int = 0
+
+
+def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest eigenvalues (n_modes,), 1/s^2, ascending, and the mass-normalised shapes (n_dof, n_modes).
+
+    Args:
+        mass: (n_dof, n_dof) sparse or dense, kg.
+        stiffness: (n_dof, n_dof) sparse or dense, N/m; it may be singular (a free structure).
+        n_modes: how many.
+
+    Raises:
+        InputError: more modes than degrees of freedom, or a stiffness that is not positive.
+
+    >>> lowest_modes(np.eye(2), np.diag([9.0, 4.0]), 1)[0].round(9).tolist()
+    [4.0]
+    """
+    from scipy.sparse.linalg import eigsh
+
+    n_dof = mass.shape[0]
+    if not 1 <= n_modes <= n_dof:
+        raise InputError(f"{n_modes} modes of {n_dof} degrees of freedom: give a number from 1 to {n_dof}")
+    m, k = sparse.csc_matrix(mass), sparse.csc_matrix(stiffness)
+    if n_dof <= DENSE or n_modes > n_dof // 2:
+        eigenvalue, shapes = linalg.eigh(k.toarray(), m.toarray(), subset_by_index=(0, n_modes - 1))
+    else:
+        shift = -SHIFT * k.diagonal().mean() / m.diagonal().mean()
+        # a start of its own keeps the answer the same from call to call
+        eigenvalue, shapes = eigsh(k, k=n_modes, M=m, sigma=shift, v0=np.random.default_rng(1).standard_normal(n_dof))
+        order = np.argsort(eigenvalue)
+        eigenvalue, shapes = eigenvalue[order], shapes[:, order]
+    # rounding leaves a rigid-body mode a little below 0
+    if eigenvalue[0] < -max(1e-3 * SHIFT * k.diagonal().mean() / m.diagonal().mean(), 1e-6 * eigenvalue[-1]):
+        raise InputError(
+            f"the stiffness is not positive: its lowest eigenvalue is {eigenvalue[0]:.3g} 1/s^2; check the sign of its "
+            "parts and that each is whole"
+        )
+    return eigenvalue, shapes / np.sqrt(np.einsum("ij,ij->j", shapes, m @ shapes))
+
+
+def craig_bampton(
+    structure: AffineStructure,
+    factors: Mapping[str, float] | None = None,
+    *,
+    n_modes: int = 15,
+    method: str = "fixed",
+) -> ReducedStructure:
+    """Reduce a structure to its boundary (sensors, then ends of joints that are no sensors) and internal modes.
+
+    Every boundary degree of freedom keeps its constraint mode, the static shape for a unit of it with the others held.
+    To those come, with "fixed", the lowest modes with the boundary held (Craig and Bampton) or, with "free", the lowest
+    modes of the whole structure, as Song et al. say in section 4.2. Free modes lie almost within the space of the
+    constraint modes: the joint mass matrix is then nearly singular, so directions that are there twice are cut off.
+
+    Args:
+        structure: the finite-element structure.
+        factors: of the stiffness parts by name; 1 where left out.
+        n_modes: internal modes.
+        method: "fixed" or "free".
+
+    Raises:
+        InputError: an unknown factor or method, a factor that is not positive, or more modes than there are.
+    """
+    factors = {} if factors is None else factors
+    if method not in ("fixed", "free"):
+        raise InputError(f"there is no reduction {method!r}: give 'fixed' or 'free'")
+    for name, value in factors.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"the factor {name!r} is {value}: give a positive number")
+    stiffness = structure.stiffness_at(factors)
+    boundary = list(dict.fromkeys([*structure.sensors, *(end for ends in structure.joints.values() for end in ends)]))
+    kept = np.array([structure.dofs.index(name) for name in boundary])
+    inner = np.setdiff1d(np.arange(structure.n_dof), kept)
+    most, which = (inner.size, "inside") if method == "fixed" else (structure.n_dof, "in all")
+    if not 0 <= n_modes <= most:
+        raise InputError(f"n_modes is {n_modes}: give a number from 0 to {most}, the degrees of freedom {which}")
+    basis = np.zeros((structure.n_dof, len(boundary) + n_modes))
+    basis[kept, np.arange(len(boundary))] = 1.0
+    if inner.size:
+        basis[inner, : len(boundary)] = _constraint_modes(stiffness, inner, kept)
+    if n_modes and method == "fixed":
+        held = np.ix_(inner, inner)
+        basis[inner, len(boundary) :] = lowest_modes(structure.mass[held], stiffness[held], n_modes)[1]
+    elif n_modes:
+        shapes = lowest_modes(structure.mass, stiffness, n_modes)[1]
+        basis = _with_free_modes(structure.mass, basis[:, : len(boundary)], shapes)
+    n_cut = len(boundary) + n_modes - basis.shape[1]
+    return _projected(structure, stiffness, basis, tuple(boundary), method, n_cut)
+
+
+def reduce(
+    structure: AffineStructure, factors: Mapping[str, float] | None = None, *, n_modes: int = 15
+) -> JointedModes:
+    """Return the modes of the structure reduced by fixed-interface modes: `modes_of(craig_bampton(...))`.
+
+    Args:
+        structure: the finite-element structure.
+        factors: of the stiffness parts by name; 1 where left out.
+        n_modes: internal modes.
+
+    Raises:
+        InputError: see `craig_bampton`.
+    """
+    return modes_of(craig_bampton(structure, factors, n_modes=n_modes))
+
+
+def modes_of(reduced: ReducedStructure) -> JointedModes:
+    """Return all modes of a reduced structure, as its sensors and joints see them.
+
+    Args:
+        reduced: of `craig_bampton`.
+    """
+    return jointed_modes(
+        reduced.mass,
+        reduced.stiffness,
+        sensor_rows=reduced.sensor_rows,
+        joint_rows=reduced.joint_rows,
+        sensors=reduced.sensors,
+        joints=reduced.joints,
+    )
+
+
+def reduction_errors(
+    structure: AffineStructure,
+    reduced: ReducedStructure,
+    n: int = 15,
+    *,
+    factors: Mapping[str, float] | None = None,
+) -> ReductionErrors:
+    """Compare the first n modes of a reduced structure with those of the full one (Song Fig. 7).
+
+    Args:
+        structure: the finite-element structure.
+        reduced: what became of it.
+        n: modes to compare, at most the coordinates of the reduced structure.
+        factors: those that it was reduced with.
+
+    Raises:
+        InputError: an unknown factor, or more modes than the reduced structure has.
+    """
+    if not 1 <= n <= reduced.n_dof:
+        raise InputError(f"n is {n}: give a number from 1 to {reduced.n_dof}, the modes of the reduced structure")
+    eigenvalue, shapes = lowest_modes(structure.mass, structure.stiffness_at(factors or {}), n)
+    found, coordinates = linalg.eigh(reduced.stiffness, reduced.mass, subset_by_index=(0, n - 1))
+    other = reduced.basis @ coordinates
+    full_hz, reduced_hz = (np.sqrt(np.maximum(part, 0.0)) / (2 * np.pi) for part in (eigenvalue, found))
+    # [i, j]: reduced mode i with the full mode j, or the nearest shape in the space that j shares with its equals
+    mac = np.empty((n, n))
+    for mode in range(n):
+        alike = np.flatnonzero(np.abs(full_hz - full_hz[mode]) <= SAME_FREQUENCY * full_hz[mode])
+        nearest_shapes = shapes[:, alike] @ np.linalg.lstsq(shapes[:, alike], other, rcond=None)[0]
+        mac[:, mode] = [modal_assurance(one, found) for one, found in zip(nearest_shapes.T, other.T, strict=True)]
+    own = mac.diagonal()
+    nearest = np.where(own >= ALIKE, np.arange(n), np.argmax(mac, axis=1)).astype(np.int64)
+    nearest_mac = mac[np.arange(n), nearest]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(full_hz > 0, reduced_hz / full_hz - 1, 0.0)
+    return ReductionErrors(
+        full_hz, reduced_hz, relative, own.copy(), np.where(nearest_mac >= ALIKE, nearest + 1, 0), nearest_mac,
+        reduced.method, reduced.n_dof, reduced.n_cut,
+    )  # fmt: skip
+
+
+def modal_assurance(one: FloatArray, other: FloatArray) -> float:
+    """Return the modal assurance criterion (a . b)^2 / (a . a)(b . b) of two shapes; 0 where one is zero.
+
+    Args:
+        one: (n,) a shape.
+        other: (n,) another.
+
+    >>> modal_assurance(np.array([1.0, 2.0]), np.array([-2.0, -4.0]))
+    1.0
+    """
+    norm = float((one @ one) * (other @ other))
+    return float((one @ other) ** 2) / norm if norm > 0 else 0.0
+
+
+def _constraint_modes(stiffness: sparse.csr_matrix, inner: Any, kept: Any) -> FloatArray:
+    """Static motion of the inner degrees of freedom for unit of each kept one, -K_ii^-1 K_ib."""
+    from scipy.sparse.linalg import splu
+
+    try:
+        solved = splu(sparse.csc_matrix(stiffness[np.ix_(inner, inner)])).solve(
+            -stiffness[np.ix_(inner, kept)].toarray()
+        )
+    except RuntimeError:
+        solved = np.array([np.nan])
+    if not np.isfinite(solved).all():
+        raise InputError(
+            "the structure can still move freely with its sensors and joints held: hang it on springs or add sensors"
+        )
+    return solved
+
+
+def _with_free_modes(mass: sparse.csr_matrix, constraint: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Constraint modes without what the free modes already hold, in mass-orthogonal columns, then the free modes."""
+    size = np.einsum("ij,ij->j", constraint, mass @ constraint)
+    rest = (constraint - shapes @ (shapes.T @ (mass @ constraint))) / np.sqrt(size)
+    weight, direction = linalg.eigh(rest.T @ (mass @ rest))
+    keep = weight > RANK
+    return np.hstack([rest @ (direction[:, keep] / np.sqrt(weight[keep])), shapes])
+
+
+def _projected(
+    structure: AffineStructure,
+    stiffness: sparse.csr_matrix,
+    basis: FloatArray,
+    boundary: tuple[str, ...],
+    method: str,
+    n_cut: int,
+) -> ReducedStructure:
+    mass, reduced = (basis.T @ (matrix @ basis) for matrix in (structure.mass, stiffness))
+    symmetric = (mass + mass.T) / 2, (reduced + reduced.T) / 2
+    at_sensors, at_joints = basis[structure.sensor_places], structure.joint_rows @ basis
+    for array in (*symmetric, basis, at_sensors, at_joints):
+        array.flags.writeable = False
+    joints = tuple(structure.joints)
+    return ReducedStructure(
+        *symmetric, basis, at_sensors, at_joints, boundary, structure.sensors, joints, method, n_cut
+    )

@@ -1,0 +1,246 @@
+"""Virtual measurements of backbones: by control-based continuation in time, or quickly with stated errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError, NotDeterminedError
+from opid.mechanics.backbones.family import Backbone, backbone
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
+from opid.signals.recording import FloatArray
+from opid.updating.data.measured import LEAST_POINTS, MeasuredBackbone
+from opid.updating.model_class import ModelClass
+from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
+
+BENDING_MODES = (7, 8)
+"""Of the wing-engine structure, in both of which the pylons bend: six modes on its suspension lie below them."""
+
+AMPLITUDE_M = ((2e-4, 4e-3), (2e-4, 2.5e-3))
+"""Of Song et al. (2021), figures 4 and 5: smallest and largest amplitude at sensor 10 for either mode."""
+
+BENCH_NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)
+"""Of each sample, 64 a period: 0.5 mg, 5 mN, and 10 mN that the feedback shakes the structure with."""
+
+# of the points of the curve that is interpolated; its third derivative is small
+_N_GRID = 40
+
+
+def virtual_backbones(
+    specimen: Specimen,
+    *,
+    rng: np.random.Generator,
+    modes: Sequence[int] = BENDING_MODES,
+    amplitude_m: Sequence[tuple[float, float]] = AMPLITUDE_M,
+    n_points: int = 20,
+    controlled_sensor: str = "10",
+    sensors: Sequence[str] | None = None,
+    settings: ContinuationSettings | None = None,
+    noise: ReadingNoise = BENCH_NOISE,
+    least_share: float = 0.9,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[MeasuredBackbone, ...]:
+    """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
+
+    A curve that does not reach quadrature at most of its levels is left out, as in the paper, where 14 sensors reach it
+    in the first mode and 5 in the second: `opid.virtual.backbone_tests.control_based_continuation.measured_curve` says
+    why.
+
+    Args:
+        specimen: the structure with its shaker.
+        rng: source of the noise.
+        modes: their numbers, from 1.
+        amplitude_m: smallest and largest amplitude of the controlled sensor for each mode, m.
+        n_points: levels of a curve, equally far apart.
+        controlled_sensor: whose amplitude is stepped up.
+        sensors: whose quadrature is held, one after the other; all where left out.
+        settings: of the continuation; the usual ones where left out.
+        noise: of the readings; that of a usual bench where left out, `ReadingNoise()` for none.
+        least_share: of its levels that a curve must have converged at.
+        progress: called with the number of curves done and of all.
+
+    Raises:
+        InputError: counts that do not match, or as `measured_curve`.
+        NotDeterminedError: no curve reaches quadrature; `partial` holds the curves.
+    """
+    ranges = _ranges(amplitude_m, modes, n_points)
+    held = specimen.system.sensors if sensors is None else tuple(sensors)
+    curves: list[MeasuredCurve] = []
+    for mode, (least, most) in zip(modes, ranges, strict=True):
+        for sensor in held:
+            curve = measured_curve(
+                specimen,
+                mode=mode,
+                sensor=sensor,
+                controlled_sensor=controlled_sensor,
+                amplitude=np.linspace(least, most, n_points),
+                rng=rng,
+                settings=settings,
+                noise=noise,
+            )
+            curves.append(curve)
+            if progress:
+                progress(len(curves), len(modes) * len(held))
+    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, least_share * n_points)]
+    if not whole:
+        raise NotDeterminedError(
+            f"none of {len(curves)} curves reaches quadrature ({curves[0].reason or 'they are too short'}): "
+            "drive the structure where the mode moves more, or with less damping",
+            tuple(curves),
+        )
+    return tuple(as_backbone(curve) for curve in whole)
+
+
+def as_backbone(curve: MeasuredCurve) -> MeasuredBackbone:
+    """Return the levels of a curve that converged, as data for updating.
+
+    Args:
+        curve: of a virtual measurement.
+
+    Raises:
+        InputError: too few levels that converged.
+    """
+    kept = np.flatnonzero(curve.converged)
+    if kept.size:
+        # the amplitude is met within a tolerance: levels that lie close could cross
+        held = curve.controlled_amplitude[kept]
+        kept = kept[held > np.concatenate([[0.0], np.maximum.accumulate(held)[:-1]])]
+    return MeasuredBackbone(
+        name=f"mode {curve.mode}, quadrature at {curve.sensor}",
+        mode=curve.mode,
+        controlled_sensor=curve.controlled_sensor,
+        frequency_hz=curve.frequency_hz[kept],
+        amplitude=curve.amplitude[kept],
+        sensors=curve.sensors,
+    )
+
+
+def synthetic_backbones(
+    system: JointedModes,
+    model_class: ModelClass,
+    theta: Sequence[float] | FloatArray,
+    *,
+    rng: np.random.Generator,
+    modes: Sequence[int] = BENDING_MODES,
+    n_curves: Sequence[int] = (14, 5),
+    amplitude_m: Sequence[tuple[float, float]] = AMPLITUDE_M,
+    n_points: int = 20,
+    controlled_sensor: str = "10",
+    harmonics: Sequence[int] = (1, 3, 5, 7),
+    offset_share: float | Sequence[float] = (8e-4, 1.5e-3),
+    point_noise: float | Sequence[float] = 1e-4,
+    shape_noise: float | Sequence[float] = (0.005, 0.025),
+    linear_error: float | Sequence[float] = 0.004,
+    amplitude_jitter: float = 0.2,
+) -> tuple[MeasuredBackbone, ...]:
+    """Return sets of backbones by harmonic balance, with all errors drawn: quick, for studies of coverage.
+
+    All levels are standard deviations of normal numbers. With one draw e_m a mode, o_c a curve and n_k a point,
+
+        f = f_HB(A; eigenvalue of the mode (1 + e_m)^2) (1 + o_c) (1 + n_k),   x = x_HB(A) + |x_HB(A)| s.
+
+    The controlled sensor has no noise, as its amplitude is prescribed. The default offsets are as far off as those of
+    `virtual_backbones` on the wing-engine structure with 0.3 % modal damping; there an offset is a curve's own
+    systematic error, it changes along the curve, points scatter by 1e-5 only, and shapes are 0.5 % off in both modes.
+
+    Args:
+        system: the structure by its modes, as the model knows it.
+        model_class: whose law the joints follow.
+        theta: (n_parameters,) its true parameters.
+        rng: source of all errors.
+        modes: their numbers, from 1.
+        n_curves: curves of each mode.
+        amplitude_m: smallest and largest amplitude of the controlled sensor for each mode, m.
+        n_points: of each curve, from the smallest amplitude to the largest.
+        controlled_sensor: whose amplitude is prescribed.
+        harmonics: of the motion.
+        offset_share: o, common to a curve, as single-point forcing makes it; one number or one a mode, like the next.
+        point_noise: n, of each point.
+        shape_noise: s, of each sensor and point, share of the length of the shape over all sensors.
+        linear_error: e, common to all curves of a mode: what the linear structure that is measured differs by from the
+            one that the model knows.
+        amplitude_jitter: largest shift of an amplitude within a curve, share of the distance of two points.
+
+    Raises:
+        InputError: counts that do not match, levels below 0, jitter beyond 0.45, or as `backbone`.
+        NotDeterminedError: harmonic balance fails within the amplitudes; `partial` is its curve.
+    """
+    ranges = _ranges(amplitude_m, modes, n_points)
+    if len(n_curves) != len(modes) or min(n_curves, default=0) < 1:
+        raise InputError(f"n_curves is {tuple(n_curves)} for the modes {tuple(modes)}: give 1 or more for each mode")
+    if not 0.0 <= amplitude_jitter <= 0.45:
+        raise InputError(
+            f"amplitude_jitter is {amplitude_jitter}: give a share from 0 to 0.45, or the points would cross"
+        )
+    offset, point, shape, linear = (
+        _levels(name, level, len(modes))
+        for name, level in (
+            ("offset_share", offset_share),
+            ("point_noise", point_noise),
+            ("shape_noise", shape_noise),
+            ("linear_error", linear_error),
+        )
+    )
+    law, column, curves = model_class.law(theta), system.sensor(controlled_sensor), []
+    for m, (mode, (least, most)) in enumerate(zip(modes, ranges, strict=True)):
+        shifted = _shifted(system, mode, linear[m] * rng.standard_normal())
+        grid = np.linspace(least, most, _N_GRID)
+        true = backbone(shifted, law, mode=mode, sensor=controlled_sensor, amplitude=grid, harmonics=harmonics)
+        for number in range(1, n_curves[m] + 1):
+            amplitude = _amplitudes(least, most, n_points, amplitude_jitter, rng)
+            frequency, shapes = _interpolated(true, amplitude)
+            frequency *= (1.0 + offset[m] * rng.standard_normal()) * (1.0 + point[m] * rng.standard_normal(n_points))
+            noise = shape[m] * rng.standard_normal(shapes.shape)
+            noise[:, column] = 0.0
+            shapes += np.linalg.norm(shapes, axis=1, keepdims=True) * noise
+            name = f"mode {mode}, curve {number}"
+            curves.append(MeasuredBackbone(name, mode, controlled_sensor, frequency, shapes, system.sensors))
+    return tuple(curves)
+
+
+def _ranges(amplitude_m: Sequence[tuple[float, float]], modes: Sequence[int], n_points: int) -> FloatArray:
+    ranges = np.asarray(amplitude_m, dtype=np.float64)
+    fine = ranges.shape == (len(modes), 2) and ranges.size > 0
+    if not fine or not (ranges[:, 0] > 0.0).all() or not (ranges[:, 0] < ranges[:, 1]).all():
+        raise InputError(
+            f"amplitude_m is {amplitude_m!r} for the modes {tuple(modes)}: give a smallest and a largest amplitude, m, "
+            "for each mode"
+        )
+    if n_points != int(n_points) or n_points < LEAST_POINTS:
+        raise InputError(f"n_points is {n_points}: give a whole number, {LEAST_POINTS} or more")
+    return ranges
+
+
+def _levels(name: str, level: ArrayLike, n_modes: int) -> FloatArray:
+    levels = np.asarray(level, dtype=np.float64)
+    if levels.shape not in ((), (n_modes,)) or not ((levels >= 0.0) & np.isfinite(levels)).all():
+        raise InputError(f"{name} is {level!r}: give 0 or more, one number or {n_modes}, one a mode")
+    return np.broadcast_to(levels, n_modes)
+
+
+def _shifted(system: JointedModes, mode: int, share: float) -> JointedModes:
+    """The structure with the frequency of one mode off by a share."""
+    eigenvalue = system.eigenvalue.copy()
+    eigenvalue[system.place(mode)] *= (1.0 + share) ** 2
+    return replace(system, eigenvalue=eigenvalue)
+
+
+def _amplitudes(least: float, most: float, n_points: int, jitter: float, rng: np.random.Generator) -> FloatArray:
+    """Growing amplitudes, the first and the last within the range."""
+    amplitude = np.linspace(least, most, n_points)
+    moved = amplitude + jitter * (amplitude[1] - amplitude[0]) * rng.uniform(-1.0, 1.0, n_points)
+    return np.clip(moved, least, most)
+
+
+def _interpolated(true: Backbone, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Frequency (n,) and shapes (n, n_sensors) at other amplitudes."""
+    from scipy.interpolate import CubicSpline
+
+    if not true.converged.all():
+        raise NotDeterminedError(f"the true backbone of mode {true.mode} has gaps: {true.reason}", true)
+    spline = CubicSpline(true.amplitude, np.column_stack([true.frequency_hz, true.shapes]))(amplitude)
+    return spline[:, 0], spline[:, 1:]

@@ -1,0 +1,282 @@
+"""A shaker under feedback: what the control reads, its gains, the structure with the loop closed, and its records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy import optimize
+
+from opid.errors import InputError
+from opid.mechanics.backbones.quadrature_curves import Specimen
+from opid.mechanics.laws.law import FloatArray
+from opid.mechanics.response import Assembled, State, advance, assembled
+from opid.mechanics.shaker import on_shaker
+from opid.mechanics.structure import ComplexArray, Joint, Structure, linear_matrices
+
+STEP = 2.0
+"""Of the fastest pole of the closed loop, rad: Runge-Kutta 4 stays bounded below 2.8, and what is slow is exact."""
+
+# of a weight on a sensor, against damping of other modes: keeps the weights from growing for nothing
+_WEIGHT_PRICE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A structure under the feedback u = p (x* - x) + d (x*' - x'), as the time step takes it.
+
+    Its degrees of freedom are the modal coordinates, then the armature of the shaker, if there is one. The feedback is
+    a joint; the input of the structure is p x* + d x*'.
+
+    Args:
+        ready: the structure with the feedback.
+        sensors: (n_sensors, n_dof) what the sensors read.
+        reading: (n_dof,) what the feedback reads, x.
+        gains: p, N/m, and d, N s/m.
+        force: (n_dof,) stiffness and damping rows of the stinger, whose force acts on the structure; None where the
+            control is that force.
+        fastest_rad_s: magnitude of the fastest pole, rad/s.
+    """
+
+    ready: Assembled
+    sensors: FloatArray
+    reading: FloatArray
+    gains: tuple[float, float]
+    force: tuple[FloatArray, FloatArray] | None
+    fastest_rad_s: float
+
+
+@dataclass(frozen=True)
+class ReadingNoise:
+    """White noise, independent in each sample and channel; by default none.
+
+    Args:
+        acceleration_m_per_s2: rms of the accelerometers, m/s^2.
+        force_n: rms of the force cell, N.
+        control_n: rms of what the feedback's own noise adds to the force, N; it shakes the structure.
+
+    Raises:
+        InputError: a level below 0.
+    """
+
+    acceleration_m_per_s2: float = 0.0
+    force_n: float = 0.0
+    control_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            if not 0.0 <= getattr(self, each.name) < np.inf:
+                raise InputError(f"{each.name} of the noise is {getattr(self, each.name)}: give 0 or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Harmonics of the mean of some periods.
+
+    Args:
+        force: (n,) of the force on the structure, N.
+        sensors: (n_sensors, n) of the displacements, m.
+        control: (n + 1,) of the control, its mean first, N.
+        n_periods: that were averaged.
+    """
+
+    force: ComplexArray
+    sensors: ComplexArray
+    control: ComplexArray
+    n_periods: int
+
+
+def closed_loop(
+    specimen: Specimen,
+    mode: int,
+    *,
+    damping_ratio: float,
+    stiffness_share: float = 0.0,
+    modal_filter: bool = True,
+) -> ClosedLoop:
+    """Return a structure on its shaker under feedback.
+
+    Args:
+        specimen: the structure with its shaker.
+        mode: that is to be held, from 1.
+        damping_ratio: that the gain on the velocity adds to the mode.
+        stiffness_share: by which the gain on the displacement raises the frequency of the mode.
+        modal_filter: whether the feedback reads the mode through `modal_reading`, or the drive point.
+
+    Raises:
+        InputError: a feedback under which the linear structure is unstable.
+    """
+    system, point, place = specimen.system, specimen.drive_row, specimen.system.place(mode)
+    n = system.n_modes
+    pairs = zip(system.joints, system.at_joints, specimen.joint_laws, strict=True)
+    joints = tuple(Joint(name, row, law=law) for name, row, law in pairs)
+    structure = Structure(np.eye(n), np.diag(specimen.modal_damping), np.diag(system.eigenvalue), joints)
+    reading = modal_reading(specimen, mode) if modal_filter else point
+    gains = _gains(specimen, place, reading, damping_ratio, stiffness_share, modal_filter)
+    acting, sensors, force = point, system.at_sensors, None
+    if specimen.shaker is not None:
+        structure = on_shaker(structure, specimen.shaker, point)
+        stinger = structure.joints[-1]
+        force = (stinger.stiffness_n_per_m * stinger.direction, stinger.damping_n_s_per_m * stinger.direction)
+        acting = np.append(np.zeros(n), 1.0)
+        reading, sensors = np.append(reading, 0.0), np.pad(sensors, ((0, 0), (0, 1)))
+    poles = _poles(structure, acting, reading, gains)
+    if poles.real.max() > 0.0:
+        at_hz = np.abs(poles[np.argmax(poles.real)]) / (2.0 * np.pi)
+        raise InputError(
+            f"the feedback makes the structure unstable, near {at_hz:.3g} Hz: make it weaker than a damping ratio of "
+            f"{damping_ratio:g} and {stiffness_share:.2%} of its frequency"
+        )
+    looped = replace(structure, joints=(*structure.joints, Joint("feedback", reading, *gains)))
+    ready = _acting_at(assembled(looped, acting[:, None]), np.linalg.inv(structure.mass) @ acting)
+    return ClosedLoop(ready, sensors, reading, gains, force, float(np.abs(poles).max()))
+
+
+def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
+    """Return what a filter over all sensors reads for a unit of each modal coordinate, (n_modes,) kg^-1/2.
+
+    It reads the drive point's motion in the mode, moves with the drive point in every other one (else the feedback
+    would stir that mode up), and adds as little damping to them as it can with weights that are not too large: a linear
+    programme. The drive point alone is one of its candidates, so there is always an answer.
+
+    Args:
+        specimen: the structure.
+        mode: to be read, from 1.
+    """
+    shapes, row, place = specimen.system.at_sensors, specimen.drive_row, specimen.system.place(mode)
+    damped = np.delete(shapes * row, place, axis=1) / row[place] ** 2
+    both = np.concatenate([damped, -damped])
+    found = optimize.linprog(
+        both.sum(axis=1) + _WEIGHT_PRICE * np.abs(shapes[:, place]).max() / abs(row[place]),
+        A_ub=-both.T,
+        b_ub=np.zeros(both.shape[1]),
+        A_eq=np.concatenate([shapes[:, place], -shapes[:, place]])[None, :],
+        b_eq=[row[place]],
+    )
+    if not found.success:
+        return row
+    plus, minus = found.x.reshape(2, -1)
+    return (plus - minus) @ shapes
+
+
+def recorded(
+    loop: ClosedLoop,
+    state: State,
+    target: ComplexArray,
+    *,
+    frequency_hz: float,
+    n_periods: int,
+    samples_per_period: int,
+    noise: ReadingNoise,
+    rng: np.random.Generator,
+) -> tuple[Record, State]:
+    """Run whole periods of the drive, each from phase zero; return their mean and the state after them.
+
+    Args:
+        loop: structure and feedback.
+        state: at the beginning.
+        target: (n_harmonics + 1,) of what the feedback reads, its mean first, m.
+        frequency_hz: of the drive.
+        n_periods: to run.
+        samples_per_period: the bench is sampled in step with its drive.
+        noise: of the readings.
+        rng: its source.
+
+    Raises:
+        InputError: the motion grows beyond bounds.
+    """
+    n, omega = samples_per_period, 2.0 * np.pi * frequency_hz
+    fs = n * frequency_hz
+    steps = int(np.ceil(loop.fastest_rad_s / (STEP * fs)))
+    p, d = loop.gains
+    h = np.arange(target.size)
+    half_steps = np.exp(2j * np.pi / (2 * n * steps) * np.outer(np.arange(2 * n * steps), h))
+    wave = (half_steps @ ((p + 1j * h * omega * d) * target)).real
+    drive = np.append(np.tile(wave, n_periods), wave[0])
+    if noise.control_n:
+        drive[:-1] += noise.control_n * np.repeat(rng.standard_normal(n * n_periods), 2 * steps)
+    motion, after = advance(loop.ready, state, drive[:, None], fs=fs, steps_per_sample=steps)
+
+    def mean(series: FloatArray) -> FloatArray:
+        return series[:-1].reshape(n_periods, n, -1).mean(axis=0)
+
+    x, v, a = mean(motion.displacement), mean(motion.velocity), mean(motion.acceleration)
+    control = mean(drive[:: 2 * steps, None])[:, 0] - p * (x @ loop.reading) - d * (v @ loop.reading)
+    force = control if loop.force is None else x @ loop.force[0] + v @ loop.force[1]
+    # the mean over the periods has less noise than each sample
+    shrunk = 1.0 / np.sqrt(n_periods)
+    force = force + shrunk * noise.force_n * rng.standard_normal(n)
+    acceleration = a @ loop.sensors.T
+    acceleration += shrunk * noise.acceleration_m_per_s2 * rng.standard_normal(acceleration.shape)
+    displacement = -_harmonics(acceleration, target.size)[1:] / (h[1:, None] * omega) ** 2
+    found = _harmonics(np.column_stack([force, control]), target.size)
+    return Record(found[1:, 0], displacement.T, found[:, 1], n_periods), after
+
+
+def phase_noise(
+    record: Record, column: int, noise: ReadingNoise, frequency_hz: float, samples_per_period: int
+) -> float:
+    """Return the standard deviation of the phase between force and a sensor in a record, radians.
+
+    Args:
+        record: with the amplitudes.
+        column: of the sensor.
+        noise: of its samples; that of the control counts like that of the force, as the response lags behind it.
+        frequency_hz: of the drive.
+        samples_per_period: of the record.
+
+    >>> record = Record(np.array([1.0]), np.array([[1e-3]]), np.zeros(2), 50)
+    >>> round(phase_noise(record, 0, ReadingNoise(force_n=0.1), 15.0, 64), 5)
+    0.0025
+    """
+    of_motion = noise.acceleration_m_per_s2 / ((2.0 * np.pi * frequency_hz) ** 2 * abs(record.sensors[column, 0]))
+    of_force = np.hypot(noise.force_n, noise.control_n) / abs(record.force[0])
+    return float(np.hypot(of_motion, of_force) * np.sqrt(2.0 / (record.n_periods * samples_per_period)))
+
+
+def _gains(
+    specimen: Specimen,
+    place: int,
+    reading: FloatArray,
+    damping_ratio: float,
+    stiffness_share: float,
+    modal_filter: bool,
+) -> tuple[float, float]:
+    """The gains on displacement, N/m, and velocity, N s/m, that add the wanted stiffness and damping to the mode.
+
+    At the drive point itself the residual receptance R of the other modes turns the feedback k = p + j w d into
+    k / (1 + k R) on the mode: beyond |k R| = 1 it would hold the point like a support, and damp less.
+    """
+    system, row = specimen.system, specimen.drive_row
+    omega = 2.0 * np.pi * system.frequency_hz[place]
+    modal = omega / (row[place] * reading[place])
+    gains = 2.0 * stiffness_share * omega * modal, 2.0 * damping_ratio * modal
+    if not modal_filter:
+        others = np.delete(np.arange(system.n_modes), place)
+        residual = np.abs(np.sum(row[others] ** 2 / (system.eigenvalue[others] - omega**2)))
+        most = 1.0 / max(residual, np.finfo(float).tiny)
+        gains = min(gains[0], most), min(gains[1], most / omega)
+    return float(gains[0]), float(gains[1])
+
+
+def _poles(structure: Structure, acting: FloatArray, reading: FloatArray, gains: tuple[float, float]) -> FloatArray:
+    """Poles of the linear structure with a feedback that acts on one place and reads another, rad/s."""
+    mass, damping, stiffness = linear_matrices(structure)
+    stiffness, damping = (m + g * np.outer(acting, reading) for m, g in zip((stiffness, damping), gains, strict=True))
+    lower = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
+    return np.linalg.eigvals(np.vstack([np.hstack([np.zeros_like(mass), np.eye(len(mass))]), lower]))
+
+
+def _acting_at(ready: Assembled, load: FloatArray) -> Assembled:
+    """The last joint, the feedback, acts on the drive point instead of where it is read."""
+    directions, spans, linear, loads, *rest = ready.joints
+    spans, loads = spans.copy(), loads.copy()
+    loads[-1], spans[-1, 2:4] = load, (0, load.size)
+    return replace(ready, joints=(directions, spans, linear, loads, *rest))
+
+
+def _harmonics(series: FloatArray, n_harmonics: int) -> ComplexArray:
+    """(n_harmonics, n_channels) complex amplitudes of one period, the mean first."""
+    found = np.fft.rfft(series, axis=0)[:n_harmonics] * (2.0 / len(series))
+    found[0] *= 0.5
+    return found

@@ -1,0 +1,1 @@
+"""A virtual test on disk: its logs, the study that names them, and its truth.json, written and read."""

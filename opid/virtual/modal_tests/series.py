@@ -1,0 +1,246 @@
+"""A virtual test series on a rig: impacts and sine beats at several levels, and a truth test (Pacini, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.mechanics.rig import FORCE, RigRun, impact, rig_run
+from opid.modal.forced.excitation import (
+    SineBeat,
+    beat_between_neighbours,
+    beat_over_drive_point_peak,
+    quiet_s,
+    shaped_sweep,
+    sine_beat_voltage,
+)
+from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import LinearModes, force_projection, modal_filter
+from opid.modal.study import ModalStudy, StudyTest, Use
+from opid.signals.recording import FloatArray, Recording
+from opid.virtual.modal_tests.case_studies import CaseStudy
+
+Say = Callable[[str], None]
+Truth = Literal["sweep", "beat"]
+Rule = Literal["neighbours", "drive point"]
+
+IMPACTS = (0.01, 0.1, 0.6)
+"""Levels of the hammer: largest acceleration of a nonlinear mode over that of its highest sine beat."""
+
+NEAR_ENOUGH, MOST_TRIES = 0.05, 10
+"""How near the peak of the highest level comes to what is asked for, and how many runs that may take."""
+
+SMALL = 1e-3
+"""Amplitude of the run from which the others are guessed, V or N."""
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualSeries:
+    """What a test series is to do.
+
+    Args:
+        case: the rig with its sensors, its drive point and perhaps a shaker, its linear modes, and those to test.
+        top_m_per_s2: peak acceleration of the highest sine beat at `top_sensor`.
+        top_sensor: where; the sensor with the largest shape of each mode where None.
+        fs: sampling rate, Hz; impacts are recorded at twice that.
+        levels: voltages of the sine beats over that of the highest one, which must be among them.
+        rule: that sets the length of the beats: "neighbours" for first minima on the neighbouring modes, "drive point"
+            for a main lobe as wide as the peak of the mode in the drive-point response.
+        truth: "sweep" for a shaped sweep through all elastic modes, "beat" for the highest sine
+            beat, which is then not fitted.
+        sweep_octaves_per_s: rate of the shaped sweep; at 0.1 modes of 0.3 % have the time to ring up.
+        title: of the study.
+
+    Raises:
+        InputError: levels that are no shares of the highest one.
+    """
+
+    case: CaseStudy
+    top_m_per_s2: float
+    fs: float
+    title: str
+    top_sensor: str | None = None
+    levels: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0)
+    rule: Rule = "neighbours"
+    truth: Truth = "sweep"
+    sweep_octaves_per_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.sweep_octaves_per_s > 0:
+            raise InputError(f"sweep_octaves_per_s is {self.sweep_octaves_per_s}: give a positive rate")
+        if max(self.levels) != 1.0 or min(self.levels) <= 0:
+            raise InputError(f"levels are {self.levels}: give shares of the highest one, which is 1")
+
+
+def virtual_study(
+    series: VirtualSeries,
+    *,
+    rng: np.random.Generator,
+    noise_share: float = 0.01,
+    given: LinearModes | None = None,
+    progress: Say | None = None,
+) -> ModalStudy:
+    """Run a virtual test series and return it as a study.
+
+    Args:
+        series: what it is to do.
+        rng: source of the noise.
+        noise_share: standard deviation of the noise over the rms of each channel.
+        given: linear modes that the study states; the true ones where left out.
+        progress: called with the name of each test as it is run.
+
+    Raises:
+        InputError: modes that cannot be excited at the drive point.
+    """
+    say = progress or (lambda step: None)
+    modes = series.case.modes if given is None else given
+    tests: list[StudyTest] = []
+    reached: dict[int, float] = {}
+
+    def record(name: str, run: RigRun, use: Use, mode: int | None = None) -> None:
+        test = modal_test(run.recording, modes, name=name, force=FORCE, drive_point=series.case.drive_point)
+        tests.append(StudyTest(test, use, mode))
+
+    for number, level in enumerate(IMPACTS, start=1):
+        say(f"impact {number}")
+        record(f"impact_{number}", _impact(series, level, rng, noise_share), "level")
+    for mode in series.case.nonlinear_modes:
+        say(f"level of mode {mode}")
+        beat, reached[mode] = _highest_beat(series, mode)
+        for number, level in enumerate(sorted(series.levels), start=1):
+            say(f"sine beat {number} of mode {mode}")
+            voltage = sine_beat_voltage(replace(beat, amplitude=level * beat.amplitude), series.fs)
+            run = rig_run(series.case.rig, voltage, fs=series.fs, rng=rng, noise_share=noise_share)
+            use: Use = "truth" if series.truth == "beat" and level == 1.0 else "fit"
+            record(f"beat_{mode}_level_{number}", run, use, mode)
+    if series.truth == "sweep":
+        say("shaped sweep")
+        run = rig_run(series.case.rig, _sweep(series, reached), fs=series.fs, rng=rng, noise_share=noise_share)
+        record("sweep", run, "truth")
+    return ModalStudy(series.title, modes, series.case.nonlinear_modes, tuple(tests), series.case.drive_point)
+
+
+def stated_modes(modes: LinearModes, *, frequency_error: float = 0.0, damping_error: float = 0.0) -> LinearModes:
+    """Return linear modes as a linear test with errors would state them.
+
+    Args:
+        modes: the true ones.
+        frequency_error: share by which each natural frequency is stated too high.
+        damping_error: share by which each damping ratio is stated too high.
+    """
+    return replace(
+        modes,
+        frequency_hz=modes.frequency_hz * (1 + frequency_error),
+        damping_ratio=modes.damping_ratio * (1 + damping_error),
+    )
+
+
+def top_displacement(series: VirtualSeries, mode: int) -> float:
+    """Return the modal displacement that the highest sine beat is to reach, m kg^1/2.
+
+    Args:
+        series: what it is to do.
+        mode: number of the mode, from 1.
+    """
+    return _top(series, mode) / float(series.case.modes.stiffness()[series.case.modes.place(mode)])
+
+
+def _top(series: VirtualSeries, mode: int) -> float:
+    """Modal acceleration that the highest level is to reach."""
+    shape = series.case.modes.shapes[:, series.case.modes.place(mode)]
+    if series.top_sensor is not None:
+        shape = series.case.modes.row(series.top_sensor)[[series.case.modes.place(mode)]]
+    return series.top_m_per_s2 / float(np.abs(shape).max())
+
+
+def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
+    """The beat of a mode, as strong as its peak asks for, or as the amplifier can, and what share of it is reached."""
+    modes, drive_point = series.case.modes, series.case.drive_point
+    if series.rule == "neighbours":
+        beat = beat_between_neighbours(modes, mode, lead_s=0.05).beat
+    else:
+        beat = beat_over_drive_point_peak(modes, mode, drive_point, lead_s=0.05).beat
+
+    def peak(amplitude: float) -> float:
+        return _peaks(series, sine_beat_voltage(replace(beat, amplitude=amplitude), series.fs), [mode])[0]
+
+    amplitude, reached = _amplitude(series, peak)
+    return replace(beat, amplitude=amplitude), reached
+
+
+def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
+    """A sweep through all elastic modes, stronger where a nonlinear mode needs it, no further than the beats went."""
+    modes = series.case.modes
+    elastic = np.flatnonzero(modes.elastic)
+    push = np.abs(force_projection(modes, series.case.drive_point))
+    # what a slow sweep needs to bring each mode to its top, all with the damping of their low level
+    needed = {
+        mode: 2 * modes.damping_ratio[mode - 1] * share * _top(series, mode) / push[mode - 1]
+        for mode, share in reached.items()
+    }
+    least = 0.3 * min(needed.values())
+    heights = [needed.get(int(place) + 1, least) for place in elastic]
+    low, high = 0.8 * modes.frequency_hz[elastic].min(), 1.15 * modes.frequency_hz.max()
+    tail = np.zeros(round(max(quiet_s(modes, int(place) + 1) for place in elastic) * series.fs))
+    length_s = float(np.log2(high / low)) / series.sweep_octaves_per_s
+    frequency = modes.frequency_hz[elastic]
+    shape = shaped_sweep(
+        frequency, np.array(heights), start_hz=low, stop_hz=high, duration_s=length_s, fs=series.fs,
+        kind="logarithmic", fade_s=0.05 * length_s,
+    )  # fmt: skip
+    shape = np.concatenate([shape / np.abs(shape).max(), tail])
+
+    def peak(amplitude: float) -> float:
+        found = _peaks(series, amplitude * shape, list(reached))
+        return max(share / most for share, most in zip(found, reached.values(), strict=True))
+
+    return _amplitude(series, peak)[0] * shape
+
+
+def _peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) -> list[float]:
+    """Peak modal accelerations of a run without noise, over those of the top."""
+    run = rig_run(series.case.rig, voltage, fs=series.fs, rng=np.random.default_rng(0), noise_share=0.0)
+    motion = _sensors(run.clean, series.case.modes) @ modal_filter(series.case.modes).T
+    return [float(np.abs(motion[:, mode - 1]).max()) / _top(series, mode) for mode in wanted]
+
+
+def _amplitude(series: VirtualSeries, peak: Callable[[float], float]) -> tuple[float, float]:
+    """The amplitude whose peak is 1, or the amplifier's limit if that comes first, and the peak that it makes."""
+    shaker = series.case.rig.shaker
+    limit = np.inf if shaker is None else shaker.full_voltage_v
+    amplitude, found = SMALL, max(peak(SMALL), 1e-300)
+    for _ in range(MOST_TRIES):
+        if abs(found - 1) < NEAR_ENOUGH or (amplitude == limit and found < 1):
+            break
+        # never far at once beyond what is known to be safe: a joint may stiffen
+        longest = 5.0 if amplitude > SMALL else np.inf
+        amplitude = min(amplitude * float(np.clip(1 / found, 0.2, longest)), limit)
+        found = peak(amplitude)
+    return amplitude, found
+
+
+def _impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise_share: float) -> RigRun:
+    modes, fs = series.case.modes, 2 * series.fs
+    push = np.abs(force_projection(modes, series.case.drive_point))
+    omega = np.sqrt(modes.stiffness())
+    # an impulse I starts a mode with phi I, and with an acceleration of omega times that
+    impulse = min(_top(series, mode) / (omega[mode - 1] * push[mode - 1]) for mode in series.case.nonlinear_modes)
+    pulse_s = max(4.0 / fs, 0.6 / float(modes.frequency_hz.max()))
+    slowest = max(quiet_s(modes, int(place) + 1, decay_to=1e-3) for place in np.flatnonzero(modes.elastic))
+    return impact(
+        series.case.rig,
+        peak_n=level * impulse * np.pi / (2 * pulse_s),
+        pulse_s=pulse_s,
+        fs=fs,
+        duration_s=slowest + 0.05,
+        rng=rng,
+        noise_share=noise_share,
+    )
+
+
+def _sensors(recording: Recording, modes: LinearModes) -> FloatArray:
+    return recording.samples[:, [recording.index(sensor) for sensor in modes.sensors]]

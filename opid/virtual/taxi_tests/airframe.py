@@ -1,0 +1,360 @@
+"""A rigid airframe on several gears, with one bending mode if wanted: records, loadings and its structure.
+
+Coordinates, with one origin anywhere: x forward, y to the left, z up. The airframe heaves by w, rolls by rx about x and
+pitches by ry about y; at (x, y) it goes up by j . (w, rx, ry), j = (1, y, -x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from opid.errors import InputError
+from opid.mechanics.laws.law import LINEAR, FloatArray, Law
+from opid.mechanics.structure import Joint, Structure
+
+BODY_MOTIONS = ("heave", "roll", "pitch", "bending")
+"""Degrees of freedom of an airframe: m, rad, rad, and m for a unit of the bending shape."""
+
+
+@dataclass(frozen=True)
+class Gear:
+    """A gear of an airframe: a strut between the airframe and a wheel, and a tyre below.
+
+    The strut pulls with F = K z + C z' + f(z, z'), z the motion of the airframe at (x, y) less that of the wheel.
+
+    Args:
+        name: what its channels begin with.
+        x_m: where it stands, forward.
+        y_m: where it stands, to the left.
+        unsprung_mass_kg: wheel and rocker.
+        suspension_stiffness_n_per_m: K.
+        suspension_damping_n_s_per_m: C.
+        tyre_stiffness_n_per_m: of the tyre.
+        tyre_damping_n_s_per_m: of the tyre.
+        law: f(z, z') of the strut.
+        ground_stiffness_n_per_m: of a spring from the airframe at (x, y) to the ground; 0 for a free aircraft.
+
+    Raises:
+        InputError: no name, a place that is not finite, a mass or stiffness that is not positive, negative damping or
+            ground stiffness.
+    """
+
+    name: str
+    x_m: float
+    y_m: float
+    unsprung_mass_kg: float
+    suspension_stiffness_n_per_m: float
+    suspension_damping_n_s_per_m: float
+    tyre_stiffness_n_per_m: float
+    tyre_damping_n_s_per_m: float
+    law: Law = LINEAR
+    ground_stiffness_n_per_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.name or self.name in BODY_MOTIONS:
+            raise InputError(f"a gear is called {self.name!r}: give a name, and none of {', '.join(BODY_MOTIONS)}")
+        for field, value in vars(self).items():
+            if field.startswith(("name", "law")):
+                continue
+            if field in ("x_m", "y_m"):
+                sound, needed = np.isfinite(value), "a finite number"
+            elif "damping" in field or field == "ground_stiffness_n_per_m":
+                sound, needed = 0.0 <= value < np.inf, "zero or more"
+            else:
+                sound, needed = 0.0 < value < np.inf, "a positive number"
+            if not sound:
+                raise InputError(f"{field} of the gear {self.name!r} is {value}: give {needed}")
+
+
+@dataclass(frozen=True)
+class BendingMode:
+    """A mode in which the fuselage bends, the same over the whole width; linear between the stations.
+
+    Args:
+        frequency_hz: sqrt(k/m)/(2 pi) with heave, roll and pitch held: without coupling that of the free airframe.
+        damping_ratio: c/(2 sqrt(k m)).
+        modal_mass_kg: m, for the shape as it is given.
+        stations_m: places along x, ascending.
+        shape: upward motion at each station for a unit of the mode.
+        coupling: mass that it shares with heave (kg), roll and pitch (kg m), sum of dm shape j; zero for a free mode of
+            the airframe, until masses are put on it.
+
+    Raises:
+        InputError: a frequency or mass that is not positive, negative damping, stations that do not ascend or do not
+            go with the shape, values that are not finite.
+    """
+
+    frequency_hz: float
+    damping_ratio: float
+    modal_mass_kg: float
+    stations_m: tuple[float, ...]
+    shape: tuple[float, ...]
+    coupling: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for field in ("stations_m", "shape", "coupling"):
+            object.__setattr__(self, field, tuple(float(value) for value in getattr(self, field)))
+        values = (self.frequency_hz, self.modal_mass_kg)
+        if not (all(0.0 < value < np.inf for value in values) and 0.0 <= self.damping_ratio < np.inf):
+            raise InputError(
+                f"the bending mode has {self.frequency_hz} Hz, {self.modal_mass_kg} kg and a damping ratio of "
+                f"{self.damping_ratio}: give positive numbers, the damping zero or more"
+            )
+        n_stations = len(self.stations_m)
+        if n_stations < 2 or len(self.shape) != n_stations or not (np.diff(self.stations_m) > 0.0).all():
+            raise InputError(
+                f"the bending mode has {n_stations} station(s) and {len(self.shape)} value(s) of its shape: "
+                "give two stations or more that ascend, and one value for each"
+            )
+        if len(self.coupling) != 3 or not np.isfinite([*self.stations_m, *self.shape, *self.coupling]).all():
+            raise InputError("stations, shape and coupling of the bending mode: give finite numbers, three couplings")
+
+    @property
+    def stiffness_n_per_m(self) -> float:
+        """k, for a unit of the mode."""
+        return self.modal_mass_kg * (2.0 * np.pi * self.frequency_hz) ** 2
+
+    @property
+    def damping_n_s_per_m(self) -> float:
+        """c, for a unit of the mode."""
+        return 4.0 * np.pi * self.damping_ratio * self.frequency_hz * self.modal_mass_kg
+
+    def deflection(self, x_m: ArrayLike) -> FloatArray:
+        """Return the shape at places x, m; InputError beyond the stations."""
+        place = np.asarray(x_m, dtype=np.float64)
+        first, last = self.stations_m[0], self.stations_m[-1]
+        if not ((place >= first) & (place <= last)).all():
+            raise InputError(
+                f"the bending shape goes from {first:g} to {last:g} m, a place is at {place} m: "
+                "give it further stations"
+            )
+        return np.asarray(np.interp(place, self.stations_m, self.shape))
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """Everything above the struts, and the gears it stands on.
+
+    Args:
+        mass_kg: of all that is sprung.
+        ixx_kg_m2: sum of dm y^2 about the centre of gravity, moment of inertia in roll.
+        iyy_kg_m2: sum of dm x^2 about the centre of gravity, moment of inertia in pitch.
+        x_cg_m: centre of gravity, forward.
+        y_cg_m: centre of gravity, to the left.
+        gears: one or more.
+        bending: a mode in which it bends; None for a rigid airframe.
+        ixy_kg_m2: sum of dm x y about the centre of gravity; 0 for a symmetric airframe.
+
+    Raises:
+        InputError: values that are not finite, masses and inertias that no body has, no gear or two of one name, a
+            gear beyond the stations of the bending shape.
+    """
+
+    mass_kg: float
+    ixx_kg_m2: float
+    iyy_kg_m2: float
+    x_cg_m: float
+    y_cg_m: float
+    gears: tuple[Gear, ...]
+    bending: BendingMode | None = None
+    ixy_kg_m2: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gears", tuple(self.gears))
+        for field, value in vars(self).items():
+            if field not in ("gears", "bending") and not np.isfinite(value):
+                raise InputError(f"{field} of the airframe is {value}: give a finite number")
+        for field in ("mass_kg", "ixx_kg_m2", "iyy_kg_m2"):
+            if not getattr(self, field) > 0.0:
+                raise InputError(f"{field} of the airframe is {getattr(self, field)}: give a positive number")
+        names = [gear.name for gear in self.gears]
+        if not names or len(set(names)) != len(names):
+            raise InputError(f"the gears are called {names}: give one gear or more, each a name of its own")
+        if not _is_positive(airframe_mass(self)):
+            raise InputError(
+                f"the mass matrix of the airframe is not positive definite: ixy_kg_m2 is {self.ixy_kg_m2}, "
+                "or the coupling of the bending mode is, too large beside masses and inertias"
+            )
+        place_directions(self, [(gear.x_m, gear.y_m) for gear in self.gears])
+
+    @property
+    def body_motions(self) -> tuple[str, ...]:
+        """The degrees of freedom of the airframe: "heave", "roll", "pitch" and, if it bends, "bending"."""
+        return BODY_MOTIONS if self.bending else BODY_MOTIONS[:3]
+
+
+@dataclass(frozen=True)
+class Loading:
+    """A point mass put on an airframe, or taken off it.
+
+    Args:
+        mass_kg: negative for a mass taken off.
+        x_m: where, forward.
+        y_m: where, to the left.
+
+    Raises:
+        InputError: a value that is not finite.
+    """
+
+    mass_kg: float
+    x_m: float
+    y_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.mass_kg, self.x_m, self.y_m]).all():
+            raise InputError(f"a loading of {self.mass_kg} kg is at ({self.x_m}, {self.y_m}) m: give finite numbers")
+
+
+def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
+    """Return how far places go up for a unit of each motion of the airframe, (1, y, -x) and the bending shape.
+
+    Args:
+        airframe: the airframe.
+        places_m: (n, 2) x and y of each place, m.
+
+    Returns:
+        (n, n_body), n_body 3, or 4 if it bends.
+
+    Raises:
+        InputError: places of another shape or not finite; one beyond the stations of the bending shape.
+
+    >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
+    >>> place_directions(default_aircraft(), [(2.0, 1.5)])
+    array([[ 1. ,  1.5, -2. ]])
+    """
+    try:
+        places = np.asarray(places_m, dtype=np.float64)
+    except ValueError:
+        places = np.empty(0)
+    if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
+        raise InputError(f"the places are {places_m!r}: give a pair of finite numbers, x and y in m, for each")
+    x, y = places.T
+    bent = [airframe.bending.deflection(x)] if airframe.bending else []
+    return np.stack([np.ones(x.size), y, -x, *bent], axis=1)
+
+
+def airframe_mass(airframe: Airframe) -> FloatArray:
+    """Return the mass matrix of the airframe about the origin, sum of dm j j^T, (n_body, n_body).
+
+    Args:
+        airframe: the airframe; its gears do not count.
+
+    >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
+    >>> airframe_mass(default_aircraft())[0]
+    array([ 5400.,     0., -3240.])
+    """
+    m, x, y = airframe.mass_kg, airframe.x_cg_m, airframe.y_cg_m
+    ixy = airframe.ixy_kg_m2 + m * x * y
+    mass = np.zeros((len(airframe.body_motions),) * 2)
+    mass[:3, :3] = [
+        [m, m * y, -m * x],
+        [m * y, airframe.ixx_kg_m2 + m * y**2, -ixy],
+        [-m * x, -ixy, airframe.iyy_kg_m2 + m * x**2],
+    ]
+    if airframe.bending:
+        mass[3, 3] = airframe.bending.modal_mass_kg
+        mass[3, :3] = mass[:3, 3] = airframe.bending.coupling
+    return mass
+
+
+def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
+    """Return the airframe with point masses put on it: mass, centre of gravity, inertias and bending mode change.
+
+    Stiffness and damping of the bending mode stay what they are.
+
+    Args:
+        airframe: the airframe.
+        loadings: the masses.
+
+    Raises:
+        InputError: more mass or inertia taken off than there is.
+
+    >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
+    >>> heavy = loaded(default_aircraft(), [Loading(600.0, -0.6, 0.0)])
+    >>> heavy.mass_kg, round(heavy.x_cg_m, 3)
+    (6000.0, 0.48)
+    """
+    given = tuple(loadings)
+    mass = airframe_mass(airframe)
+    for loading in given:
+        (direction,) = place_directions(airframe, [(loading.x_m, loading.y_m)])
+        mass += loading.mass_kg * np.outer(direction, direction)
+    if not _is_positive(mass):
+        raise InputError(
+            f"loadings of {[loading.mass_kg for loading in given]} kg leave a mass matrix that is not positive "
+            "definite: less mass or inertia is there to be taken off, check signs and places"
+        )
+    total = float(mass[0, 0])
+    x, y = -float(mass[0, 2]) / total, float(mass[0, 1]) / total
+    return replace(
+        airframe,
+        mass_kg=total,
+        x_cg_m=x,
+        y_cg_m=y,
+        ixx_kg_m2=float(mass[1, 1]) - total * y**2,
+        iyy_kg_m2=float(mass[2, 2]) - total * x**2,
+        ixy_kg_m2=-float(mass[1, 2]) - total * x * y,
+        bending=_loaded_bending(airframe.bending, mass) if airframe.bending else None,
+    )
+
+
+def airframe_structure(airframe: Airframe) -> Structure:
+    """Return the structure of an airframe on its gears, displacements upward from static equilibrium.
+
+    Degrees of freedom: "heave" (m), "roll" and "pitch" (rad) at the origin of coordinates, "bending" if it bends, and
+    the wheel of each gear by its name (m). The struts are joints by the same names. A ground spring K3 pulls the
+    airframe down at its strut by K3 times its upward motion there. The road acts through forces on the wheels.
+
+    Args:
+        airframe: the airframe.
+
+    >>> from opid.mechanics.structure import natural_frequencies
+    >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
+    >>> natural_frequencies(airframe_structure(default_aircraft())).frequency_hz.round(2)
+    array([ 1.36,  1.52,  1.77, 14.86, 16.03, 16.04])
+    """
+    n_body, n_gears = len(airframe.body_motions), len(airframe.gears)
+    mass, damping, stiffness = (np.zeros((n_body + n_gears,) * 2) for _ in range(3))
+    mass[:n_body, :n_body] = airframe_mass(airframe)
+    if airframe.bending:
+        damping[3, 3], stiffness[3, 3] = airframe.bending.damping_n_s_per_m, airframe.bending.stiffness_n_per_m
+    body = place_directions(airframe, [(gear.x_m, gear.y_m) for gear in airframe.gears])
+    joints = []
+    for row, (gear, at_strut) in enumerate(zip(airframe.gears, body, strict=True), start=n_body):
+        mass[row, row] = gear.unsprung_mass_kg
+        damping[row, row], stiffness[row, row] = gear.tyre_damping_n_s_per_m, gear.tyre_stiffness_n_per_m
+        stiffness[:n_body, :n_body] += gear.ground_stiffness_n_per_m * np.outer(at_strut, at_strut)
+        wheel = -np.eye(n_gears)[row - n_body]
+        joints.append(
+            Joint(
+                gear.name,
+                np.concatenate([at_strut, wheel]),
+                gear.suspension_stiffness_n_per_m,
+                gear.suspension_damping_n_s_per_m,
+                gear.law,
+            )
+        )
+    names = (*airframe.body_motions, *(gear.name for gear in airframe.gears))
+    return Structure(mass, damping, stiffness, tuple(joints), names)
+
+
+def _loaded_bending(bending: BendingMode, mass: FloatArray) -> BendingMode:
+    """Return the mode with the mass matrix of a loaded airframe; its stiffness and damping are kept."""
+    ratio = float(mass[3, 3]) / bending.modal_mass_kg
+    return replace(
+        bending,
+        modal_mass_kg=float(mass[3, 3]),
+        frequency_hz=bending.frequency_hz / np.sqrt(ratio),
+        damping_ratio=bending.damping_ratio / np.sqrt(ratio),
+        coupling=tuple(mass[3, :3].tolist()),
+    )
+
+
+def _is_positive(mass: FloatArray) -> bool:
+    """Whether a mass matrix is positive definite, the same in any units of its motions."""
+    scale = np.sqrt(np.abs(np.diag(mass)))
+    return bool((np.diag(mass) > 0.0).all() and np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] > 1e-12)

@@ -1,0 +1,128 @@
+"""What a logger makes of an acceleration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage, signal
+
+from opid.errors import InputError
+from opid.mechanics.laws.law import FloatArray
+
+ANTI_ALIAS_PASS = 0.8
+ANTI_ALIAS_STOP_DB = 90.0
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """An accelerometer, its amplifier and converter; by default its only fault is 5 mm/s^2 of white noise.
+
+    Args:
+        noise_m_per_s2: rms of the white noise, m/s^2.
+        gain: reading over truth, 1 for a perfect calibration.
+        corner_hz: corner of the first-order AC coupling, Hz; 0 for DC coupling.
+        cross_axis: share of the motion across the axis that leaks in.
+        lag_s: delay of this channel, s.
+        bits: resolution of the converter over +- range; None for a fine one.
+        range_m_per_s2: readings beyond +- this are clipped, m/s^2; None for no limit.
+
+    Raises:
+        InputError: a negative value where none can be, or bits without a range.
+    """
+
+    noise_m_per_s2: float = 0.005
+    gain: float = 1.0
+    corner_hz: float = 0.0
+    cross_axis: float = 0.0
+    lag_s: float = 0.0
+    bits: int | None = None
+    range_m_per_s2: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.noise_m_per_s2 >= 0.0 and self.corner_hz >= 0.0):
+            raise InputError(
+                f"noise is {self.noise_m_per_s2} m/s^2, corner {self.corner_hz} Hz: neither can be negative"
+            )
+        if self.range_m_per_s2 is not None and not self.range_m_per_s2 > 0.0:
+            raise InputError(f"range is +-{self.range_m_per_s2} m/s^2: give a positive number")
+        if self.bits is not None and (self.bits < 2 or self.range_m_per_s2 is None):
+            raise InputError(f"bits is {self.bits}, range {self.range_m_per_s2}: give two bits or more and the range")
+
+
+def measure(
+    acceleration: ArrayLike,
+    *,
+    fs: float,
+    sensor: Sensor,
+    rng: np.random.Generator,
+    cross_axis_acceleration: ArrayLike | None = None,
+) -> FloatArray:
+    """Return what the sensor reads: leak, gain, lag, AC coupling, noise, converter steps, clipping, in turn.
+
+    Args:
+        acceleration: (n,) true acceleration along the axis, m/s^2, already without content above fs/2.
+        fs: sampling rate, Hz.
+        sensor: the sensor.
+        rng: source of the noise; one draw a sample, whatever the noise level.
+        cross_axis_acceleration: (n,) true acceleration across the axis; needed where the sensor leaks.
+
+    Raises:
+        InputError: a leaking sensor without the motion across it, arrays of different length, or an AC
+            coupling above fs/2.
+
+    >>> quiet = Sensor(noise_m_per_s2=0.0, gain=1.01)
+    >>> measure([0.0, 1.0, -1.0], fs=512.0, sensor=quiet, rng=np.random.default_rng(1))
+    array([ 0.  ,  1.01, -1.01])
+    """
+    reading = np.array(acceleration, dtype=np.float64)
+    noise = rng.standard_normal(reading.size)
+    if sensor.cross_axis != 0.0:
+        if cross_axis_acceleration is None or np.shape(cross_axis_acceleration) != reading.shape:
+            raise InputError("the sensor leaks across its axis: give the acceleration across it, as long as the other")
+        reading = reading + sensor.cross_axis * np.asarray(cross_axis_acceleration)
+    reading = sensor.gain * reading
+    if sensor.lag_s != 0.0:
+        reading = ndimage.shift(reading, sensor.lag_s * fs, order=5, mode="nearest")
+    if sensor.corner_hz >= 0.5 * fs:
+        raise InputError(f"the corner of the AC coupling is {sensor.corner_hz} Hz: give one below fs/2 = {0.5 * fs} Hz")
+    if sensor.corner_hz > 0.0:
+        reading = signal.lfilter(*signal.butter(1, sensor.corner_hz, "highpass", fs=fs), reading)
+    reading = reading + sensor.noise_m_per_s2 * noise
+    if sensor.bits is not None and sensor.range_m_per_s2 is not None:
+        step = 2.0 * sensor.range_m_per_s2 / 2**sensor.bits
+        reading = step * np.round(reading / step)
+    if sensor.range_m_per_s2 is not None:
+        reading = np.clip(reading, -sensor.range_m_per_s2, sensor.range_m_per_s2)
+    return reading
+
+
+def decimate(samples: ArrayLike, factor: int) -> FloatArray:
+    """Return every factor-th sample after a sharp zero-phase low-pass, the logger's anti-alias filter.
+
+    Flat up to 0.8 of the new Nyquist frequency, 90 dB down from that frequency on (Kaiser window design).
+
+    Args:
+        samples: (n, ...) samples, time along the first axis.
+        factor: whole number of samples for each one kept.
+
+    Returns:
+        (ceil(n / factor), ...) samples; the first one keeps its time.
+
+    Raises:
+        InputError: a factor below one.
+
+    >>> decimate(np.ones(4000), 8).shape
+    (500,)
+    """
+    array = np.asarray(samples, dtype=np.float64)
+    if factor < 1:
+        raise InputError(f"the decimation factor is {factor}: give a whole number from 1 on")
+    if factor == 1:
+        return array.copy()
+    n_taps, beta = signal.kaiserord(ANTI_ALIAS_STOP_DB, (1.0 - ANTI_ALIAS_PASS) / factor)
+    # the middle of the transition, and an odd length so that the delay is a whole number of samples
+    cutoff = 0.5 * (1.0 + ANTI_ALIAS_PASS) / factor
+    taps = signal.firwin(n_taps | 1, cutoff, window=("kaiser", beta))
+    return signal.resample_poly(array, 1, factor, axis=0, window=taps, padtype="line")
