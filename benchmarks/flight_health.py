@@ -24,7 +24,8 @@ from aircraft_figures import NOISE, TOLERANCE_M
 from estimator import aircraft_study, identify
 from tqdm import tqdm
 
-from opid.report.as_json import json_text, result_json
+from opid.json_values import json_text
+from opid.report.as_json import result_json
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.study import MeasuredInterface, StructureSettings

@@ -13,7 +13,7 @@ from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 @pytest.fixture(scope="session")
 def field_test(tmp_path_factory):
     """A directory with heavy.csv, light.csv, study.toml and truth.json of 20 s at 256 Hz; not to be changed."""
-    from opid.report import write_field_test
+    from opid.virtual.files.gear import write_field_test
 
     directory = tmp_path_factory.mktemp("field_test")
     test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=20.0, fs=256.0)
@@ -24,7 +24,7 @@ def field_test(tmp_path_factory):
 @pytest.fixture(scope="session")
 def identified(field_test):
     """The identification of the field test, with its truth: `.result`, `.truth`."""
-    from opid.report import read_truth
+    from opid.virtual.files.gear import read_truth
 
     return SimpleNamespace(
         result=identify(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")

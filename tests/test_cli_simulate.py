@@ -5,8 +5,8 @@ import pytest
 from cli_runs import opid, refused
 
 from opid import cli
-from opid.report import read_truth
 from opid.signals.logs import read_log
+from opid.virtual.files.gear import read_truth
 from opid.virtual.taxi_tests import landing_gear
 from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
 from opid.virtual.taxi_tests.sensors import Sensor

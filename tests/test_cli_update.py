@@ -11,12 +11,12 @@ from test_updating_study_file import STUDY, curve_of, small_chain
 
 from opid import cli
 from opid.errors import NotDeterminedError
-from opid.report import read_updating_truth
 from opid.studies.updating_study import read_updating_study
 from opid.updating import identification
 from opid.updating.data.backbone_file import write_backbone
 from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.structure.matrices_file import write_structure
+from opid.virtual.files.backbones import read_updating_truth
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from opid.errors import NotDeterminedError
+from opid.json_values import plain
 from opid.mechanics.backbones.family import backbone_family
-from opid.report.as_json import plain
 from opid.updating import doubts, prediction
 from opid.updating.data.noise_settings import NoiseSettings
 from opid.updating.doubts import doubts_of_choice, doubts_of_class

@@ -18,18 +18,11 @@ from hypothesis import strategies as st
 from opid import plots
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import law_from_parameters
-from opid.report import (
-    health_json,
-    health_text,
-    read_truth,
-    result_json,
-    result_text,
-    write_report,
-)
+from opid.report import health_json, health_text, result_json, result_text, write_report
 from opid.report import identification_report as report_module
 from opid.report.again import command_of, python_of
-from opid.report.as_json import json_text, plain
 from opid.report.as_text import rounded
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_rows
@@ -43,6 +36,7 @@ from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
+from opid.virtual.files.gear import read_truth
 
 OLD_KEYS = {
     "schema",

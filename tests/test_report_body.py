@@ -9,12 +9,13 @@ from made_body import LOADING, WHY, body_without_mass, short_test, small_body
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.report import body_truth_json, read_body_truth, result_json, result_text, write_report
-from opid.report.as_json import json_text
+from opid.json_values import json_text
+from opid.report import result_json, result_text, write_report
 from opid.report.body_pictures import body_pictures
 from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
+from opid.virtual.files.aircraft import body_truth_json, read_body_truth
 from opid.virtual.taxi_tests.aircraft import default_aircraft
 
 

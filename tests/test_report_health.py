@@ -8,8 +8,8 @@ import pytest
 from made_health import channel_of, faulty_health, sound_health
 from measured_data import SAMPLES, needs_samples
 
+from opid.json_values import json_text
 from opid.report import health_json, health_text
-from opid.report.as_json import json_text
 from opid.signals.health.inspection import inspect
 from opid.signals.health.result import ClockHealth, Finding, Health, PairHealth, SpectralLine
 from opid.signals.logs import open_log

@@ -8,12 +8,13 @@ import pytest
 from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 
 from opid.errors import InputError
+from opid.json_values import json_text
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.result import Comparison
-from opid.report import modal_json, modal_text, read_modal_truth, write_modal_report
-from opid.report.as_json import json_text
+from opid.report import modal_json, modal_text, write_modal_report
 from opid.report.modal.pictures import modal_pictures
 from opid.report.modal.tables import decay_table, tables, truth_table, worst_sensors
+from opid.virtual.files.modal import read_modal_truth
 
 TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
 

@@ -12,9 +12,9 @@ import pytest
 from made_updating import CUBIC, small_system, small_truth, small_updating
 
 from opid.errors import InputError
+from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.report import read_updating_truth, updating_json, updating_text, write_updating_report
-from opid.report.as_json import json_text
+from opid.report import updating_json, updating_text, write_updating_report
 from opid.report.updating.chains import write_chains
 from opid.report.updating.coverage import coverage_note, coverage_table
 from opid.report.updating.pictures import reached_extension, updating_pictures
@@ -29,6 +29,7 @@ from opid.report.updating.tables import (
 )
 from opid.updating.result import Evidence
 from opid.updating.structure.reduction import ReductionErrors
+from opid.virtual.files.backbones import read_updating_truth
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     Exit status 0: nothing is flagged. 1: fewer than two flights can be compared, for want of values with intervals. 2:
     bad input. 3: a change is flagged.
     """
-    from opid.report.as_json import json_text
+    from opid.json_values import json_text
     from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
     from opid.signals.directory import require_directory
     from opid.suspensions.flights.comparison import compare as compare_flights

@@ -35,8 +35,8 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
 
     A log that cannot be read is told, and the others still inspected; the status is then 2.
     """
+    from opid.json_values import json_text
     from opid.report import health_json, health_text
-    from opid.report.as_json import json_text
     from opid.signals.directory import require_directory
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]

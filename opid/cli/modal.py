@@ -51,9 +51,10 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     from dataclasses import replace
 
     from opid.modal.identification import identify_modes
-    from opid.report import modal_text, read_modal_truth, write_modal_report
+    from opid.report import modal_text, write_modal_report
     from opid.signals.directory import require_directory
     from opid.studies.modal_study import read_modal_study
+    from opid.virtual.files.modal import read_modal_truth
 
     target = require_directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_modal_truth(truth)

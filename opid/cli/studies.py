@@ -123,9 +123,11 @@ def identify(
         )
     if method != "model" and method_of_law != "pursuit":
         raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
-    from opid.report import read_body_truth, read_truth, result_text, write_report
+    from opid.report import result_text, write_report
     from opid.signals.directory import require_directory
     from opid.suspensions.identification import identify as identify_study
+    from opid.virtual.files.aircraft import read_body_truth
+    from opid.virtual.files.gear import read_truth
 
     target = require_directory(out or Path(f"{result_name(paths[0])}_result"))
     known = None if truth is None else read_truth(truth) if is_one_gear else read_body_truth(truth)

@@ -46,12 +46,13 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
     """
     from dataclasses import replace
 
-    from opid.report import read_updating_truth, updating_text, write_updating_report
+    from opid.report import updating_text, write_updating_report
     from opid.report.updating.chains import require_arviz, write_chains
     from opid.report.updating.reduction import reduction_sentences
     from opid.signals.directory import require_directory
     from opid.studies.updating_study import read_updating_study
     from opid.updating.identification import update_study
+    from opid.virtual.files.backbones import read_updating_truth
 
     target = require_directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_updating_truth(truth)

@@ -59,8 +59,8 @@ def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> Non
     The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
     study.toml for `opid identify`, which states the noise and coordinates to 1 cm, and truth.json.
     """
-    from opid.report import write_aircraft_test
     from opid.signals.directory import require_directory
+    from opid.virtual.files.aircraft import write_aircraft_test
 
     require_directory(out)
     settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)

@@ -79,7 +79,6 @@ def backbones(
     import numpy as np
 
     from opid.errors import InputError
-    from opid.report import updating_truth_json, write_updating_field_test
     from opid.report.updating.tables import counted
     from opid.signals.directory import require_directory
     from opid.studies.updating_study import FACTOR_PRIOR
@@ -88,6 +87,7 @@ def backbones(
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones
     from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+    from opid.virtual.files.backbones import updating_truth_json, write_updating_field_test
 
     if by == "continuation" and points < FEWEST_CONTROLLED:
         raise InputError(

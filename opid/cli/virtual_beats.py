@@ -38,8 +38,8 @@ def sine_beats(
     """
     import numpy as np
 
-    from opid.report import write_modal_field_test
     from opid.signals.directory import require_directory
+    from opid.virtual.files.modal import write_modal_field_test
     from opid.virtual.modal_tests.cases import virtual_series
     from opid.virtual.modal_tests.series import stated_modes, virtual_study
 

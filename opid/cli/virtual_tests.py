@@ -28,10 +28,11 @@ def demo(out: Path, seed: int) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.report import read_truth, result_text, write_field_test, write_report
+    from opid.report import result_text, write_report
     from opid.signals.directory import require_directory
     from opid.studies.suspension_study import read_study
     from opid.suspensions.identification import identify
+    from opid.virtual.files.gear import read_truth, write_field_test
     from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
     require_directory(out)
@@ -91,8 +92,8 @@ def taxi(out: Path, seed: int, **settings: Any) -> None:
 
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
-    from opid.report import write_field_test
     from opid.signals.directory import require_directory
+    from opid.virtual.files.gear import write_field_test
 
     require_directory(out)
     with progress() as say:

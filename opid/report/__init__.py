@@ -13,41 +13,26 @@ from opid.report.comparison_report import comparison_json, comparison_text, writ
 from opid.report.health_report import health_json, health_text
 from opid.report.identification_report import result_text, write_report
 from opid.report.modal.report import modal_json, write_modal_report
-from opid.report.modal.tables import modal_text, read_modal_truth
+from opid.report.modal.tables import modal_text
 from opid.report.updating.report import updating_json, write_updating_report
-from opid.report.updating.tables import read_updating_truth, updating_text
-from opid.virtual.files.aircraft import body_truth_json, read_body_truth, write_aircraft_test
-from opid.virtual.files.backbones import updating_truth_json, write_updating_field_test
-from opid.virtual.files.gear import read_truth, truth_json, write_field_test
-from opid.virtual.files.modal import write_modal_field_test
+from opid.report.updating.tables import updating_text
 
 __all__ = [
     "bench_json",
     "bench_text",
-    "body_truth_json",
     "comparison_json",
     "comparison_text",
     "health_json",
     "health_text",
     "modal_json",
     "modal_text",
-    "read_body_truth",
-    "read_modal_truth",
-    "read_truth",
-    "read_updating_truth",
     "result_json",
     "result_text",
-    "truth_json",
     "updating_json",
     "updating_text",
-    "updating_truth_json",
-    "write_aircraft_test",
     "write_bench_report",
     "write_comparison_report",
-    "write_field_test",
-    "write_modal_field_test",
     "write_modal_report",
     "write_report",
-    "write_updating_field_test",
     "write_updating_report",
 ]

@@ -6,9 +6,6 @@ other, so that who reads it finds nothing and not a fault.
 
 from __future__ import annotations
 
-import json
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -17,6 +14,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.json_values import plain
 from opid.report.body_text import reason, recommended, units_of
 from opid.report.gear_text import alternatives_of
 from opid.signals.recording import FloatArray
@@ -91,49 +89,6 @@ def chain_of(result: AnyIdentification) -> PaperChain | None:
         return result.paper_chain
     except (InputError, NotDeterminedError):
         return None
-
-
-def plain(value: Any) -> Any:
-    """Return a value with nothing in it that JSON does not know: numpy becomes Python, NaN and infinity null.
-
-    Args:
-        value: dicts, lists, tuples, arrays, numbers, text and None, in each other.
-
-    >>> plain({"a": np.array([1.0, np.nan]), "b": (np.int64(2), True)})
-    {'a': [1.0, None], 'b': [2, True]}
-    """
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def json_text(document: Mapping[str, Any]) -> str:
-    """Return a document as the text of a JSON file.
-
-    Args:
-        document: of plain values (see `plain`).
-
-    Raises:
-        ValueError: a number that is not finite.
-
-    >>> json_text({"a": [1, None]})
-    '{\\n  "a": [1, null]\\n}\\n'
-    """
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    # a list of numbers on one line: thousands of lines with one number each help nobody
-    return re.sub(r"\[[^\[\]{}\"]*\]", _joined, text) + "\n"
-
-
-def _joined(found: re.Match[str]) -> str:
-    return re.sub(r"\n\s*", "", re.sub(r",\n\s*", ", ", found[0]))
 
 
 # ---- the answer ------------------------------------------------------------------------------------

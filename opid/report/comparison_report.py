@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from opid.report.as_json import json_text, plain
+from opid.json_values import json_text, plain
 from opid.report.as_text import aligned, rounded, wrapped
 from opid.report.page import Picture, drawn, rendered
 from opid.signals.directory import write_together

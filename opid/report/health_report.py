@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from opid.report.as_json import plain
+from opid.json_values import plain
 from opid.report.as_text import WIDTH, aligned, wrapped
 from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
 

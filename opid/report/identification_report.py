@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from opid.json_values import json_text
 from opid.report.again import command_of, python_of
-from opid.report.as_json import chain_of, json_text, result_json
+from opid.report.as_json import chain_of, result_json
 from opid.report.as_text import columns
 from opid.report.body_pictures import body_pictures
 from opid.report.body_text import (

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from opid.estimate import Estimate
+from opid.json_values import json_text, plain
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
-from opid.report.as_json import json_text, plain
 from opid.report.as_text import Row, aligned, rounded, table_lines, wrapped
 from opid.report.modal.units import coefficient_columns, coefficient_row, unit_of, unit_per_mass
 from opid.report.page import rendered

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from opid.estimate import Estimate
+from opid.json_values import json_text, plain
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.result import SCHEMA, ForceCurve, ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS, ModalStudy
-from opid.report.as_json import json_text, plain
 from opid.report.modal.decay_report import coefficients, decay_fields
 from opid.report.modal.pictures import modal_pictures
 from opid.report.modal.tables import (

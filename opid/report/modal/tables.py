@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -12,9 +11,7 @@ from opid.estimate import Estimate
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.report.as_text import Row, aligned, table_lines, wrapped
 from opid.report.modal.units import coefficient_columns, coefficient_row, unit_of
-from opid.virtual.files.truth import read_truth_file
 
-TRUTH_SCHEMA = "opid.modal-truth/1"
 MOST_SENSORS = 8
 """Sensors of a truth test in the text, the worst first; all stand in result.json."""
 
@@ -280,26 +277,6 @@ def worst_sensors(test: TruthTest) -> list[str]:
         test: the truth test.
     """
     return sorted(test.sensors, key=lambda name: -test.sensors[name].nrmse_nonlinear)
-
-
-def read_modal_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the truth.json of a simulated modal test.
-
-    Args:
-        path: the file.
-
-    Raises:
-        InputError: no such file, or none of `opid simulate sine-beats`' making.
-    """
-
-    def check(truth: dict[str, Any]) -> None:
-        for law in truth["nonlinear"].values():
-            for letter in ("k", "c"):
-                law[letter] = {str(int(power)): float(value) for power, value in law[letter].items()}
-
-    return read_truth_file(
-        path, schema=TRUTH_SCHEMA, what="a simulated modal test", command="opid simulate sine-beats", check=check
-    )
 
 
 def _rows_of(fit: ModeFit, truth: Truth | None) -> Iterator[Row]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.report.as_json import json_text, plain
+from opid.json_values import json_text, plain
 from opid.report.as_text import columns
 from opid.report.page import drawn, rendered
 from opid.report.updating.pictures import updating_pictures

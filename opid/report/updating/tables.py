@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,9 +11,6 @@ from opid.mechanics.laws.law import LAWS
 from opid.report.as_text import Row, aligned, columns, estimate_row, formula, table_lines, wrapped
 from opid.report.updating.coverage import coverage_note, coverage_table
 from opid.updating.result import ClassPosterior, Diagnostics, Updating
-from opid.virtual.files.truth import read_truth_file
-
-TRUTH_SCHEMA = "opid.updating-truth/1"
 
 Truth = Mapping[str, Any]
 Table = list[tuple[str, ...]]
@@ -304,25 +300,6 @@ def doubts_of(result: Updating) -> list[str]:
     of_classes = [(each.model_class.name, text) for each in result.classes for text in each.warnings]
     others = [f"{where}: {text}" for where, text in of_linear + of_classes if not _told(text, result.warnings)]
     return list(dict.fromkeys([*result.warnings, *others]))
-
-
-def read_updating_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the truth.json of simulated backbones.
-
-    Args:
-        path: the file.
-
-    Raises:
-        InputError: no such file, or none of `opid simulate backbones`' making.
-    """
-
-    def check(truth: dict[str, Any]) -> None:
-        for name in ("linear", "law"):
-            truth[name] = {str(key): float(value) for key, value in truth[name].items()}
-
-    return read_truth_file(
-        path, schema=TRUTH_SCHEMA, what="simulated backbones", command="opid simulate backbones", check=check
-    )
 
 
 def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[Row]:

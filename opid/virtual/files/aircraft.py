@@ -9,8 +9,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import law_from_parameters
-from opid.report.as_json import json_text, plain
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
 from opid.studies.suspension_study import write_study

@@ -9,15 +9,17 @@ from typing import Any, Literal
 
 import numpy as np
 
+from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import Law
-from opid.report.as_json import json_text, plain
-from opid.report.updating.tables import TRUTH_SCHEMA
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
 from opid.studies.updating_study import write_updating_study
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import PART
 from opid.updating.study import UpdatingStudy
+from opid.virtual.files.truth import read_truth_file
+
+TRUTH_SCHEMA = "opid.updating-truth/1"
 
 
 def updating_truth_json(
@@ -71,6 +73,25 @@ def write_updating_field_test(
     with written_whole(target / "truth.json") as file:
         file.write(json_text(truth))
     return target / "study.toml"
+
+
+def read_updating_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the truth.json of simulated backbones.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: no such file, or none of `opid simulate backbones`' making.
+    """
+
+    def check(truth: dict[str, Any]) -> None:
+        for name in ("linear", "law"):
+            truth[name] = {str(key): float(value) for key, value in truth[name].items()}
+
+    return read_truth_file(
+        path, schema=TRUTH_SCHEMA, what="simulated backbones", command="opid simulate backbones", check=check
+    )
 
 
 def _in_other_files(structure: AffineStructure, directory: Path, kind: str) -> None:

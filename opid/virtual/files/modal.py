@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from opid.json_values import json_text, plain
 from opid.mechanics.structure import Structure
 from opid.modal.power_law import DAMPING_KINDS, STIFFNESS_KINDS
 from opid.modal.study import ModalStudy
-from opid.report.as_json import json_text, plain
-from opid.report.modal.tables import TRUTH_SCHEMA
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
 from opid.studies.modal_study import write_modal_study
+from opid.virtual.files.truth import read_truth_file
 from opid.virtual.modal_tests.bolted_structures import level_dependence
 from opid.virtual.modal_tests.series import VirtualSeries, top_displacement
 
+TRUTH_SCHEMA = "opid.modal-truth/1"
 N_AMPLITUDES = 25
 """At which the truth tells frequency and damping of a nonlinear mode, up to 1.5 times its highest level."""
 
@@ -71,6 +72,26 @@ def write_modal_field_test(
     with written_whole(target / "truth.json") as file:
         file.write(json_text(modal_truth_json(series, settings=settings)))
     return target / "study.toml"
+
+
+def read_modal_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the truth.json of a simulated modal test.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: no such file, or none of `opid simulate sine-beats`' making.
+    """
+
+    def check(truth: dict[str, Any]) -> None:
+        for law in truth["nonlinear"].values():
+            for letter in ("k", "c"):
+                law[letter] = {str(int(power)): float(value) for power, value in law[letter].items()}
+
+    return read_truth_file(
+        path, schema=TRUTH_SCHEMA, what="a simulated modal test", command="opid simulate sine-beats", check=check
+    )
 
 
 def _true_mode(series: VirtualSeries, mode: int) -> dict[str, Any]:
