@@ -8,8 +8,11 @@ and one by one. Accuracy is that of the frequency against shooting in time.
 import resource
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from plain_backbones import plain_backbone
 from shooting import shoot
 

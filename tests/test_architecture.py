@@ -13,19 +13,45 @@ PACKAGE = Path(__file__).parent.parent / "opid"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 # Each room, and the rooms it may import from beside itself. Wings are not in each other's rows.
-GROUND = {"errors", "estimate"}
+GROUND = {"errors", "estimate", "json_values"}
+WINGS = {"suspensions", "modal", "updating"}
+BELOW_WINGS = GROUND | {"signals", "mechanics"}
 MAY_IMPORT = {
     "errors": set(),
     "estimate": set(),
+    "json_values": set(),
     "signals": GROUND,
     "mechanics": GROUND | {"signals"},
-    "suspensions": GROUND | {"signals", "mechanics"},
-    "modal": GROUND | {"signals", "mechanics"},
-    "updating": GROUND | {"signals", "mechanics"},
-    "plots": GROUND | {"signals", "mechanics", "suspensions", "modal", "updating"},
-    "report": GROUND | {"signals", "mechanics", "suspensions", "modal", "updating", "plots"},
-    "cli": GROUND | {"signals", "mechanics", "suspensions", "modal", "updating", "plots", "report", "__init__"},
+    "suspensions": BELOW_WINGS,
+    "modal": BELOW_WINGS,
+    "updating": BELOW_WINGS,
+    "studies": BELOW_WINGS | WINGS,
+    "virtual": BELOW_WINGS | WINGS | {"studies"},
+    "plots": BELOW_WINGS | WINGS,
+    "report": BELOW_WINGS | WINGS | {"plots"},
+    "cli": BELOW_WINGS | WINGS | {"studies", "virtual", "plots", "report", "__init__"},
 }
+# A virtual test takes records from the wings, and what one who excites a structure has to know. It takes no estimator.
+KNOWN_TO_VIRTUAL_TESTS = {
+    "suspensions.result",
+    "suspensions.study",
+    "modal.forced.excitation",
+    "modal.linear.coordinates",
+    "modal.linear.modes",
+    "modal.model",
+    "modal.power_law",
+    "modal.study",
+    "updating.data.measured",
+    "updating.model_class",
+    "updating.structure.affine",
+    "updating.structure.matrices_file",
+    "updating.study",
+}
+# The files of the estimator call each other; the paper's chain, benches and flights are users of it.
+ESTIMATOR = {PACKAGE / "studies"} | {
+    PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")
+}
+MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
 MAY_IMPORT["__main__"] = {"cli"}
@@ -89,6 +115,21 @@ def against_the_arrows(path, tree):
             yield f"line {line}: {room} may not import {name}"
 
 
+def estimators_in_virtual_tests(path, tree):
+    if room_of(path) == "virtual":
+        for name, line in imports(path, tree):
+            module = name.removeprefix("opid.").rpartition(".")[0]
+            if module.split(".")[0] in WINGS and module not in KNOWN_TO_VIRTUAL_TESTS:
+                yield f"line {line}: a virtual test may not know {module}"
+
+
+def truths_written(path, tree):
+    for node in nodes_of(tree) if path.parent != PACKAGE / "virtual" / "files" else ():
+        writes = isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("written_whole", "write_text"))
+        if writes and "truth" in ast.unparse(node):
+            yield f"line {node.lineno}: a truth is written in virtual/files"
+
+
 def reaching_upward(_path, tree):
     for node in nodes_of(tree):
         if isinstance(node, ast.ImportFrom) and node.level > 1:
@@ -138,6 +179,21 @@ def test_imports_follow_the_arrows():
     assert faults(against_the_arrows) == []
 
 
+def test_virtual_tests_know_records_and_no_estimator():
+    assert faults(estimators_in_virtual_tests) == []
+    used = {
+        name.removeprefix("opid.").rpartition(".")[0]
+        for path in MODULES
+        if room_of(path) == "virtual"
+        for name, _ in imports(path, tree_of(path))
+    }
+    assert used >= KNOWN_TO_VIRTUAL_TESTS
+
+
+def test_only_virtual_tests_write_a_truth():
+    assert faults(truths_written) == []
+
+
 def test_no_import_reaches_upward():
     assert faults(reaching_upward) == []
 
@@ -166,6 +222,8 @@ def test_nothing_is_done_at_import():
     ("rule", "code"),
     [
         (against_the_arrows, "from opid.suspensions import study"),
+        (against_the_arrows, "from opid.virtual.taxi_tests import road"),
+        (truths_written, "written_whole(target / 'truth.json')"),
         (reaching_upward, "from ..errors import InputError"),
         (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
         (numba_outside_kernels, "from numba import njit"),
@@ -180,6 +238,26 @@ def test_each_rule_finds_its_fault(rule, code):
     assert len(list(rule(PACKAGE / "signals" / "x.py", ast.parse(code)))) == 1
 
 
+@pytest.mark.parametrize(
+    ("room", "code"),
+    [
+        ("modal", "from opid.virtual.modal_tests import series"),
+        ("updating", "import opid.virtual.files.truth"),
+        ("suspensions", "from opid.studies.suspension_study import read_study"),
+        ("report", "from opid.virtual.files.gear import write_field_test"),
+        ("virtual", "from opid.report import write_report"),
+        ("studies", "from opid.virtual.files.truth import read_truth_file"),
+    ],
+)
+def test_arrows_that_do_not_exist(room, code):
+    assert len(list(against_the_arrows(PACKAGE / room / "x.py", ast.parse(code)))) == 1
+
+
+def test_a_virtual_test_that_estimates_is_found():
+    code = "from opid.suspensions.identification import identify\nfrom opid.suspensions.study import Run"
+    assert len(list(estimators_in_virtual_tests(PACKAGE / "virtual" / "x.py", ast.parse(code)))) == 1
+
+
 def test_import_opid_loads_nothing_heavy():
     code = f"import sys, opid; print(*[name for name in {HEAVY!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -191,15 +269,10 @@ def test_the_default_method_loads_no_other_one():
     code = "import sys, opid.suspensions.identification; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {name.removeprefix("opid.") for name in done.stdout.split() if name.startswith("opid.")}
-    machines = {"landing_gear", "taxiing_aircraft", "virtual_aircraft", "airframe", "road", "wheel_tracks"}
-    others = {
-        "suspensions.own_structure",
-        "suspensions.law_search.sparse_regression",
-        *(f"mechanics.{name}" for name in machines),
-    }
+    others = ("suspensions.own_structure", "suspensions.law_search.sparse_regression", "virtual", "studies")
+    methods = ("suspensions.paper", "suspensions.bench")
     assert "suspensions.candidates" in loaded
-    assert loaded & others == set()
-    assert [name for name in loaded if name.startswith(("suspensions.paper", "suspensions.bench"))] == []
+    assert [name for name in sorted(loaded) if name.startswith(others + methods)] == []
 
 
 def arguments(node):
@@ -221,19 +294,20 @@ def public_definitions(tree):
 
 
 @cache
-def names_beyond(folder):
-    """Return the full name of everything that is imported outside of a folder, by `opid/__init__.pyi` too."""
-    outside = [path for path in (*MODULES, PACKAGE / "__init__.pyi") if path.parent != folder]
+def names_beyond_the_estimator():
+    """Return the full name of everything that is imported outside of it, by `opid/__init__.pyi` too."""
+    outside = [path for path in (*MODULES, PACKAGE / "__init__.pyi") if path.parent not in ESTIMATOR]
     return {name for path in outside for name, _ in imports(path, tree_of(path))}
 
 
 def undocumented_arguments(path, tree):
     if room_of(path) == "cli":
         return  # click's options carry their own help
+    module = ".".join(("opid", *path.relative_to(PACKAGE).with_suffix("").parts))
     for node in public_definitions(tree):
         # what the files of the estimator call among themselves has a sentence and a good name, its records have fields
-        among_themselves = f"opid.suspensions.{path.stem}.{node.name}" not in names_beyond(path.parent)
-        if path.parent == PACKAGE / "suspensions" and isinstance(node, ast.FunctionDef) and among_themselves:
+        among_themselves = f"{module}.{node.name}" not in names_beyond_the_estimator()
+        if path.parent in ESTIMATOR and isinstance(node, ast.FunctionDef) and among_themselves:
             continue
         docstring = ast.get_docstring(node) or ""
         for name in arguments(node):
@@ -349,8 +423,39 @@ def test_each_rule_of_the_estimator_finds_its_fault(rule, code):
     assert len(list(rule(PACKAGE / "suspensions" / "x.py", ast.parse(code)))) == 1
 
 
-def test_every_folder_stands_in_the_picture():
-    picture = (PACKAGE.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    folders = sorted({path.parent for path in MODULES})
-    missing = [path.name for path in folders if not re.search(rf"\b{path.name}/", picture)]
-    assert missing == []
+def folders_in(picture):
+    """Return the paths of the folders that the picture of ARCHITECTURE.md draws, below opid."""
+    above, found = [], []
+    for line in picture.splitlines():
+        drawn = re.match(r"((?:│   |    )*)[├└]── (\w+)/", line)
+        if drawn:
+            above = [*above[: len(drawn[1]) // 4], drawn[2]]
+            found.append("/".join(above))
+    return found
+
+
+def folders_there():
+    """Return the paths of the folders with files in them, below opid."""
+    files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    return {path.parent.relative_to(PACKAGE).as_posix() for path in files} - {"."}
+
+
+def test_the_picture_is_read():
+    assert folders_in("opid/\n├── a/   WORDS with b/\n│   │    on\n│   └── c/\n│       └── d/\n└── e/\n") == [
+        "a",
+        "a/c",
+        "a/c/d",
+        "e",
+    ]
+
+
+def test_the_picture_names_the_folders_that_there_are():
+    picture = (PACKAGE.parent / "ARCHITECTURE.md").read_text(encoding="utf-8").split("```")[1]
+    assert sorted(folders_in(picture)) == sorted(folders_there())
+
+
+def test_no_folder_has_too_many_files():
+    counts = {
+        folder: sum(path.is_file() for path in (PACKAGE / folder).iterdir()) for folder in (".", *folders_there())
+    }
+    assert {folder: count for folder, count in counts.items() if count > MOST_FILES} == {}

@@ -1,1 +1,1 @@
-"""What moves, when the law is known: laws, structures, their response, roads, sensors and a taxiing gear."""
+"""What moves, when the law is known: laws, structures and their response, backbones, and a body driven from below."""

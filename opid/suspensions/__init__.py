@@ -1,4 +1,5 @@
 """Runs under known loads to parameters: one estimator for one suspension or several.
 
-Beside it, in folders of their own: the chain of Iwaniec & Uhl (2007), laws from a test bench, many flights compared.
+Its steps are in `model`, `fitting`, `law_search` and `answer`. Beside it, in folders of their own: the chain of Iwaniec
+& Uhl (2007), laws from a test bench, many flights compared.
 """

@@ -1,7 +1,7 @@
 """The law of a mode from its free decays alone: q'' + c0 q' + k0 q + sum c_n q'|q'|^(n-1) + sum k_n q|q|^(n-1) = 0.
 
 Start values come from the harmonic linearisation of frequency and damping over amplitude, which is linear in the
-coefficients; then amplitude and phase of each decay (`decay_flow`) are fitted to the measured ones over all its time.
+coefficients; then amplitude and phase of each decay (`flow`) are fitted to the measured ones over all its time.
 """
 
 from __future__ import annotations
