@@ -259,10 +259,10 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     # numba stamps its cache with the file of a kernel alone: without the digest the old code would run on
     package = tmp_path / "opid"
     source = Path(opid.mechanics.__file__).parent
-    (package / "mechanics").mkdir(parents=True)
+    (package / "mechanics" / "laws").mkdir(parents=True)
     (package / "__init__.py").touch()
     shutil.copy(source.parent / "errors.py", package / "errors.py")
-    for name in ("__init__.py", "kind.py", "kinds.py", "laws.py", "memory_kinds.py"):
+    for name in ("__init__.py", *(f"laws/{each}.py" for each in ("__init__", "kind", "kinds", "law", "memory_kinds"))):
         shutil.copy(source / name, package / "mechanics" / name)
     shutil.copytree(source / "kernels", package / "mechanics" / "kernels", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
@@ -289,7 +289,7 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
 
     assert force_and_hits() == ["8.0", "0"]
     assert force_and_hits() == ["8.0", "1"]
-    kinds = package / "mechanics" / "kinds.py"
+    kinds = package / "mechanics" / "laws" / "kinds.py"
     kinds.write_text(kinds.read_text().replace("return z * square,", "return 2.0 * z * square,"))
     assert force_and_hits() == ["16.0", "0"]
     assert force_and_hits() == ["16.0", "1"]
