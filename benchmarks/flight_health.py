@@ -25,7 +25,6 @@ from estimator import aircraft_study, identify
 from tqdm import tqdm
 
 from opid.json_values import json_text
-from opid.report.as_json import result_json
 from opid.suspensions.flights.comparison import compare
 from opid.suspensions.flights.results import read_flights
 from opid.suspensions.study import MeasuredInterface, StructureSettings
@@ -77,7 +76,7 @@ def flight(job: tuple[int, int, bool, str]) -> None:
     found = identify(study, law=aircraft.gears[1].law.name)
     target = Path(directory) / f"flight_{number:03d}"
     target.mkdir()
-    (target / "result.json").write_text(json_text(result_json(found)), encoding="utf-8")
+    (target / "result.json").write_text(json_text(found.to_dict()), encoding="utf-8")
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ def main() -> None:
     study = opid.study_from_logs(logs, sprung=SPRUNG, unsprung=UNSPRUNG, mass_changes_kg=changes_kg)
     result = opid.identify(study)
 
-    print(opid.result_text(result))
+    print(opid.text(result))
     low_high = result.parameters.sprung_mass_kg.interval95
     if low_high is not None:
         print(f"The sprung mass lies between {low_high[0]:.0f} and {low_high[1]:.0f} kg (95 %).")

@@ -12,7 +12,6 @@ import numpy as np
 
 import opid
 from opid.plots import figure_of, health_picture, png
-from opid.report import health_text
 from opid.signals.logs import open_log
 
 
@@ -36,7 +35,7 @@ def main() -> None:
 
     health = opid.inspect(open_log(log))
 
-    print(health_text(log.name, health))
+    print(opid.text(health))
     options.out.mkdir(parents=True, exist_ok=True)
     picture = options.out / f"{log.stem}.png"
     picture.write_bytes(png(figure_of(health_picture(health))))

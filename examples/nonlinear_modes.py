@@ -42,7 +42,7 @@ def main() -> None:
         "Six sensors", modes, (3,), (*beats, opid.StudyTest(tests["sweep"], "truth")), drive_point="case_x"
     )
     result = opid.identify_modes(study)
-    print(opid.modal_text(result))
+    print(opid.text(result))
 
     # 3. the model answers any force: here a blow ten times as short as a period of mode 3, weak and strong
     fs = 4096.0
@@ -56,7 +56,7 @@ def main() -> None:
         print(f"{newton:5.0f} N: after 1.5 s lid_x rings with {left[0]:.3f} mm/s^2 a newton, linear {left[1]:.3f}")
 
     # 4. result.json, the page and its figures
-    print(f"Report: {opid.write_modal_report(result, options.out)}")
+    print(f"Report: {opid.write_report(result, options.out)}")
 
 
 if __name__ == "__main__":

@@ -159,7 +159,7 @@ def main() -> None:
     found = opid.identify(
         study, law=options.law, band_hz=SETS[options.set].band_hz, progress=lambda step: print("...", step)
     )
-    print(opid.result_text(found))
+    print(opid.text(found))
     opid.write_report(found, options.out / f"{options.set}_report")
     print(f"Report: {options.out / f'{options.set}_report'}")
 

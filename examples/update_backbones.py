@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.report import updating_text, write_updating_report
+import opid
 from opid.updating.data.backbone_file import read_backbone, write_backbone
 from opid.updating.identification import update_study
 from opid.updating.model_class import ModelClass, Prior
@@ -62,10 +62,10 @@ def main() -> None:
         parameters={name: Prior("uniform", 0.05, 5.0) for name in structure.parts},
     )  # fmt: skip
     result = update_study(study, progress=lambda step: print("...", step))
-    print(updating_text(result))
+    print(opid.text(result))
 
     # 4. result.json, the page and its figures
-    print(f"Report: {write_updating_report(result, options.out)}")
+    print(f"Report: {opid.write_report(result, options.out)}")
 
 
 if __name__ == "__main__":

@@ -36,16 +36,7 @@ from .modal.resonance.interaction import modal_interaction
 from .modal.result import ModalIdentification, ModeFit
 from .modal.study import ModalStudy, StudyTest
 from .modal.truth_test import truth_test
-from .report import (
-    bench_text,
-    modal_text,
-    result_text,
-    updating_text,
-    write_bench_report,
-    write_modal_report,
-    write_report,
-    write_updating_report,
-)
+from .report import text, write_report
 from .signals.exchange import (
     frame_of,
     recording_from_frame,

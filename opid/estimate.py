@@ -70,6 +70,31 @@ class Estimates:
         return replace(self, **{name: _changed(getattr(self, name), change) for name in names})
 
 
+def rounded(value: float | None, std: float | None = None) -> str:
+    """Return a value with the digits that its standard deviation leaves, or four where there is none.
+
+    Args:
+        value: None gives a dash.
+        std: two digits of it count.
+
+    >>> rounded(390297.5, 358.4), rounded(0.019941, 5.1e-05), rounded(1234.56), rounded(None)
+    ('390300', '0.019941', '1235', '-')
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    if std is not None and std > 0 and math.isfinite(std):
+        decimals = 1 - math.floor(math.log10(std))
+    elif value:
+        decimals = 3 - math.floor(math.log10(abs(value)))
+    else:
+        decimals = 0
+    number = round(value, decimals) + 0.0  # no -0
+    if abs(number) >= 1e8 or 0 < abs(number) < 1e-6:
+        digits = max(0, decimals + math.floor(math.log10(abs(number))))
+        return f"{number:.{digits}e}"
+    return f"{number:.{max(0, decimals)}f}"
+
+
 def _changed(value: Any, change: Callable[[Estimate], Estimate]) -> Any:
     if isinstance(value, Estimate):
         return change(value)

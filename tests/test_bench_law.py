@@ -7,9 +7,9 @@ import pytest
 from measured_data import measured
 from scipy import signal
 
+import opid
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.laws.law import LAWS, LINEAR, law
-from opid.report import bench_json, bench_text
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.memory import play
@@ -169,7 +169,7 @@ def test_a_gas_column_that_hardly_moves_has_a_wide_interval_or_none(stroke_m, se
 
 def test_the_ladder_tells_what_was_tried():
     found = law_of_bench(simulated(TRUTHS[4]), candidates=LIBRARY, most_terms=2)
-    ladder = bench_json(found)["ladder"]
+    ladder = found.to_dict()["ladder"]
     assert ladder[0]["law"] == "linear"
     assert sum(rung["chosen"] for rung in ladder) == 1
     chosen = next(rung for rung in ladder if rung["chosen"])
@@ -245,7 +245,7 @@ def test_a_number_that_is_changed_is_used_and_told():
     found = law_of_bench(simulated(TRUTHS[4]), candidates=LIBRARY, settings=settings)
     assert found.law.name == "linear"
     assert found.n_search_samples <= 600
-    told = bench_json(found)["settings"]
+    told = found.to_dict()["settings"]
     assert (told["bic_margin"], told["search"]["bic_margin"], told["n_search"]) == (1e9, 1e9, 600)
 
 
@@ -434,7 +434,7 @@ def test_force_that_is_noise_gives_no_law():
     found = law_of_bench(bench_of(z, v, np.random.default_rng(1).standard_normal(2000)), candidates=LIBRARY[:3])
     assert found.r2_left_out < 0.02
     assert "no law of travel and velocity predicts the force" in found.not_determined
-    assert "Not determined:" in bench_text(found)
+    assert "Not determined:" in opid.text(found)
 
 
 def test_an_unknown_candidate_is_named():

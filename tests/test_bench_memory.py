@@ -8,10 +8,10 @@ from measured_data import measured
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+import opid
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, default_law, law
 from opid.mechanics.memory import Motion, gradient_along, recorded_motion
-from opid.report import bench_json, bench_text
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.loop import cycle_of
 from opid.suspensions.bench.record import Bench
@@ -156,8 +156,8 @@ def test_the_loop_area_is_known(name):
         assert found.loop.area_j.value == pytest.approx(true, rel=0.03)
         held.append(found.loop.area_j.holds(true))
     assert sum(held) >= 6
-    assert bench_json(found)["loop"]["area_j"]["value"] == found.loop.area_j.value
-    assert "loop area" in bench_text(found)
+    assert found.to_dict()["loop"]["area_j"]["value"] == found.loop.area_j.value
+    assert "loop area" in opid.text(found)
 
 
 @pytest.mark.parametrize(
@@ -175,10 +175,10 @@ def test_a_static_law_is_told_from_memories(truth):
     found = law_of_bench(bench_of(z, v, STIFFNESS * z + DAMPING * v + truth.force(z, v)))
     assert found.law.name == truth.name
     assert found.loop is None
-    assert bench_json(found)["loop"] is None
+    assert found.to_dict()["loop"] is None
     assert "no memory is seen" in found.memory.statement
     assert found.memory.r2_with_law == found.memory.r2_at_most
-    assert "loop area" not in bench_text(found)
+    assert "loop area" not in opid.text(found)
 
 
 def test_what_no_law_remembers_is_told_beside_what_one_does():
@@ -259,5 +259,5 @@ def test_an_energy_that_the_force_could_not_take_is_not_told():
     assert sharp.area_j.holds(2 * np.pi * DAMPING * z.std() * v.std())
     assert vague.area_j == Estimate()
     told = replace(found, cycle=vague)
-    assert "does not tell what energy a cycle takes" in " ".join(bench_text(told).split())
-    assert bench_json(told)["cycle"]["area_j"]["value"] is None
+    assert "does not tell what energy a cycle takes" in " ".join(opid.text(told).split())
+    assert told.to_dict()["cycle"]["area_j"]["value"] is None

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+import opid
 from opid.mechanics.laws.law import LINEAR, law
-from opid.report import bench_json, bench_text
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import bench_from_recording
@@ -71,10 +71,10 @@ def test_mass_and_law_are_found_beside_each_other(shaken):
     # the noise is left of the travel, and nothing else
     assert found.simulation.error_rms_m == pytest.approx(0.01 * travel.std(), rel=0.05)
     np.testing.assert_allclose(found.simulation.travel, travel, atol=2e-3 * np.abs(travel).max())
-    told = bench_json(found)
+    told = found.to_dict()
     assert told["parameters"]["moving_mass_kg"]["value"] == found.parameters.moving_mass_kg.value
     assert told["simulation"]["tried"]["cubic_stiffness"] == found.simulation.error_rms_m
-    text = bench_text(found)
+    text = opid.text(found)
     assert "moving mass m" in text
     assert "F = F0 + m z'' + K z" in text
     assert "simulated from the force alone" in text

@@ -10,7 +10,7 @@ from cli_runs import opid, refused
 from matplotlib.figure import Figure
 
 from opid import plots
-from opid.cli import logs as logs_command
+from opid.report import health_report
 from opid.signals.logs import read_log, write_log
 from opid.signals.recording import Channel, Recording
 
@@ -44,8 +44,8 @@ def test_inspect_names_the_pictures_of_two_logs_of_one_name_apart(field_test, tm
 
 
 def test_inspect_draws_accelerations_first_where_there_are_too_many_channels(tmp_path, monkeypatch):
-    monkeypatch.setattr(logs_command, "CHANNELS_A_PICTURE", 2)
-    monkeypatch.setattr(logs_command, "MOST_PICTURES", 2)
+    monkeypatch.setattr(health_report, "CHANNELS_A_PICTURE", 2)
+    monkeypatch.setattr(health_report, "MOST_PICTURES", 2)
     drawn = []
     picture = plots.health_picture
 

@@ -103,7 +103,7 @@ def study(tmp_path_factory):
 
 def test_options_go_before_the_study_and_the_report_is_named_after_it(study, quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("opid.report.write_modal_report", lambda result, target, *_, **__: target / "report.html")
+    monkeypatch.setattr("opid.report.write_report", lambda result, target, *_, **__: target / "report.html")
     done = opid("modal", study, "--damping-order", 2, "--free-linear", "--frequency-threshold", 0.01)
     assert done.exit_code == 0
     assert (quick[0].frequency_threshold, quick[0].damping_threshold) == (0.01, 0.15)
@@ -156,7 +156,7 @@ def test_what_is_not_determined_ends_with_status_1(study, monkeypatch, tmp_path)
 
     found = replace(small_result(), not_determined="the tests say nothing of mode 3", truth_tests=())
     monkeypatch.setattr(identification, "identify_modes", lambda study, *, progress=None: found)
-    monkeypatch.setattr("opid.report.write_modal_report", lambda result, target, *_, **__: target / "report.html")
+    monkeypatch.setattr("opid.report.write_report", lambda result, target, *_, **__: target / "report.html")
     done = opid("modal", study, "--out", tmp_path / "out")
     refused(done, "not determined: the tests say nothing of mode 3", status=1)
 

@@ -49,7 +49,7 @@ def quick(monkeypatch):
 
 def test_options_go_before_the_study_and_the_report_is_named_after_it(study, quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("opid.report.write_updating_report", lambda result, target, *_, **__: target / "report.html")
+    monkeypatch.setattr("opid.report.write_report", lambda result, target, *_, **__: target / "report.html")
     done = opid("update", study, "--form", "paper", "--sampler", "transitional", "--samples", 2000, "--seed", 5)
     assert done.exit_code == 0, done.output
     given = quick[0]
@@ -75,7 +75,7 @@ def test_text_and_report_show_truth_beside_estimate(study, quick, tmp_path):
 def test_what_is_not_determined_ends_with_status_1(study, monkeypatch, tmp_path):
     found = small_updating(linear=None, not_determined="no class explains the backbones", best_class="", prediction=())
     monkeypatch.setattr(identification, "update_study", lambda study, *, progress=None: found)
-    monkeypatch.setattr("opid.report.write_updating_report", lambda result, target, *_, **__: target / "report.html")
+    monkeypatch.setattr("opid.report.write_report", lambda result, target, *_, **__: target / "report.html")
     done = opid("update", study, "--out", tmp_path / "out")
     refused(done, "not determined: no class explains the backbones", status=1)
     assert "Not determined" in done.stdout

@@ -5,7 +5,6 @@ import pytest
 from law_runs import study_of
 
 from opid.mechanics.laws.law import law
-from opid.report.as_json import result_json
 from opid.report.gear_text import gear_text
 from opid.suspensions.identification import identify
 from opid.virtual.taxi_tests.landing_gear import LandingGear
@@ -51,7 +50,7 @@ def test_table_and_json_say_what_the_frequency_belongs_to():
         "law": {"name": SPRING.name, "parameters": SPRING.parameters},
     }
     found = identify(study_of(LandingGear(law=SPRING)), law=SPRING.name)
-    assert result_json(found)["natural_frequency_of"] == "tangent at rest"
+    assert found.to_dict()["natural_frequency_of"] == "tangent at rest"
     said = gear_text(found, truth)
     assert "On the tangent stiffness at rest in the reference run, with the damping C2" in said
     # the truth beside it is that of the tangent, too

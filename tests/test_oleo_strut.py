@@ -9,7 +9,8 @@ import pytest
 from made_body import small_body
 from scripts import script
 
-from opid import identify, read_study, result_text
+import opid
+from opid import identify, read_study
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS, LINEAR, law, law_from_parameters
@@ -212,7 +213,7 @@ def test_a_stop_that_was_not_reached_is_not_chosen_and_where_it_is_asked_for_wit
     for found in (searched, asked):
         assert found.parameters.sprung_mass_kg.holds(MASS_KG)
         assert found.law_estimates["gas_column"]["exponent"].holds(1.27)
-    assert "bump_stop was not reached" in result_text(asked)
+    assert "bump_stop was not reached" in opid.text(asked)
 
 
 def test_a_strut_of_gas_oil_and_a_seal_is_found_without_being_named(struts):
@@ -295,7 +296,7 @@ def test_gas_is_told_in_pressure_and_volume_where_the_area_of_the_piston_is_stat
     ):
         assert abs(estimate.value - truth) < 3 * estimate.std
         assert estimate.std < 0.05 * truth
-    text = result_text(found)
+    text = opid.text(found)
     assert "gas: gauge pressure" in text
     assert "gas: volume" in text
     unstated = identify(strut_study(on_air(area_m2)), law="gas_column").interfaces[0].gas

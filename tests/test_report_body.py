@@ -7,10 +7,10 @@ import pytest
 from body_runs import study
 from made_body import LOADING, WHY, body_without_mass, short_test, small_body
 
+import opid
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.json_values import json_text
-from opid.report import result_json, result_text, write_report
 from opid.report.body_pictures import body_pictures
 from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
 from opid.suspensions.identification import identify
@@ -37,12 +37,12 @@ def lines(text):
 def test_the_text_holds_the_numbers_within_eighty_columns(truth):
     for result in (small_body(), body_without_mass()):
         for known in (None, truth):
-            text = lines(result_text(result, known))
+            text = lines(opid.text(result, known))
             assert "An aircraft made by hand, 2026-03-01 (rigid body)" in text
             assert "Suspension left: arctan_velocity, f = A (2/pi) arctan(z' / s)" in text
             assert "Recommended: rigid body. Why: " + WHY in text
             assert "Warning: run 'loaded', 'tail': it has an offset" in text
-    text = lines(result_text(small_body()))
+    text = lines(opid.text(small_body()))
     assert "5393.5 .. 5412.7" in text
     assert (
         "4 sensors on the body predicted from the motion below 3 suspensions, 1.02 times the noise of 5 mm/s^2" in text
@@ -62,8 +62,8 @@ def test_truth_stands_beside_each_estimate(truth):
     assert next(row.cells[3] for row in table if row.label == "amplitude") == f"{160 / 5400:.6g}"
     assert {row.cells[3] for row in table if row.label == "scale"} == {"0.02"}
     other = {**truth, "interfaces": {**truth["interfaces"], "nose": {**truth["interfaces"]["nose"], "law": LINEAR}}}
-    assert "Suspension nose: arctan_velocity" in result_text(small_body(), other)
-    assert "truth: linear" in result_text(small_body(), other)
+    assert "Suspension nose: arctan_velocity" in opid.text(small_body(), other)
+    assert "truth: linear" in opid.text(small_body(), other)
 
 
 LINEAR = {"name": "linear", "parameters": {}}
@@ -71,7 +71,7 @@ LINEAR = {"name": "linear", "parameters": {}}
 
 def test_one_loading_gives_ratios_and_nothing_absolute():
     result = body_without_mass()
-    text = lines(result_text(result))
+    text = lines(opid.text(result))
     assert "Not determined: all runs have the same loading" in text
     rows = {row.label: row.cells for row in body_rows(result)}
     assert rows["sprung mass M"] == ("-", "-", "-", "kg")
@@ -97,12 +97,12 @@ def test_candidates_are_a_table_with_a_verdict():
     assert table[0][1:4] == ("-", "-", "-")
     assert table[3][:4] == ("mean left, right", "14.2", "17.0", "2290 ± 120")
     none = replace(small_body(), candidates=tuple(replace(c, recommended=False) for c in small_body().candidates))
-    assert "Recommended: none of them" in result_text(none)
-    assert "explains" in result_text(none)
+    assert "Recommended: none of them" in opid.text(none)
+    assert "explains" in opid.text(none)
 
 
 def test_result_json_keeps_the_schema_of_one_suspension():
-    found = json.loads(json_text(result_json(small_body())))
+    found = json.loads(json_text(small_body().to_dict()))
     assert (found["schema"], found["method"], found["date"]) == (SCHEMA, "model", "2026-03-01")
     assert set(found["parameters"]) == {each.name for each in (*fields(BodyParameters), *fields(GearParameters))}
     assert set(found["ratios"]) == {each.name for each in (*fields(BodyRatios), *fields(GearRatios))}
@@ -130,7 +130,7 @@ def test_result_json_keeps_the_schema_of_one_suspension():
 
 
 def test_result_json_keeps_its_keys():
-    found = result_json(small_body())
+    found = small_body().to_dict()
     old = "schema method title date parameters ratios law restoring_force structure interfaces candidates runs"
     assert set(found) == {*old.split(), "equivalents", "diagnostics", "warnings", "not_determined"}
     old = "kind recommended why residual_over_noise noise_m_per_s2 places place_corrections"
@@ -147,22 +147,22 @@ def test_a_body_that_was_fitted_tells_its_evidence(tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")
     result = identify(study(), law="arctan_velocity")
     assert not result.study.is_one_gear
-    write_report(result, tmp_path)
+    opid.write_report(result, tmp_path)
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     (model,) = found["diagnostics"]["models"]
     assert set(model["surfaces"]) == {group.name for group in result.evidence[0].fit.model.groups}
     assert {"demanded", "sensors", "whiteness", "limits"} <= set(model)
     assert found["diagnostics"]["laws_tried"][0].keys() == {"law", "bic", "kept", "fs_hz"}
     assert found["diagnostics"]["n_data"] == result.evidence[0].fit.n_data
-    lines(result_text(result))
+    lines(opid.text(result))
 
 
 def test_result_json_without_mass_without_date_and_with_several_laws():
     result = body_without_mass()
     first = replace(result.interfaces[0], law=result.interfaces[0].law.scaled(0.0).__class__(), law_estimates={})
-    found = result_json(
-        replace(result, study=replace(result.study, date=None), interfaces=(first, *result.interfaces[1:]))
-    )
+    found = replace(
+        result, study=replace(result.study, date=None), interfaces=(first, *result.interfaces[1:])
+    ).to_dict()
     assert found["date"] is None
     assert found["law"] == {"name": None, "latex": None, "per_mass": True, "parameters": {}}
     assert {each["stiffness"]["unit"] for each in found["interfaces"]} == {"1/s^2"}
@@ -170,7 +170,7 @@ def test_result_json_without_mass_without_date_and_with_several_laws():
 
 
 def test_the_page_holds_tables_figures_and_the_command(tmp_path, truth, plain_pictures):
-    page = write_report(small_body(), tmp_path / "report", truth).read_text(encoding="utf-8")
+    page = opid.write_report(small_body(), tmp_path / "report", truth).read_text(encoding="utf-8")
     names = [picture.name for picture in body_pictures(small_body())]
     assert page.count("data:image/png;base64,") == len(names) == 6
     assert sorted(path.name for path in (tmp_path / "report").iterdir()) == sorted(
@@ -202,11 +202,11 @@ def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypa
         warnings=(),
         place_corrections={},
     )
-    page = write_report(empty, tmp_path).read_text(encoding="utf-8")
+    page = opid.write_report(empty, tmp_path).read_text(encoding="utf-8")
     assert "Not determined:" in page
     assert "Structures compared" not in page
     assert [picture.name for picture in body_pictures(empty)] == ["plan_view", "candidates"]
-    lines(result_text(empty))
+    lines(opid.text(empty))
 
 
 def test_a_truth_is_read_back(tmp_path, truth):

@@ -8,8 +8,8 @@ import pytest
 from made_health import channel_of, faulty_health, sound_health
 from measured_data import SAMPLES, needs_samples
 
+import opid
 from opid.json_values import json_text
-from opid.report import health_json, health_text
 from opid.signals.health.inspection import inspect
 from opid.signals.health.result import ClockHealth, Finding, Health, PairHealth, SpectralLine
 from opid.signals.logs import open_log
@@ -22,7 +22,7 @@ def faulty():
 
 @pytest.fixture(scope="module")
 def text(faulty):
-    return health_text("logs/faulty.h5", faulty)
+    return opid.text(replace(faulty, log="logs/faulty.h5"))
 
 
 def flat(text):
@@ -53,7 +53,7 @@ def test_a_clock_is_told_in_one_sentence(text):
 
 
 def test_the_only_clock_stands_with_the_name_of_the_log():
-    said = flat(health_text("run.csv", sound_health()))
+    said = flat(opid.text(replace(sound_health(), log="run.csv")))
     assert said.startswith("run.csv: 120 s from 0 s on; 500 Hz from time stamps, jitter 0.02 % of the period")
     assert "no gap." in said
 
@@ -61,13 +61,13 @@ def test_the_only_clock_stands_with_the_name_of_the_log():
 def test_the_rounding_of_numbers_is_no_jitter():
     clock = ClockHealth("", ("upper_z",), 500.0, False, 0.0, 4.0, 2000, jitter=2e-11)
     assert "500 Hz from time stamps, no jitter; 2000 samples" in flat(
-        health_text("x", health_with(small(), clocks=(clock,)))
+        opid.text(replace(health_with(small(), clocks=(clock,)), log="x"))
     )
 
 
 def test_a_clock_without_a_name_is_told_by_its_channels():
     clocks = tuple(ClockHealth("", names, 500.0, True, 0.0, 4.0, 2000) for names in (("a", "b"), ("c",)))
-    said = health_text("x", health_with(*map(small, "abc"), clocks=clocks))
+    said = opid.text(replace(health_with(*map(small, "abc"), clocks=clocks), log="x"))
     assert "  a, ...: 4 s" in said
     assert "  c: 4 s" in said
 
@@ -88,9 +88,12 @@ def test_each_channel_has_its_figures(faulty, text):
 
 def test_channels_have_the_numbers_of_their_file(text):
     channels = (small("upper_z", number=12), small("lower_z", number=3))
-    said = health_text("x", health_with(*channels))
+    said = opid.text(replace(health_with(*channels), log="x"))
     assert [row(said, name)[:2] for name in ("upper_z", "lower_z")] == [["12", "m/s^2"], ["3", "m/s^2"]]
-    assert [each["number"] for each in health_json({"x": health_with(*channels)})["logs"][0]["channels"]] == [12, 3]
+    assert [each["number"] for each in replace(health_with(*channels), log="x").to_dict()["logs"][0]["channels"]] == [
+        12,
+        3,
+    ]
     # where none is known there is no such column
     assert "no." not in text
 
@@ -100,7 +103,7 @@ def test_faults_have_a_table_of_their_own(text):
     assert row(text, "upper_z", 1) == ["-", "-", "-", "4"]
     assert row(text, "holed", 1) == ["3000", "-", "4", "s", "-"]
     assert row(text, "dead", 1) == ["-", "-", "mute", "-"]
-    assert "missing" not in health_text("run.csv", sound_health())
+    assert "missing" not in opid.text(replace(sound_health(), log="run.csv"))
 
 
 def test_lines_are_named(text):
@@ -110,14 +113,14 @@ def test_lines_are_named(text):
 
 def test_only_the_strongest_lines_are_told():
     lines = tuple(SpectralLine(10.0 * k, 1.0 / k) for k in range(1, 10))
-    said = flat(health_text("x", health_with(small(lines=lines))))
+    said = flat(opid.text(replace(health_with(small(lines=lines)), log="x")))
     assert "60 Hz, 0.17 m/s^2 rms; and 3 weaker." in said
     assert "70 Hz" not in said
 
 
 def test_peaks_that_may_be_resonances_are_not_called_lines():
     lines = (SpectralLine(3.1, 0.5, resolved=False), SpectralLine(50.0, 0.1, "mains, 50 Hz", resolved=False))
-    said = flat(health_text("x", health_with(small(lines=lines))))
+    said = flat(opid.text(replace(health_with(small(lines=lines)), log="x")))
     assert "Lines of upper_z: mains, 50 Hz, 0.1 m/s^2 rms. Peaks of upper_z: 3.1 Hz, 0.5 m/s^2 rms. A peak may" in said
 
 
@@ -135,7 +138,7 @@ def many(n_clocks=60, n_channels=15):
 
 def test_a_log_of_very_many_channels_fits_a_page():
     health, findings = many()
-    said = health_text("x", replace(health, findings=findings))
+    said = opid.text(replace(replace(health, findings=findings), log="x"))
     assert len(said.splitlines()) < 150
     assert "60 clocks, 900 channels" in said
     assert row(said, "topic_59") == ["15", "5", "Hz", "59", "4", "s", "-"]
@@ -150,7 +153,7 @@ def test_a_log_of_very_many_channels_fits_a_page():
 
 def test_a_few_findings_alike_are_told_one_by_one():
     findings = tuple(Finding("warning", name, f"{i} spike(s) of one sample") for i, name in enumerate("abc"))
-    said = health_text("x", replace(health_with(small()), findings=findings))
+    said = opid.text(replace(replace(health_with(small()), findings=findings), log="x"))
     assert "Warning: c: 2 spike(s) of one sample" in said
     assert "likewise" not in said
 
@@ -164,7 +167,7 @@ def test_pairs_tell_lag_and_band(text):
 
 def test_of_many_pairs_the_first_are_told():
     pairs = tuple(PairHealth("a", f"b{i}", 1e-3, 1e-5, (1.0, 2.0)) for i in range(20))
-    said = health_text("x", health_with(small(), pairs=pairs))
+    said = opid.text(replace(health_with(small(), pairs=pairs), log="x"))
     assert "b11" in said
     assert "b12" not in said
     assert "and 8 pairs more (--json tells all)" in said
@@ -176,19 +179,19 @@ def test_findings_come_worst_first_and_alike_ones_together(text):
     assert lines[-1] == "Note: upper_z, holed: the mean is gravity: nothing to do"
     assert "'lower_z' looks like the unsprung channel" in text
     assert "Nothing is wrong." not in text
-    assert "Nothing is wrong." in health_text("run.csv", sound_health())
+    assert "Nothing is wrong." in opid.text(replace(sound_health(), log="run.csv"))
 
 
 def test_channels_without_a_unit_are_told_together():
     findings = tuple(Finding("warning", name, f"channel {name!r} states no unit: give it") for name in "ab")
-    said = health_text("x", replace(health_with(small()), findings=findings))
+    said = opid.text(replace(replace(health_with(small()), findings=findings), log="x"))
     assert "Warning: a, b: states no unit: give it\n" in said
 
 
 @pytest.mark.parametrize(("value", "words"), [(0.9999, "1 s"), (0.0123, "12.3 ms"), (2e-6, "2 us"), (5e-9, "5 ns")])
 def test_times_are_told_in_a_unit_that_needs_no_zeros(value, words):
     clock = ClockHealth("", ("upper_z",), 500.0, False, 0.0, 4.0, 2000, resolution_s=value)
-    assert f"rounded to {words})" in flat(health_text("x", health_with(small(), clocks=(clock,))))
+    assert f"rounded to {words})" in flat(opid.text(replace(health_with(small(), clocks=(clock,)), log="x")))
 
 
 def test_no_fault_or_warning_is_left_out_of_many_findings():
@@ -197,7 +200,7 @@ def test_no_fault_or_warning_is_left_out_of_many_findings():
         for severity in ("fault", "warning", "note")
         for number in range(30)
     )
-    said = health_text("x", replace(health_with(small()), findings=findings))
+    said = opid.text(replace(replace(health_with(small()), findings=findings), log="x"))
     for number in range(30):
         assert f"fault {number}." in said
         assert f"warning {number}." in said
@@ -209,20 +212,20 @@ def test_no_fault_or_warning_is_left_out_of_many_findings():
 @pytest.mark.parametrize("length", [6, 30, 70, 300])
 def test_the_text_keeps_to_80_columns_with_names_of_any_length(length):
     name = "x" * length
-    said = health_text("run.csv", health_with(small(name, number=12345), small("upper_z", number=1)))
+    said = opid.text(replace(health_with(small(name, number=12345), small("upper_z", number=1)), log="run.csv"))
     assert all(len(line) <= 80 for line in said.splitlines() if line != name)
     assert name in said
     assert sum(line.split()[-7:-6] == ["m/s^2"] for line in said.splitlines()) == 2
 
 
 def test_names_that_would_break_the_screen_are_spelt_out():
-    said = health_text("x", health_with(small("up\nper\x1b[2J"), small("\udcff")))
+    said = opid.text(replace(health_with(small("up\nper\x1b[2J"), small("\udcff")), log="x"))
     assert "up\\nper\\x1b[2J  m/s^2" in said
     assert said.encode()
 
 
 def test_the_json_has_every_figure_and_no_arrays(faulty):
-    document = health_json({"faulty.h5": faulty})
+    document = replace(faulty, log="faulty.h5").to_dict()
     assert json.loads(json_text(document)) == document
     assert document["schema"] == "opid.health/1"
     (log,) = document["logs"]
@@ -243,9 +246,9 @@ def test_a_real_file_of_any_logger_is_told_on_a_page(name):
     for needed in ("pyulog", "idelib", "pyuff"):
         pytest.importorskip(needed)
     health = inspect(open_log(SAMPLES / name))
-    said = health_text(name, health)
+    said = opid.text(replace(health, log=name))
     assert len(said.splitlines()) < 250
-    assert json.loads(json_text(health_json({name: health})))["logs"][0]["log"] == name
+    assert json.loads(json_text(replace(health, log=name).to_dict()))["logs"][0]["log"] == name
     if name == "ActTest_009.IDE":
         loudest = next(channel for channel in health.channels if channel.name == "Mic").lines[0]
         assert loudest.frequency_hz == pytest.approx(2791.7, abs=0.5)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 
+import opid
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.result import Comparison
-from opid.report import modal_json, modal_text, write_modal_report
 from opid.report.modal.pictures import modal_pictures
+from opid.report.modal.report import command_of
 from opid.report.modal.tables import decay_table, tables, truth_table, worst_sensors
 from opid.virtual.files.modal import read_modal_truth
 
@@ -25,7 +26,7 @@ def result():
 
 
 def test_the_text_holds_the_numbers_within_eighty_columns(result):
-    text = modal_text(result)
+    text = opid.text(result)
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "4 modes (1 rigid), 6 sensors, force at 'case_x'; condition number" in text
     assert "60.00 Hz" in text
@@ -37,7 +38,7 @@ def test_the_text_holds_the_numbers_within_eighty_columns(result):
 
 
 def test_frequency_and_damping_stand_at_zero_and_at_the_top_amplitude(result):
-    lines = modal_text(result).splitlines()
+    lines = opid.text(result).splitlines()
     zero = next(k for k, line in enumerate(lines) if line.startswith("mode ") and "q [m kg^1/2]" in line) + 1
     assert lines[zero].split()[:4] == ["3", "zero", "60.00", "Hz"]
     assert lines[zero + 1].split()[:2] == ["top,", "0.00025"]
@@ -46,7 +47,7 @@ def test_frequency_and_damping_stand_at_zero_and_at_the_top_amplitude(result):
     heads = [head for shown, _ in tables(result) for head in shown[0]]
     assert all(len(set(shown[0])) == len(shown[0]) for shown, _ in tables(result)), heads
     # an interval stands there; what a ± beside it would mean nobody knows
-    assert "±" not in modal_text(result)
+    assert "±" not in opid.text(result)
 
 
 def test_every_warning_stands_once_in_text_page_and_json(result):
@@ -62,13 +63,13 @@ def test_every_warning_stands_once_in_text_page_and_json(result):
             f"the free decays of mode {SOFT} together: too little range",
         ),
     )
-    told = json.loads(json_text(modal_json(doubted)))["warnings"]
+    told = json.loads(json_text(doubted.to_dict()))["warnings"]
     assert told == [
         f"free decay {decay.name!r} of mode {SOFT}: too little range",
         *small_fit().warnings,
         f"the free decays of mode {SOFT} together: of both",
     ]
-    text = modal_text(doubted).replace("\n         ", " ")
+    text = opid.text(doubted).replace("\n         ", " ")
     for warning in told:
         assert text.count(warning) == 1
 
@@ -79,7 +80,8 @@ def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
 
     def command(settings, **given):
         found = replace(result, settings={"study": "my study.toml", **settings})
-        text = write_modal_report(found, tmp_path, **given).read_text(encoding="utf-8")
+        given = {"command": command_of(found, given["options"])} if given else {}
+        text = opid.write_report(found, tmp_path, **given).read_text(encoding="utf-8")
         return next(line for line in text.splitlines() if "opid modal" in line).removeprefix("<pre>")[: -len("</pre>")]
 
     thresholds = {"frequency_threshold": 0.002, "damping_threshold": 0.15}
@@ -103,7 +105,7 @@ def test_green_dots_are_spoken_of_only_where_they_are(result):
 
 
 def test_truth_stands_beside_each_coefficient(result):
-    lines = modal_text(result, TRUTH).splitlines()
+    lines = opid.text(result, TRUTH).splitlines()
     cubic = next(line for line in lines if line.startswith("k3"))
     assert "-1.5e+11" in cubic
     assert cubic.endswith("yes")
@@ -112,10 +114,10 @@ def test_truth_stands_beside_each_coefficient(result):
 
 def test_a_joint_without_powers_gives_no_true_coefficients(result):
     joint = {"k": {}, "c": {}}
-    assert modal_text(result, {**TRUTH, "nonlinear": {str(SOFT): joint}}) == modal_text(result)
+    assert opid.text(result, {**TRUTH, "nonlinear": {str(SOFT): joint}}) == opid.text(result)
     # where another mode has some, the columns stay
     truth = {**TRUTH, "nonlinear": {str(SOFT): joint, "4": {"k": {"3": 1e9}, "c": {}}}}
-    cubic = next(line for line in modal_text(result, truth).splitlines() if line.startswith("k3"))
+    cubic = next(line for line in opid.text(result, truth).splitlines() if line.startswith("k3"))
     assert cubic.split()[-3:] == ["-", "-", "-"]
 
 
@@ -124,38 +126,38 @@ def test_at_most_eight_sensors_the_worst_first(result):
     many = replace(test, sensors={f"s{k}": Comparison(1.0, 2.0, 0.01 * k, 1.0) for k in range(12)})
     assert worst_sensors(many)[:2] == ["s11", "s10"]
     assert len(truth_table(many)) == 13
-    text = modal_text(replace(result, truth_tests=(many,)))
+    text = opid.text(replace(result, truth_tests=(many,)))
     assert "s4 " in text
     assert "s3 " not in text
     assert "and 4 sensor(s) that fare better" in text
 
 
 def test_what_is_not_determined_is_said(result):
-    text = modal_text(replace(result, not_determined="the tests do not move mode 3", fits=(), truth_tests=()))
+    text = opid.text(replace(result, not_determined="the tests do not move mode 3", fits=(), truth_tests=()))
     assert "Not determined: the tests do not move mode 3" in text
 
 
 def test_the_thresholds_of_the_levels_are_said(result):
     shown = replace(result, settings=result.settings | {"frequency_threshold": 0.002, "damping_threshold": 0.15})
     words = "A mode is nonlinear where its frequency shifts by more than 0.2 % or its damping ratio by more than 15 %"
-    assert words in modal_text(shown).replace("\n", " ")
-    assert json.loads(json_text(modal_json(shown)))["settings"]["damping_threshold"] == 0.15
-    assert "A mode is nonlinear where" not in modal_text(replace(shown, shifts=()))
+    assert words in opid.text(shown).replace("\n", " ")
+    assert json.loads(json_text(shown.to_dict()))["settings"]["damping_threshold"] == 0.15
+    assert "A mode is nonlinear where" not in opid.text(replace(shown, shifts=()))
 
 
 def test_the_law_of_free_decays_stands_beside_the_fits_or_in_their_place(result):
     law = law_of_decays(result.decays)
     both = replace(result, decay_laws={SOFT: law})
-    assert f"Mode {SOFT} by free decay '{result.decays[0].name}', 60.00 Hz" in modal_text(both, TRUTH)
-    document = json.loads(json_text(modal_json(both)))
+    assert f"Mode {SOFT} by free decay '{result.decays[0].name}', 60.00 Hz" in opid.text(both, TRUTH)
+    document = json.loads(json_text(both.to_dict()))
     assert [mode["known_by"] for mode in document["modes"]] == ["forced tests"]
     told = document["decay_laws"][str(SOFT)]
     assert told["k"]["1"]["value"] == pytest.approx(law.stiffness[1].value)
     assert set(told["c"]["1"]) == {"value", "std", "interval95"}
     assert told["frequency_low_hz"]["value"] == pytest.approx(60.0, abs=0.05)
     alone = replace(both, fits=())
-    assert f"nonlinear: {SOFT} (by free decays)." in modal_text(alone).replace("\n", " ")
-    entry = json.loads(json_text(modal_json(alone)))["modes"][0]
+    assert f"nonlinear: {SOFT} (by free decays)." in opid.text(alone).replace("\n", " ")
+    entry = json.loads(json_text(alone.to_dict()))["modes"][0]
     assert set(entry) == set(document["modes"][0])
     assert (entry["mode"], entry["known_by"], entry["band_hz"]) == (SOFT, "free decays", None)
     # the correction of k0, as in all modes
@@ -165,7 +167,7 @@ def test_the_law_of_free_decays_stands_beside_the_fits_or_in_their_place(result)
 
 
 def test_json_has_the_schema_and_is_strict(result):
-    document = json.loads(json_text(modal_json(result)))
+    document = json.loads(json_text(result.to_dict()))
     assert document["schema"] == "opid.modal/1"
     assert document["drive_point"] == "case_x"
     assert document["condition_number"] == pytest.approx(result.condition_number)
@@ -192,14 +194,14 @@ def test_json_has_the_schema_and_is_strict(result):
 
 def test_numbers_that_are_not_finite_become_null(result):
     fit = replace(small_fit(), condition_raw=np.inf)
-    document = json.loads(json_text(modal_json(replace(result, fits=(fit,)))))
+    document = json.loads(json_text(replace(result, fits=(fit,)).to_dict()))
     assert document["modes"][0]["condition_raw"] is None
 
 
 def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
     said = []
-    page = write_modal_report(result, tmp_path / "out", TRUTH, progress=said.append)
+    page = opid.write_report(result, tmp_path / "out", TRUTH, progress=said.append)
     text = page.read_text(encoding="utf-8")
     names = {path.stem for path in (tmp_path / "out").glob("*.png")}
     assert names == {

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from made_updating import CUBIC, small_system, small_truth, small_updating
 
+import opid
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.report import updating_json, updating_text, write_updating_report
 from opid.report.updating.chains import write_chains
 from opid.report.updating.coverage import coverage_note, coverage_table
 from opid.report.updating.pictures import reached_extension, updating_pictures
@@ -23,8 +23,6 @@ from opid.report.updating.tables import (
     basis,
     best_sentence,
     class_table,
-    coefficient_estimates,
-    doubts_of,
     tables,
 )
 from opid.updating.result import Evidence
@@ -43,7 +41,7 @@ def line_of(text, start):
 
 def test_the_text_holds_the_numbers_within_eighty_columns(result):
     for truth in (None, small_truth()):
-        text = updating_text(result, truth)
+        text = opid.text(result, truth)
         assert max(len(line) for line in text.splitlines()) <= 80
     assert "8 backbones (5 of mode 1, 3 of mode 2), 96 points, 6 sensors, 2 joints" in text
     assert line_of(text, "class 2").split() == ["class", "2", "cubic", "360.20", "-", "best", "365.20"]
@@ -55,9 +53,9 @@ def test_the_text_holds_the_numbers_within_eighty_columns(result):
 
 
 def test_coefficients_are_in_si_units_whatever_the_sign_of_the_scale(result):
-    cubic, unit = coefficient_estimates(result.classes[1])["cubic_stiffness"]
+    cubic, unit = result.classes[1].coefficients["cubic_stiffness"]
     assert (cubic.value, cubic.std, unit) == (pytest.approx(CUBIC), pytest.approx(0.04 * 6.8e7), "N/m^3")
-    quartic, unit = coefficient_estimates(result.classes[2])["quartic_stiffness"]
+    quartic, unit = result.classes[2].coefficients["quartic_stiffness"]
     assert unit == "N/m^4"
     assert quartic.value == pytest.approx(-2.7e9 * 0.6)
     assert quartic.std > 0
@@ -65,7 +63,7 @@ def test_coefficients_are_in_si_units_whatever_the_sign_of_the_scale(result):
 
 
 def test_truth_stands_beside_the_classes_that_hold_the_true_law(result):
-    text = updating_text(result, small_truth())
+    text = opid.text(result, small_truth())
     rows = [line for line in text.splitlines() if line.startswith(("cubic", "quadratic", "quartic"))]
     assert rows[0].split()[-3:] == ["-", "-", "-"]  # no cubic term: there is no true value
     assert rows[1].split()[-3:] == ["1.0744e+08", "+0.00%", "yes"]
@@ -77,11 +75,11 @@ def test_truth_stands_beside_the_classes_that_hold_the_true_law(result):
 def test_one_class_one_method_and_no_linear_updating_are_told_too(result):
     alone = replace(result.classes[1], evidences=(Evidence("laplace", 360.2),), prior_sensitivity={})
     few = replace(result, linear=None, classes=(alone,), prediction=())
-    text = updating_text(few)
+    text = opid.text(few)
     assert "Best: class 2, the only class" in text
     assert "Linear structure" not in text
     assert len(tables(few)) == 1
-    assert updating_json(few)["linear"] is None
+    assert few.to_dict()["linear"] is None
 
 
 def test_a_class_that_explains_nothing_is_told(result):
@@ -89,18 +87,16 @@ def test_a_class_that_explains_nothing_is_told(result):
     two = replace(result, classes=(lost, result.classes[1]))
     assert "no other class can explain the data" in best_sentence(two)
     assert class_table(two)[1][4] == "-inf"
-    assert json.loads(json_text(updating_json(two)))["classes"][0]["log_evidence"] is None
+    assert json.loads(json_text(two.to_dict()))["classes"][0]["log_evidence"] is None
 
 
 def test_what_is_not_determined_is_said(result):
-    text = updating_text(
-        replace(result, not_determined="no class explains the backbones", best_class="", prediction=())
-    )
+    text = opid.text(replace(result, not_determined="no class explains the backbones", best_class="", prediction=()))
     assert "Not determined: no class explains the backbones" in text
 
 
 def test_json_has_the_schema_and_is_strict(result):
-    document = json.loads(json_text(updating_json(result)))
+    document = json.loads(json_text(result.to_dict()))
     assert document["schema"] == "opid.updating/1"
     assert document["best_class"] == "class 2"
     second = document["classes"][1]
@@ -130,7 +126,7 @@ def test_json_has_the_schema_and_is_strict(result):
 def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
     said = []
-    page = write_updating_report(result, tmp_path / "out", small_truth(), progress=said.append)
+    page = opid.write_report(result, tmp_path / "out", small_truth(), progress=said.append)
     text = page.read_text(encoding="utf-8")
     names = {path.stem for path in (tmp_path / "out").glob("*.png")}
     assert names == {
@@ -148,8 +144,8 @@ def test_what_the_reduction_leaves_out_is_drawn_and_kept_where_it_is_given(resul
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")
     errors = errors_of([0.0, 7e-4], [1, 2])
     free = errors_of([0.0, 0.0], [2, 1], method="free", n_cut=1)
-    few = replace(result, linear=None, classes=(), measured=(), prediction=())
-    write_updating_report(few, tmp_path, reduction=errors, free=free)
+    few = replace(result, linear=None, classes=(), measured=(), prediction=(), reductions=(errors, free))
+    opid.write_report(few, tmp_path)
     assert [path.name for path in tmp_path.glob("*.png")] == ["reduction.png"]
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert document["reduction"]["relative"] == [0.0, 7e-4]
@@ -157,7 +153,7 @@ def test_what_the_reduction_leaves_out_is_drawn_and_kept_where_it_is_given(resul
     assert "With free modes the order changes: mode 1 is the whole structure" in (tmp_path / "report.html").read_text(
         encoding="utf-8"
     )
-    assert updating_json(result)["reduction"] is updating_json(result)["reduction_free"] is None
+    assert result.to_dict()["reduction"] is result.to_dict()["reduction_free"] is None
 
 
 def errors_of(relative, nearest, **others):
@@ -172,25 +168,26 @@ def errors_of(relative, nearest, **others):
 def test_the_text_says_what_the_reduction_keeps(result):
     held = errors_of([1e-7, 2e-6, 1e-4, 0.02, 0.001], [1, 2, 3, 5, 4])
     free = errors_of([1e-9, 3e-9], [1, 2], method="free", n_dof=28, n_cut=1)
-    told = reduction_sentences(result, held, free)
+    reduced = replace(result, reductions=(held, free))
+    told = reduction_sentences(reduced)
     assert told == (
         "29 coordinates, modes with sensors and joints held: frequency of modes 1 and 2 off by at most 0.0002 %, "
         "modes 1 to 3 by less than 1 %",
         "28 coordinates (1 direction cut off), free modes (the paper's words): frequency of modes 1 and 2 off by at "
         "most 3e-07 %, modes 1 to 2 by less than 1 %",
     )
-    text = updating_text(result, reduction=told)
+    text = opid.text(reduced)
     assert text.count("Reduction: ") == 2
     assert max(len(line) for line in text.splitlines()) <= 80
 
 
 def test_a_small_mac_is_explained_by_what_is_true():
-    assert order_sentences(errors_of([0.0, 0.0], [1, 2]), None) == ()
-    (moved,) = order_sentences(errors_of([0.0] * 3, [1, 3, 2]))
+    assert order_sentences([errors_of([0.0, 0.0], [1, 2])]) == ()
+    (moved,) = order_sentences([errors_of([0.0] * 3, [1, 3, 2])])
     assert "mode 2 is the whole structure's mode 3, mode 3 is the whole structure's mode 2 (crosses: MAC" in moved
-    (lost,) = order_sentences(errors_of([0.0] * 3, [1, 0, 3], method="free"))
+    (lost,) = order_sentences([errors_of([0.0] * 3, [1, 0, 3], method="free")])
     assert lost == "with free modes the shape of mode 2 is like no single one of the 3 compared"
-    (many,) = order_sentences(errors_of([0.0] * 8, [8, 7, 6, 5, 4, 3, 2, 1]))
+    (many,) = order_sentences([errors_of([0.0] * 8, [8, 7, 6, 5, 4, 3, 2, 1])])
     assert "and 4 more" in many
 
 
@@ -206,7 +203,7 @@ def test_one_of_each_is_told_in_the_singular(result):
 
 
 def test_the_coverage_is_said_to_be_that_of_fitted_points(result):
-    text = " ".join(updating_text(result).split())
+    text = " ".join(opid.text(result).split())
     assert "The class was fitted to these points" in text
     assert "is no test on new data" in text
 
@@ -216,8 +213,8 @@ def test_missing_points_of_a_band_are_counted_and_null(result):
     gap = np.where(np.arange(first.amplitude.size) < 3, np.nan, first.frequency_hz)
     broken = replace(result, prediction=(replace(first, frequency_hz=gap, low_hz=gap, high_hz=gap), *others))
     assert "has no frequency" not in coverage_note(result)
-    assert "The band of mode 1 has no frequency at 3 of its 40 amplitudes" in " ".join(updating_text(broken).split())
-    band = json.loads(json_text(updating_json(broken)))["prediction"][0]
+    assert "The band of mode 1 has no frequency at 3 of its 40 amplitudes" in " ".join(opid.text(broken).split())
+    band = json.loads(json_text(broken.to_dict()))["prediction"][0]
     assert band["frequency_hz"][:4] == [None, None, None, pytest.approx(first.frequency_hz[3])]
     assert "Where it breaks off" in updating_pictures(broken)[-2].text
     assert "Where it breaks off" not in updating_pictures(broken)[-1].text
@@ -289,7 +286,7 @@ def test_without_arviz_or_its_writer_chains_are_refused_in_a_sentence(result, ar
 
 def test_a_warning_of_a_part_is_told_once(result):
     told = replace(result, warnings=("class 'class 4': the chains of theta_2 have few effective samples",))
-    doubts = doubts_of(told)
+    doubts = told.all_warnings
     assert sum("theta_2" in doubt for doubt in doubts) == 1
     assert any("E_steel" in doubt for doubt in doubts)
 

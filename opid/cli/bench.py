@@ -44,7 +44,9 @@ def law(
     more, and the law is refined until the motion simulated from the force alone is the recorded one. With --mass no
     force need be measured: --force is the acceleration of a body that the specimen alone holds, and F = -m a.
     """
-    from opid.report import bench_text, write_bench_report
+    from dataclasses import replace
+
+    from opid.report import text, write_report
     from opid.signals.directory import require_directory
     from opid.suspensions.bench.law import law_of_bench
     from opid.suspensions.bench.record import bench_from_recording, quasi_static_bench
@@ -64,9 +66,9 @@ def law(
             record = bench_from_recording(
                 recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass, mass_kg=mass
             )
-        result = law_of_bench(record, title=bench.name, progress=say)
-        page = None if target is None else write_bench_report(result, target, progress=say)
-    click.echo(bench_text(result))
+        result = law_of_bench(replace(record, log=str(bench)), title=bench.name, progress=say)
+        page = None if target is None else write_report(result, target, progress=say)
+    click.echo(text(result))
     if page is not None:
         click.echo(f"Report: {page} (open it in a browser)")
     end(result)

@@ -34,7 +34,7 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     bad input. 3: a change is flagged.
     """
     from opid.json_values import json_text
-    from opid.report.comparison_report import comparison_json, comparison_text, write_comparison_report
+    from opid.report import text, write_report
     from opid.signals.directory import require_directory
     from opid.suspensions.flights.comparison import compare as compare_flights
     from opid.suspensions.flights.results import read_flights
@@ -43,8 +43,9 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     with progress() as say:
         say("the results")
         found = compare_flights(read_flights(results), false_alarm=false_alarm)
-        page = None if target is None else write_comparison_report(found, target, paths=results, progress=say)
-    click.echo(json_text(comparison_json(found)) if as_json else comparison_text(found), nl=not as_json)
+        command = ["opid", "compare", *map(str, results)]
+        page = None if target is None else write_report(found, target, command=command, progress=say)
+    click.echo(json_text(found.to_dict()) if as_json else text(found), nl=not as_json)
     if page is not None and not as_json:
         click.echo(f"Report: {page} (open it in a browser)")
     if found.changes:

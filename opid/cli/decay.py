@@ -48,12 +48,10 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
 
     From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
     """
-    from opid.modal.decay.free_decay import law_of_decays
-    from opid.report.modal.decay_report import decay_text, write_decay_report
+    from opid.report import text, write_report
     from opid.signals.directory import require_directory
 
     target = None if out is None else require_directory(out)
-    facts = {"log": str(log), **settings}
     with progress() as say:
         try:
             found = _decay(log, settings, say)
@@ -61,12 +59,8 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
             raise InputError(_in_options(str(error))) from error
         except NotDeterminedError as error:
             raise NotDeterminedError(_in_options(str(error)), error.partial) from error
-        page = None
-        if target is not None:
-            orders = {name: settings[name] for name in ORDERS}
-            law = None if found.law is None else law_of_decays([found], **orders)
-            page = write_decay_report(found, target, facts, law=law, progress=say)
-    click.echo(decay_text(found, facts))
+        page = None if target is None else write_report(found, target, progress=say)
+    click.echo(text(found))
     if page is not None:
         click.echo(f"Report: {page} (open it in a browser)")
 
@@ -88,7 +82,8 @@ def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -
         name=settings["channel"],
         **{name: settings[name] for name in ORDERS},
     )
-    return replace(found, warnings=tuple(_in_options(text) for text in found.warnings))
+    warnings = tuple(_in_options(text) for text in found.warnings)
+    return replace(found, warnings=warnings, settings={"log": str(log), **settings})
 
 
 def _in_options(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,6 @@ from opid.errors import InputError
 if TYPE_CHECKING:
     from opid.signals.health.result import Health
     from opid.studies.suspension_study import LogReading
-
-CHANNELS_A_PICTURE, MOST_PICTURES = 12, 2
-"""A picture takes seconds: of a log with more channels than these hold the most telling are drawn."""
 
 
 @main.command()
@@ -36,8 +33,10 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     A log that cannot be read is told, and the others still inspected; the status is then 2.
     """
     from opid.json_values import json_text
-    from opid.report import health_json, health_text
+    from opid.report import text
+    from opid.report.health_report import channels_left_out
     from opid.signals.directory import require_directory
+    from opid.signals.health.as_json import health_json
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
     if studies:
@@ -48,42 +47,32 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     if out is not None:
         require_directory(out)
     readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study)]
-    found: list[_Inspected] = []
+    found: list[Health] = []
+    stems: list[str] = []
     failures = []
     for log, reading in readings:
         several = [each for each, _ in readings].count(log) > 1
         title = f"{log} ({', '.join(reading.channels)})" if several and reading.channels else str(log)
         try:
-            found.append(_Inspected(log, title, _health(log, reading, of_study=study is not None)))
+            found.append(replace(_health(log, reading, of_study=study is not None), log=title))
+            stems.append(log.stem)
         except InputError as error:
             failures.append(str(error))
             continue
         if not as_json:
-            click.echo("\n" * (len(found) > 1) + health_text(title, found[-1].health), nl=False)
+            click.echo("\n" * (len(found) > 1) + text(found[-1]), nl=False)
     if as_json and found:
-        document = health_json({each.title: each.health for each in found})
-        click.echo(_printable(json_text(document)), nl=False)
+        click.echo(_printable(json_text(health_json(found))), nl=False)
     if out is not None and found:
-        pictures = _write_pictures(found, out)
+        pictures = _write_pictures(found, stems, out)
         if not as_json:
             click.echo(_printable("\nPictures: " + ", ".join(str(out / name) for name in pictures)))
-            for each in found:
-                if len(drawn := _drawn(each.health)) < len(each.health.channels):
-                    words = f"{len(drawn)} of the {len(each.health.channels)} channels of {each.title} are drawn"
-                    click.echo(_printable(f"{words}: name those wanted in [channels] of a study"))
+            for words in filter(None, map(channels_left_out, found)):
+                click.echo(_printable(words))
     for failure in failures[:-1]:
         click.echo(f"Error: {failure}", err=True)
     if failures:
         raise BadInput(failures[-1])
-
-
-@dataclass(frozen=True)
-class _Inspected:
-    """What was found in a log, or in those of its channels that are read alike; `title` tells these apart."""
-
-    log: Path
-    title: str
-    health: Health
 
 
 def _readings(log: Path, study: Path | None) -> tuple[LogReading, ...]:
@@ -120,29 +109,20 @@ def _choice(runs: tuple[str, ...]) -> str:
     return f"read as run {runs[0]!r} says; {others} use{'s' * (len(runs) == 2)} this log, too" if others else ""
 
 
-def _write_pictures(found: Sequence[_Inspected], out: Path) -> list[str]:
+def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> list[str]:
     """Draw each log, some channels on every picture, and return the names of the files."""
-    from opid.plots import figure_of, health_picture, png
+    from opid.report.health_report import health_pictures
+    from opid.report.page import drawn
     from opid.signals.directory import write_together
 
-    images = {}
-    for stem, each in zip(_distinct([each.log.stem for each in found]), found, strict=True):
-        names = _drawn(each.health)
-        parts = [names[i : i + CHANNELS_A_PICTURE] for i in range(0, len(names), CHANNELS_A_PICTURE)]
-        for number, part in enumerate(parts, 1):
-            name = f"{stem}.png" if len(parts) == 1 else f"{stem}_part{number}.png"
-            with progress() as say:
-                say(name)
-                images[name] = png(figure_of(health_picture(each.health, channels=part)))
+    images: dict[str, bytes] = {}
+    for stem, health in zip(_distinct(stems), found, strict=True):
+        with progress() as say:
+            say(stem)
+            pictures = drawn(health_pictures(health), health, None)
+        images |= {f"{stem}{name.removeprefix('health')}.png": image for name, image in pictures.items()}
     write_together(out, images)
     return list(images)
-
-
-def _drawn(health: Health) -> list[str]:
-    """The names of the channels to draw: all, or of many the first that are not mute, accelerations before others."""
-    most = CHANNELS_A_PICTURE * MOST_PICTURES
-    telling = sorted(health.channels, key=lambda channel: (channel.mute, channel.unit != "m/s^2"))
-    return [channel.name for channel in (health.channels if len(telling) <= most else telling[:most])]
 
 
 def _printable(text: str) -> str:

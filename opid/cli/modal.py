@@ -51,7 +51,8 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     from dataclasses import replace
 
     from opid.modal.identification import identify_modes
-    from opid.report import modal_text, write_modal_report
+    from opid.report import text, write_report
+    from opid.report.modal.report import command_of
     from opid.signals.directory import require_directory
     from opid.studies.modal_study import read_modal_study
     from opid.virtual.files.modal import read_modal_truth
@@ -62,7 +63,7 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     with progress() as say:
         tests = replace(read_modal_study(study, progress=say), **given)
         result = identify_modes(tests, progress=say)
-        page = write_modal_report(result, target, known, options=given, progress=say)
-    click.echo(modal_text(result, known))
+        page = write_report(result, target, known, command=command_of(result, given), progress=say)
+    click.echo(text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     end(result)

@@ -123,7 +123,7 @@ def identify(
         )
     if method != "model" and method_of_law != "pursuit":
         raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
-    from opid.report import result_text, write_report
+    from opid.report import text, write_report
     from opid.signals.directory import require_directory
     from opid.suspensions.identification import identify as identify_study
     from opid.virtual.files.aircraft import read_body_truth
@@ -138,7 +138,7 @@ def identify(
         study = _study(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
         page = write_report(result, target, known, progress=say)
-    click.echo(result_text(result, known))
+    click.echo(text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     end(result)
 

@@ -46,9 +46,8 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
     """
     from dataclasses import replace
 
-    from opid.report import updating_text, write_updating_report
+    from opid.report import text, write_report
     from opid.report.updating.chains import require_arviz, write_chains
-    from opid.report.updating.reduction import reduction_sentences
     from opid.signals.directory import require_directory
     from opid.studies.updating_study import read_updating_study
     from opid.updating.identification import update_study
@@ -61,26 +60,25 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
     given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
     with progress() as say:
         tests = replace(read_updating_study(study, progress=say), **given)
-        result = update_study(tests, progress=say)
-        reduction, free = _reductions(tests, result)
-        page = write_updating_report(result, target, known, reduction=reduction, free=free, progress=say)
+        found = update_study(tests, progress=say)
+        result = replace(found, reductions=_reductions(tests, found))
+        page = write_report(result, target, known, progress=say)
         files = write_chains(result, target) if chains else ()
-    sentences = () if reduction is None else reduction_sentences(result, reduction, free)
-    click.echo(updating_text(result, known, reduction=sentences))
+    click.echo(text(result, known))
     click.echo(f"Report: {page} (open it in a browser)")
     for file in files:
         click.echo(f"Chains: {file}")
     end(result)
 
 
-def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors | None, ReductionErrors | None]:
-    """How both reduced structures differ from the whole one, the one that was used first; None with none to reduce."""
+def _reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors, ...]:
+    """How both reduced structures differ from the whole one, the one that was used first; none with none to reduce."""
     from opid.updating.structure.affine import AffineStructure
     from opid.updating.structure.reduction import craig_bampton, reduction_errors
 
     structure, linear = study.structure, result.linear
     if not isinstance(structure, AffineStructure):
-        return None, None
+        return ()
     factors = {} if linear is None else {n: float(v) for n, v in zip(linear.names, linear.best, strict=True)}
 
     def errors(method: str) -> ReductionErrors:

@@ -28,7 +28,7 @@ def demo(out: Path, seed: int) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.report import result_text, write_report
+    from opid.report import text, write_report
     from opid.signals.directory import require_directory
     from opid.studies.suspension_study import read_study
     from opid.suspensions.identification import identify
@@ -44,7 +44,7 @@ def demo(out: Path, seed: int) -> None:
         result = identify(read_study(study), progress=say)
         truth = read_truth(out / "truth.json")
         page = write_report(result, out / "report", truth, progress=say)
-    click.echo(result_text(result, truth))
+    click.echo(text(result, truth))
     click.echo(f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}")
     click.echo(f"The study:  {study}")
     click.echo(f"The report: {page} (open it in a browser)")

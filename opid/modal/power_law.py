@@ -7,11 +7,12 @@ columns meant. n = 1 is the linear part: it corrects k0 and c0 and belongs to th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, Term
+from opid.result import SummaryRow
 
 STIFFNESS_KINDS = {2: "quadratic_stiffness", 3: "cubic_stiffness", 4: "quartic_stiffness", 5: "quintic_stiffness"}
 DAMPING_KINDS = {2: "quadratic_damping", 3: "cubic_damping", 4: "quartic_damping", 5: "quintic_damping"}
@@ -67,3 +68,55 @@ def harmonic_share(power: float) -> float:
     """
     share = 2 / math.sqrt(math.pi) * math.gamma(power / 2 + 1) / math.gamma(power / 2 + 1.5)
     return round(share, 15)
+
+
+def unit_of(letter: str, power: int) -> str:
+    """Return the unit of a coefficient, (N/kg^1/2) / (m kg^1/2)^n or (N/kg^1/2) / (m/s kg^1/2)^n, in short.
+
+    Args:
+        letter: "k" or "c".
+        power: n.
+
+    >>> unit_of("k", 3), unit_of("c", 2), unit_of("k", 1)
+    ('N/(m^3 kg^2)', 'N s^2/(m^2 kg^1.5)', 'N/(m kg)')
+    """
+    seconds = f" {_raised('s', power)}" if letter == "c" else ""
+    return f"N{seconds}/({_raised('m', power)} {_raised('kg', (power + 1) / 2)})"
+
+
+def unit_per_mass(letter: str, power: int) -> str:
+    """Return the unit of a coefficient per unit mass, (m/s^2) / m^n or (m/s^2) / (m/s)^n, in short.
+
+    Args:
+        letter: "k" or "c".
+        power: n.
+
+    >>> unit_per_mass("k", 1), unit_per_mass("k", 3), unit_per_mass("c", 1), unit_per_mass("c", 3)
+    ('1/s^2', '1/(s^2 m^2)', '1/s', 's/m^2')
+    """
+    seconds, metres = (-2 if letter == "k" else power - 2), 1 - power
+    exponents = {"s": seconds, "m": metres}
+    above, below = ([_raised(name, abs(n)) for name, n in exponents.items() if n * sign > 0] for sign in (1, -1))
+    under = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
+    return f"{' '.join(above) or '1'}/{under}"
+
+
+def _raised(name: str, exponent: float) -> str:
+    return name if exponent == 1 else f"{name}^{exponent:g}"
+
+
+def coefficient_rows(
+    stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], name: str = "", *, per_mass: bool = False
+) -> Iterator[SummaryRow]:
+    """Yield the coefficients of a mode as rows of a summary: k1, k3, c1, ...
+
+    Args:
+        stiffness: k_n by its power n.
+        damping: c_n by its power n.
+        name: what stands before the names of the rows.
+        per_mass: whether they are of a sensor's motion, per unit mass, instead of a modal coordinate.
+    """
+    unit = unit_per_mass if per_mass else unit_of
+    for letter, estimates in (("k", stiffness), ("c", damping)):
+        for power, estimate in sorted(estimates.items()):
+            yield SummaryRow.of(f"{name}{letter}{power}", estimate, unit(letter, power))

@@ -14,6 +14,8 @@ from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
+from opid.modal.power_law import coefficient_rows, fitted_power_law
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray, Recording
 
 SCHEMA = "opid.modal/1"
@@ -110,8 +112,6 @@ class ModeFit:
     @property
     def law(self) -> Law:
         """The nonlinear restoring force, powers 2 and up."""
-        from opid.modal.power_law import fitted_power_law
-
         return fitted_power_law(self.stiffness, self.damping)
 
 
@@ -153,8 +153,8 @@ class TruthTest:
     sensors: Mapping[str, Comparison]
 
 
-@dataclass(frozen=True, eq=False)
-class ModalIdentification:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalIdentification(Result):
     """A nonlinear modal model with what it rests on.
 
     Args:
@@ -191,3 +191,50 @@ class ModalIdentification:
     not_determined: str
     settings: Mapping[str, Any]
     decay_laws: Mapping[int, DecayLaw] = field(default_factory=dict)
+
+    @property
+    def modes_by_decays_alone(self) -> list[int]:
+        """The modes that no forced test moves and whose law comes from their free decays."""
+        fitted = {fit.mode for fit in self.fits}
+        return [mode for mode in sorted(self.decay_laws) if mode not in fitted]
+
+    @property
+    def all_warnings(self) -> list[str]:
+        """All warnings, those of modes, decays and their laws last, each once."""
+        of_fits = [text for fit in self.fits for text in fit.warnings]
+        # worded as by `identify_modes`, which tells them too
+        of_decays = [
+            (f"free decay {decay.name!r} of mode {decay.mode}: ", decay.mode, text)
+            for decay in self.decays
+            for text in decay.warnings
+        ]
+        of_laws = [
+            (f"the free decays of mode {mode} together: {text}", (mode, text) in [each[1:] for each in of_decays])
+            for mode, law in sorted(self.decay_laws.items())
+            for text in law.warnings
+        ]
+        # the law of a single decay has that decay's warnings
+        of_laws_alone = {text for text, twice in of_laws if twice}
+        every = [
+            *self.warnings,
+            *of_fits,
+            *(head + text for head, _, text in of_decays),
+            *(text for text, _ in of_laws),
+        ]
+        return [text for text in dict.fromkeys(every) if text not in of_laws_alone]
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the coefficients of each nonlinear mode; k1 and c1 of free decays are k0 and c0 themselves."""
+        laws = [(f"mode_{fit.mode}.", fit.stiffness, fit.damping) for fit in self.fits]
+        laws += [(f"mode_{n}.decays.", law.stiffness, law.damping) for n, law in sorted(self.decay_laws.items())]
+        return tuple(row for name, k, c in laws for row in coefficient_rows(k, c, name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.modal.as_json.modal_json`."""
+        from opid.modal.as_json import modal_json
+
+        return modal_json(self)
+
+    def _headline(self) -> str:
+        nonlinear = ", ".join(str(fit.mode) for fit in self.fits) or "none"
+        return f"{self.title or 'without a title'} ({self.modes.n_modes} modes, nonlinear by forced tests: {nonlinear})"

@@ -1,9 +1,8 @@
-"""How to come to a result again: the command, and the lines of Python."""
+"""How to come to an identification again: the command, and the lines of Python."""
 
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import dataclass, fields, replace
 
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
@@ -22,8 +21,8 @@ class _Asked:
     has_command: bool = True
 
 
-def command_of(result: AnyIdentification) -> str | None:
-    """Return the command that gives a result; None where no command does: a study or settings made in Python.
+def command_of(result: AnyIdentification) -> list[str] | None:
+    """Return the words of the command that gives a result; None for a study or settings that were made in Python.
 
     Args:
         result: the identification.
@@ -32,7 +31,7 @@ def command_of(result: AnyIdentification) -> str | None:
     if not asked.has_command:
         return None
     if study.source is not None:
-        return shlex.join(["opid", "identify", str(study.source), *asked.options])
+        return ["opid", "identify", str(study.source), *asked.options]
     logs = _logs(study)
     if not logs:
         return None
@@ -43,7 +42,7 @@ def command_of(result: AnyIdentification) -> str | None:
         for option, _, value in _said_of_logs(study)
         for word in (option, value if isinstance(value, str) else _number(value))
     ]
-    return shlex.join(["opid", "identify", *logs, *channels, *changes, *more, *asked.options])
+    return ["opid", "identify", *logs, *channels, *changes, *more, *asked.options]
 
 
 def python_of(result: AnyIdentification) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.kinds import Parameter
 
 WIDTH = 80
@@ -78,31 +77,6 @@ def wrapped(text: str, head: str = "") -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     )
-
-
-def rounded(value: float | None, std: float | None = None) -> str:
-    """Return a value with the digits that its standard deviation leaves, or four where there is none.
-
-    Args:
-        value: None gives a dash.
-        std: two digits of it count.
-
-    >>> rounded(390297.5, 358.4), rounded(0.019941, 5.1e-05), rounded(1234.56), rounded(None)
-    ('390300', '0.019941', '1235', '-')
-    """
-    if value is None or not math.isfinite(value):
-        return "-"
-    if std is not None and std > 0 and math.isfinite(std):
-        decimals = 1 - math.floor(math.log10(std))
-    elif value:
-        decimals = 3 - math.floor(math.log10(abs(value)))
-    else:
-        decimals = 0
-    number = round(value, decimals) + 0.0  # no -0
-    if abs(number) >= 1e8 or 0 < abs(number) < 1e-6:
-        digits = max(0, decimals + math.floor(math.log10(abs(number))))
-        return f"{number:.{digits}e}"
-    return f"{number:.{max(0, decimals)}f}"
 
 
 def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None, with_truth: bool = False) -> Row:

@@ -1,31 +1,22 @@
-"""The law of a test bench as text, JSON and a page with its figures."""
+"""The law of a test bench as text and as a page with its figures."""
 
 from __future__ import annotations
 
-import os
-import shlex
-from collections.abc import Callable, Iterator
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
 
-from opid.json_values import json_text, plain
 from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
-from opid.report.page import Picture, drawn, rendered
-from opid.signals.directory import write_together
-from opid.suspensions.bench.law import SCHEMA, BenchLaw
-from opid.suspensions.bench.simulation import Simulation
-from opid.suspensions.law_search.pursuit import chosen
+from opid.report.page import Page, Picture
+from opid.suspensions.bench.law import UNITS, BenchLaw
 
 LABELS = {
-    "stiffness_n_per_m": ("stiffness K", "N/m"),
-    "damping_n_s_per_m": ("damping C", "N s/m"),
-    "offset_n": ("offset F0", "N"),
-    "moving_mass_kg": ("moving mass m", "kg"),
+    "stiffness_n_per_m": "stiffness K",
+    "damping_n_s_per_m": "damping C",
+    "offset_n": "offset F0",
+    "moving_mass_kg": "moving mass m",
 }
 
 
-def bench_text(result: BenchLaw) -> str:
+def text_of(result: BenchLaw) -> str:
     """Return the law of a test bench as text: the numbers, how good it is, and what to doubt.
 
     Args:
@@ -54,126 +45,27 @@ def equation(result: BenchLaw) -> str:
     return f"F = F0 + {mass}K z + C z' + f(z, z')"
 
 
-def bench_json(result: BenchLaw) -> dict[str, Any]:
-    """Return the law of a test bench as the content of result.json.
+def page_of(result: BenchLaw) -> Page:
+    """Return what the page of a test bench shows.
 
     Args:
         result: from `law_of_bench`.
-
-    Returns:
-        `schema`, `title`, `parameters` {name: {value, std, interval95} or None}, `law` {name, latex, parameters {kind:
-        {parameter: {value, std, interval95}}}}, `r2`, `r2_left_out`, `residual_rms_n`, `n_independent`, `ladder` [{law,
-        r2, r2_left_out, bic, kept, chosen}], `memory`, `loop` {travel_amplitude_m, frequency_hz, area_j {value, std,
-        interval95}} or None, `cycle` (the same of the whole force), `simulation` {error_rms_m, r2, steps_per_sample,
-        tried {law: error_rms_m}} or None, `warnings`, `not_determined`, `settings`.
     """
-    return plain(
-        {
-            "schema": SCHEMA,
-            "title": result.title,
-            "parameters": asdict(result.parameters),
-            "law": {
-                "name": result.law.name,
-                "latex": result.law.latex,
-                "parameters": {
-                    kind: {name: asdict(estimate) for name, estimate in estimates.items()}
-                    for kind, estimates in result.law_estimates.items()
-                },
-            },
-            "r2": result.r2,
-            "r2_left_out": result.r2_left_out,
-            "residual_rms_n": result.residual_rms,
-            "n_independent": result.n_independent,
-            "ladder": [
-                {
-                    "law": step.law_name,
-                    "r2": step.fit.r2,
-                    "r2_left_out": None if step.left_out is None else step.fit.r2_of(step.left_out),
-                    "bic": step.fit.bic,
-                    "kept": step.kept,
-                    "chosen": step is chosen(result.ladder),
-                }
-                for step in result.ladder
-            ],
-            "memory": asdict(result.memory) | {"seen": result.memory.seen},
-            "loop": None if result.loop is None else asdict(result.loop),
-            "cycle": asdict(result.cycle),
-            "simulation": None if result.simulation is None else _simulation_json(result.simulation),
-            "warnings": result.warnings,
-            "not_determined": result.not_determined,
-            "settings": _settings(result),
-        }
-    )
-
-
-def _simulation_json(simulation: Simulation) -> dict[str, Any]:
-    return {
-        "error_rms_m": simulation.error_rms_m,
-        "r2": simulation.r2,
-        "steps_per_sample": simulation.steps_per_sample,
-        "tried": simulation.tried,
-    }
-
-
-def _settings(result: BenchLaw) -> dict[str, Any]:
-    """What the answer was made with: the record, what could be chosen, and every number that was tuned."""
-    bench, tuned = result.bench, asdict(result.settings)
-    search = result.settings.search
-    return {
-        "columns": bench.channels,
-        "n_samples": bench.force.size,
-        "fs_hz": bench.fs,
-        "velocity_from": bench.velocity_from,
-        "quasi_static": bench.is_quasi_static,
-        "moving_mass": bench.acceleration is not None,
-        "mass_kg": bench.mass_kg,
-        "velocity_band_hz": bench.velocity_band_hz,
-        "travel_zero_m": bench.travel_zero_m,
-        "candidates": result.candidates,
-        "most_terms": search.most_terms,
-        "n_search_samples": result.n_search_samples,
-        "n_left_out_stretches": result.settings.n_stretches,
-        "bic_margin": search.bic_margin,
-        "rms_margin": search.error_margin,
-        "interval_cell_s": result.interval_cell_s,
-        **tuned,
-    }
-
-
-def write_bench_report(
-    result: BenchLaw, directory: str | os.PathLike[str], *, progress: Callable[[str], None] | None = None
-) -> Path:
-    """Write result.json, report.html and the figures as PNG, and return the path of the page.
-
-    Args:
-        result: from `law_of_bench`.
-        directory: made if it is not there; all files appear together, any other file in it stays.
-        progress: called with the name of each step as it begins.
-
-    Raises:
-        InputError: a place that cannot be written to.
-    """
-    images = drawn(bench_pictures(), result, None, progress=progress)
-    page = rendered(
+    return Page(
         "bench.html.jinja",
-        images,
-        title=result.title or "Test bench",
-        result=result,
-        columns=columns(None),
-        rows=bench_rows(result),
-        quality=quality(result),
-        equation=equation(result).replace("'", "′"),
-        memory=_sentence(result.memory.statement),
-        warnings=_doubts(result),
-        pictures=bench_pictures(),
-        command=_command(result),
+        result.title or "Test bench",
+        bench_pictures(),
+        {
+            "columns": columns(None),
+            "rows": bench_rows(result),
+            "quality": quality(result),
+            "equation": equation(result).replace("'", "′"),
+            "memory": _sentence(result.memory.statement),
+        },
+        _doubts(result),
+        result.not_determined,
+        _command(result),
     )
-    contents = {f"{name}.png": image for name, image in images.items()}
-    contents["report.html"] = page.encode()
-    # last, so that a result.json is never there without its report
-    contents["result.json"] = json_text(bench_json(result)).encode()
-    write_together(directory, contents)
-    return Path(directory) / "report.html"
 
 
 def bench_pictures() -> tuple[Picture, ...]:
@@ -221,7 +113,9 @@ def bench_rows(result: BenchLaw) -> list[Row]:
         result: from `law_of_bench`.
     """
     parameters = result.parameters.items()
-    table = [estimate_row(*LABELS[name], estimate) for name, estimate in parameters if estimate.value is not None]
+    table = [
+        estimate_row(LABELS[name], UNITS[name], estimate) for name, estimate in parameters if estimate.value is not None
+    ]
     return [*table, *_law_rows(result), Row("Whole force"), estimate_row("energy a cycle", "J", result.cycle.area_j)]
 
 
@@ -295,10 +189,10 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
 
 
-def _command(result: BenchLaw) -> str:
-    names = {role: name for role, name in result.bench.channels.items() if name is not None}
-    options = " ".join(f"--{role} {shlex.quote(name)}" for role, name in names.items())
-    flags = " --moving-mass" if result.bench.acceleration is not None else ""
-    flags += "" if result.bench.mass_kg is None else f" --mass {result.bench.mass_kg:.12g}"
-    flags += " --quasi-static" if result.bench.is_quasi_static else ""
-    return f"opid law {shlex.quote(result.title or 'BENCH.csv')} {options}{flags}"
+def _command(result: BenchLaw) -> list[str]:
+    bench = result.bench
+    words = ["opid", "law", bench.log or result.title or "BENCH.csv"]
+    words += [word for role, name in bench.channels.items() if name is not None for word in (f"--{role}", name)]
+    words += ["--moving-mass"] if bench.acceleration is not None else []
+    words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]
+    return [*words, "--quasi-static"] if bench.is_quasi_static else words

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from opid.estimate import Estimate
+from opid.estimate import Estimate, rounded
+from opid.mechanics.laws.rows import unit_of_parameter
 from opid.report.as_text import (
     WIDTH,
     Row,
@@ -15,7 +16,6 @@ from opid.report.as_text import (
     estimate_row,
     formula,
     parameter_label,
-    rounded,
     table_lines,
     wrapped,
 )
@@ -23,20 +23,16 @@ from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.answer.intervals import limits_of_mass
 from opid.suspensions.fitting.noise import over_noise
-from opid.suspensions.result import Candidate, Identification, InterfaceEstimate
+from opid.suspensions.result import UNITS, Candidate, Identification, InterfaceEstimate
 
-PARAMETER_LABELS = {
-    "sprung_mass_kg": ("sprung mass M", "kg"),
-    "roll_inertia_kg_m2": ("inertia Ixx", "kg m^2"),
-    "pitch_inertia_kg_m2": ("inertia Iyy", "kg m^2"),
-    "x_cg_m": ("c.g. x", "m"),
-    "y_cg_m": ("c.g. y", "m"),
-}
-RATIO_LABELS = {
-    "roll_radius_m": ("roll radius", "m"),
-    "pitch_radius_m": ("pitch radius", "m"),
-    "x_cg_m": ("c.g. x", "m"),
-    "y_cg_m": ("c.g. y", "m"),
+LABELS = {
+    "sprung_mass_kg": "sprung mass M",
+    "roll_inertia_kg_m2": "inertia Ixx",
+    "pitch_inertia_kg_m2": "inertia Iyy",
+    "x_cg_m": "c.g. x",
+    "y_cg_m": "c.g. y",
+    "roll_radius_m": "roll radius",
+    "pitch_radius_m": "pitch radius",
 }
 CANDIDATE_HEAD = ("structure", "residual / noise", "left-out run", "mass [kg]", "law", "verdict")
 _SHORT_HEAD = ("structure", "fit", "left out", "mass [kg]", "law", "verdict")
@@ -77,7 +73,7 @@ def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
     true, has_truth = truth["parameters"] if truth else {}, truth is not None
     given, of_loading = dict(result.parameters.items()), dict(result.ratios.items())
     table = [
-        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), has_truth)
+        estimate_row(LABELS[name], UNITS[name], estimate, true.get(name), has_truth)
         for name, estimate in given.items()
         # what one loading alone gives stands below, and gears alone have no inertia
         if estimate.value is not None
@@ -88,7 +84,7 @@ def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:
     if any(estimate.value is not None for estimate in ratios.values()):
         table.append(Row("What needs no known mass"))
         table += [
-            estimate_row(*RATIO_LABELS[name], estimate, true_ratio(name, true), has_truth)
+            estimate_row(LABELS[name], UNITS[name], estimate, true_ratio(name, true), has_truth)
             for name, estimate in ratios.items()
         ]
     if result.place_corrections:
@@ -174,31 +170,12 @@ def recommendation(result: Identification) -> str:
     Args:
         result: the identification.
     """
-    best = recommended(result)
+    best = result.recommended
     if best is None:
         explained = any(candidate.explains for candidate in result.candidates)
         doubt = "their mass would be negative" if explained else "none leaves noise alone"
         return f"Recommended: none of them, for {doubt}. The numbers are those of: {_kind(result)}."
-    return f"Recommended: {kind_in_words(best.kind)}. Why: {sentence(reason(result))}"
-
-
-def recommended(result: Identification) -> Candidate | None:
-    """Return the structure that is recommended, if one is.
-
-    Args:
-        result: the identification.
-    """
-    return next((candidate for candidate in result.candidates if candidate.recommended), None)
-
-
-def reason(result: Identification) -> str:
-    """Return why the recommended structure is, beside the others where there are any.
-
-    Args:
-        result: the identification.
-    """
-    best = recommended(result)
-    return result.why or ("" if best is None else best.why)
+    return f"Recommended: {kind_in_words(best.kind)}. Why: {sentence(result.reason)}"
 
 
 def sensor_sentences(result: Identification) -> list[str]:
@@ -216,7 +193,7 @@ def law_sentences(result: Identification) -> list[str]:
     Args:
         result: the identification.
     """
-    return [f"{words}." for evidence in result.evidence for words in evidence.alternatives]
+    return [f"{words}." for words in result.alternative_laws]
 
 
 def body_limits(result: Identification) -> str:
@@ -259,15 +236,6 @@ def kind_in_words(kind: str) -> str:
     return {"single": "each suspension alone", "pair": "mean of each pair"}.get(kind, kind.replace("_", " "))
 
 
-def units_of(result: Identification) -> tuple[str, str]:
-    """Return the units of stiffness and damping.
-
-    Args:
-        result: the identification.
-    """
-    return ("1/s^2", "1/s") if result.per_mass else ("N/m", "N s/m")
-
-
 def true_ratio(name: str, true: Mapping[str, float]) -> float | None:
     """Return what is true of one of the ratios of a body.
 
@@ -307,7 +275,7 @@ def _suspension(result: Identification, interface: InterfaceEstimate, truth: Tru
     has_truth = truth is not None
     true = truth["interfaces"].get(interface.name) if truth else None
     scale = 1.0 / truth["parameters"]["sprung_mass_kg"] if truth and result.per_mass else 1.0
-    stiffness, damping = units_of(result)
+    stiffness, damping = result.units
     terms = interface.law.terms
     shown = f", f = {formula(interface.law.latex)}" if len(terms) == 1 else ""
     other = f"; truth: {true['law']['name']}" if true and true["law"]["name"] != interface.law.name else ""
@@ -329,7 +297,7 @@ def _suspension(result: Identification, interface: InterfaceEstimate, truth: Tru
             value = true["law"]["parameters"].get(term.name, {}).get(parameter.name) if true else None
             yield estimate_row(
                 parameter_label(parameter),
-                f"{parameter.unit}/kg" if amplitude and result.per_mass else parameter.unit,
+                unit_of_parameter(parameter, per_mass=result.per_mass),
                 interface.law_estimates[term.name][parameter.name],
                 value * scale if amplitude and value is not None else value,
                 has_truth,

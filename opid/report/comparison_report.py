@@ -1,27 +1,18 @@
-"""Health over time as text, JSON and a page with its figures."""
+"""Health over time as text and as a page with its figures."""
 
 from __future__ import annotations
 
-import os
-import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
-
-from opid.json_values import json_text, plain
-from opid.report.as_text import aligned, rounded, wrapped
-from opid.report.page import Picture, drawn, rendered
-from opid.signals.directory import write_together
-from opid.suspensions.flights.comparison import Change, Comparison
+from opid.estimate import rounded
+from opid.report.as_text import aligned, wrapped
+from opid.report.page import Page, Picture
+from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
 
-SCHEMA = "opid.comparison/1"
 TITLE = "Health over time"
 HEAD = ("", "unit", "expected", "last flight", "±", "departure", "limit", "")
 
 
-def comparison_text(result: Comparison) -> str:
+def text_of(result: Comparison) -> str:
     """Return a comparison as text: what changed, the last flight against those before, and what to doubt.
 
     Args:
@@ -41,96 +32,33 @@ def comparison_text(result: Comparison) -> str:
     return "\n".join(parts) + "\n"
 
 
-def comparison_json(result: Comparison) -> dict[str, Any]:
-    """Return a comparison as the content of comparison.json.
+def page_of(result: Comparison) -> Page:
+    """Return what the page of a comparison shows.
 
     Args:
         result: from `compare`.
-
-    Returns:
-        `schema`, `flagged`, `false_alarm`, `n_tests`, `structure`, `dated`, `flights` [{name, path, date, method}],
-        `series` [{gear, quantity, kind, unit, scatter, threshold, points [{flight, value, std, interval95, status,
-        expected, expected_std, limits, departure, with_next, confirmed}]}], `changes` [{gear, quantity, kind, first,
-        last, share {value, std, interval95}, departure, confirmed, statement}], `warnings`, `settings`; flights are
-        counted from 0 in `flight`, `first` and `last`.
     """
-    return plain(
-        {
-            "schema": SCHEMA,
-            "flagged": bool(result.changes),
-            "false_alarm": result.false_alarm,
-            "n_tests": result.n_tests,
-            "structure": result.flights[0].structure,
-            "dated": result.dated,
-            "flights": [
-                {
-                    "name": flight.name,
-                    "path": str(flight.path),
-                    "date": None if flight.date is None else flight.date.isoformat(),
-                    "method": flight.method,
-                }
-                for flight in result.flights
-            ],
-            "series": [
-                _of_what(series)
-                | {"unit": series.quantity.unit, "scatter": series.scatter, "threshold": series.threshold}
-                | {"points": [_point(point) for point in series.points]}
-                for series in result.series
-            ],
-            "changes": [
-                _of_what(change)
-                | {"first": change.first, "last": change.last, "share": asdict(change.share)}
-                | {"departure": change.departure, "confirmed": change.confirmed, "statement": change.statement}
-                for change in result.changes
-            ],
-            "warnings": result.warnings,
-            "settings": asdict(result.settings),
-        }
-    )
-
-
-def write_comparison_report(
-    result: Comparison,
-    directory: str | os.PathLike[str],
-    *,
-    paths: Sequence[str | os.PathLike[str]] = (),
-    progress: Callable[[str], None] | None = None,
-) -> Path:
-    """Write comparison.json, report.html and the figures as PNG, and return the path of the page.
-
-    Args:
-        result: from `compare`.
-        directory: made if it is not there; all files appear together, any other file in it stays.
-        paths: what was compared, as it was given, for the command on the page.
-        progress: called with the name of each step as it begins.
-
-    Raises:
-        InputError: a place that cannot be written to.
-    """
-    pictures = comparison_pictures(result)
-    images = drawn(pictures, result, None, progress=progress)
     table = comparison_rows(result)
-    page = rendered(
+    return Page(
         "comparison.html.jinja",
-        images,
-        title=TITLE,
-        span=span(result),
-        changes=changes(result),
-        flagged=bool(result.changes),
-        columns=HEAD,
-        groups={gear: [row for heading, row in table if heading == gear] for gear, _ in table},
-        flights=[(flight.name, str(flight.date or "-"), flight.method) for flight in result.flights],
-        basis=basis(result),
-        warnings=result.warnings,
-        pictures=pictures,
-        command=f"opid compare {' '.join(shlex.quote(os.fspath(path)) for path in paths) or 'RESULT...'}",
+        TITLE,
+        comparison_pictures(result),
+        {
+            "span": span(result),
+            "changes": changes(result),
+            "flagged": bool(result.changes),
+            "columns": HEAD,
+            "groups": {gear: [row for heading, row in table if heading == gear] for gear, _ in table},
+            "flights": [
+                ("flight", "date", "method"),
+                *((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights),
+            ],
+            "basis": basis(result),
+        },
+        result.warnings,
+        command=["opid", "compare", *(str(flight.path) for flight in result.flights)],
+        data_file="comparison.json",
     )
-    contents = {f"{name}.png": image for name, image in images.items()}
-    contents["report.html"] = page.encode()
-    # last, so that a comparison.json is never there without its report
-    contents["comparison.json"] = json_text(comparison_json(result)).encode()
-    write_together(directory, contents)
-    return Path(directory) / "report.html"
 
 
 def comparison_pictures(result: Comparison) -> tuple[Picture, ...]:
@@ -215,12 +143,11 @@ def comparison_rows(result: Comparison) -> list[tuple[str, tuple[str, ...]]]:
 
 def _row(series: Series) -> tuple[str, ...]:
     quantity = series.quantity
-    judged = [point for point in series.points if point.departure is not None]
     # a kind of friction is told where it is looked for, and here there are 80 characters
     label = quantity.label.split(" (")[0]
-    if not judged:
+    if not series.judged:
         return (label, quantity.unit, "-", "-", "-", "-", "-", "not judged")
-    last = judged[-1]
+    last = series.judged[-1]
     std = last.estimate.std
     return (
         label,
@@ -238,13 +165,3 @@ def _flag(series: Series, last: Point) -> str:
     if last.flagged:
         return "flagged"
     return "flagged before" if any(point.flagged for point in series.points) else ""
-
-
-def _of_what(found: Series | Change) -> dict[str, Any]:
-    return {"gear": found.quantity.gear, "quantity": found.quantity.name, "kind": found.quantity.kind}
-
-
-def _point(point: Point) -> dict[str, Any]:
-    own = asdict(point)
-    estimate, own["expected_std"] = own.pop("estimate"), own.pop("std")
-    return {"flight": own.pop("flight"), **estimate, **own}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from opid.report.as_json import chain_of
 from opid.report.page import Picture
+from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.law_search.force_surface import ForceSurface
 from opid.suspensions.paper.chain import RunEvidence
 from opid.suspensions.paper.result import AnyIdentification

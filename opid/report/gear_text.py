@@ -7,25 +7,24 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from opid.mechanics.laws.law import law_from_parameters
+from opid.mechanics.laws.rows import unit_of_parameter
 from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
-from opid.suspensions.result import Evidence, Identification
+from opid.suspensions.result import UNITS, Evidence, Identification
 
 Truth = Mapping[str, Any]
 
-PARAMETER_LABELS = {
-    "sprung_mass_kg": ("sprung mass M2", "kg"),
-    "suspension_stiffness_n_per_m": ("stiffness K2", "N/m"),
-    "suspension_damping_n_s_per_m": ("damping C2", "N s/m"),
-    "ground_stiffness_n_per_m": ("ground K3", "N/m"),
-}
-RATIO_LABELS = {
-    "stiffness_per_mass": ("K2/M2", "1/s^2"),
-    "damping_per_mass": ("C2/M2", "1/s"),
-    "ground_stiffness_per_mass": ("K3/M2", "1/s^2"),
-    "natural_frequency_hz": ("natural freq.", "Hz"),
-    "damping_ratio": ("damping ratio", "1"),
+LABELS = {
+    "sprung_mass_kg": "sprung mass M2",
+    "suspension_stiffness_n_per_m": "stiffness K2",
+    "suspension_damping_n_s_per_m": "damping C2",
+    "ground_stiffness_n_per_m": "ground K3",
+    "stiffness_per_mass": "K2/M2",
+    "damping_per_mass": "C2/M2",
+    "ground_stiffness_per_mass": "K3/M2",
+    "natural_frequency_hz": "natural freq.",
+    "damping_ratio": "damping ratio",
 }
 # kinds of law that are named one by one
 _MOST_NAMED = 6
@@ -45,7 +44,7 @@ def gear_text(result: AnyIdentification, truth: Truth | None = None) -> str:
     if isinstance(result, Identification):
         sensors = sensors_in_words(result.evidence[0])
         parts += ["", *wrapped(sensors, "Sensors: ")] if sensors else []
-    for sentence in alternatives_of(result):
+    for sentence in result.alternative_laws:
         parts += ["", *wrapped(f"{sentence}.", "Law: ")]
     if result.warnings:
         parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
@@ -61,19 +60,20 @@ def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row
     """
     true = truth["parameters"] if truth else {}
     table = [
-        estimate_row(*PARAMETER_LABELS[name], estimate, true.get(name), truth is not None)
+        estimate_row(LABELS[name], UNITS[name], estimate, true.get(name), truth is not None)
         for name, estimate in result.parameters.items()
     ]
     table += _law_rows(result, truth)
     if isinstance(result, Identification):
-        units = ("1/s^2", "1/s") if result.per_mass else ("N/m", "N s/m")
-        table += rest_rows(result.interfaces[0], units, has_truth=truth is not None)
+        table += rest_rows(result.interfaces[0], result.units, has_truth=truth is not None)
     table.append(Row("Ratios to the mass of the reference run"))
     slope = _true_slope(truth) if truth and isinstance(result, Identification) else 0.0
     for name, estimate in result.ratios.items():
         if name == "natural_frequency_hz":
             table += _row_of_frequency(result)
-        table.append(estimate_row(*RATIO_LABELS[name], estimate, _true_ratio(name, true, slope), truth is not None))
+        table.append(
+            estimate_row(LABELS[name], UNITS[name], estimate, _true_ratio(name, true, slope), truth is not None)
+        )
     return [*table, *_equivalent_rows(result, truth is not None)]
 
 
@@ -96,7 +96,7 @@ def _equivalent_rows(result: AnyIdentification, has_truth: bool) -> Iterator[Row
     for each in result.equivalents:
         yield Row(f"Straight suspension that comes nearest to it over the motion of run {each.run!r}")
         for name in ("natural_frequency_hz", "damping_ratio"):
-            yield estimate_row(*RATIO_LABELS[name], getattr(each, name), None, has_truth)
+            yield estimate_row(LABELS[name], UNITS[name], getattr(each, name), None, has_truth)
 
 
 def gear_limits(result: AnyIdentification) -> str:
@@ -106,15 +106,6 @@ def gear_limits(result: AnyIdentification) -> str:
         result: the identification.
     """
     return _limits_of_model(result) if isinstance(result, Identification) else _limits_of_chain(result)
-
-
-def alternatives_of(result: AnyIdentification) -> tuple[str, ...]:
-    """Return which other laws explain the runs as well, a sentence each.
-
-    Args:
-        result: the identification.
-    """
-    return result.evidence[0].alternatives if isinstance(result, Identification) else result.alternative_laws
 
 
 def sensors_in_words(evidence: Evidence) -> str:
@@ -209,7 +200,7 @@ def _law_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
                 true /= truth["parameters"]["sprung_mass_kg"]
             yield estimate_row(
                 parameter_label(parameter),
-                f"{parameter.unit}/kg" if amplitude and per_mass else parameter.unit,
+                unit_of_parameter(parameter, per_mass=per_mass),
                 result.law_estimates[term.name][parameter.name],
                 true,
                 truth is not None,

@@ -1,22 +1,22 @@
-"""What is wrong with logs, as text for a terminal of 80 columns and as JSON."""
+"""What is wrong with a log, as text for a terminal of 80 columns and as a page with its figures."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-from opid.json_values import plain
 from opid.report.as_text import WIDTH, aligned, wrapped
+from opid.report.page import Page, Picture
 from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
 
-SCHEMA = "opid.health/1"
 MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
 MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
 """What a page has room for, of a channel's lines, of pairs, of notes, of clocks, of channels in a table and with lines,
-and of findings that differ but in their numbers: `health_json` tells them all."""
+and of findings that differ but in their numbers: `Health.to_dict` tells them all."""
+
+CHANNELS_A_PICTURE, MOST_PICTURES = 12, 2
+"""A picture takes seconds: of a log with more channels than these hold the most telling are drawn."""
 
 FEW_CLOCKS = 6
 """Clocks that are told in a sentence each; of more, a line each."""
@@ -25,14 +25,13 @@ LEAST_JITTER = 1e-6
 """Of the period; what is less is the rounding of numbers, not of stamps."""
 
 
-def health_text(name: str, health: Health) -> str:
+def text_of(health: Health) -> str:
     """Return the health of a log as text: its figures, then what is wrong, the worst first, and what to do.
 
     Args:
-        name: of the log.
         health: from `opid.signals.health.inspection.inspect`.
     """
-    parts = [*_clock_lines(_shown(name), health), "", *_channel_lines(health.channels), ""]
+    parts = [*_clock_lines(_shown(health.log or "a recording"), health), "", *_channel_lines(health.channels), ""]
     of_channels = list(_spectral_lines(_telling(health.channels)))
     parts += [*of_channels, *([""] if of_channels else [])]
     parts += _pair_lines(health.pairs)
@@ -44,29 +43,59 @@ def health_text(name: str, health: Health) -> str:
     return "\n".join(parts) + "\n"
 
 
-def health_json(logs: Mapping[str, Health]) -> dict[str, Any]:
-    """Return the health of some logs as a value of JSON, without the arrays that pictures are drawn from.
+def page_of(health: Health) -> Page:
+    """Return what the page of a log shows: the text as it is, and the pictures of its channels.
 
     Args:
-        logs: health by the name of the log.
-
-    Returns:
-        `schema` and `logs`, each with the fields of `Health` but `levels`, of its channels all but `overview`.
-
-    >>> health_json({})
-    {'schema': 'opid.health/1', 'logs': []}
+        health: from `opid.signals.health.inspection.inspect`.
     """
-    return plain({"schema": SCHEMA, "logs": [{"log": name} | _without_arrays(each) for name, each in logs.items()]})
+    return Page(
+        "health.html.jinja",
+        health.log or "A recording",
+        health_pictures(health),
+        {"text": text_of(health), "left_out": channels_left_out(health)},
+        command=["opid", "inspect", health.log] if health.log else None,
+    )
 
 
-def _without_arrays(health: Health) -> dict[str, Any]:
-    # left out before `asdict`, which copies
-    channels = tuple(replace(channel, overview=None) for channel in health.channels)
-    document = asdict(replace(health, channels=channels, levels=()))
-    del document["levels"]
-    for channel in document["channels"]:
-        del channel["overview"]
-    return document
+def health_pictures(health: Health) -> tuple[Picture, ...]:
+    """Return the pictures of a log, some channels on every one; of very many channels the most telling are drawn.
+
+    Args:
+        health: of the log.
+    """
+    from opid import plots
+
+    def picture(number: int, names: Sequence[str]) -> Picture:
+        return Picture(
+            "health" if len(parts) == 1 else f"health_part{number}",
+            "History, spectrum and spectrogram" + f", part {number}" * (len(parts) > 1),
+            "Each channel over time, between its least and its largest value; its power spectral density; and how that "
+            "moves over time. What is wrong is marked.",
+            lambda health, truth: plots.health_picture(health, channels=names),
+        )
+
+    names = _drawn(health)
+    parts = [names[i : i + CHANNELS_A_PICTURE] for i in range(0, len(names), CHANNELS_A_PICTURE)]
+    return tuple(picture(number, part) for number, part in enumerate(parts, 1))
+
+
+def channels_left_out(health: Health) -> str:
+    """Return the sentence that says that not all channels are drawn; empty if they are.
+
+    Args:
+        health: of the log.
+    """
+    n, every = len(_drawn(health)), len(health.channels)
+    words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
+    return words if n < every else ""
+
+
+def _drawn(health: Health) -> list[str]:
+    """The names of the channels to draw: all, or of many the first that are not mute, accelerations before others."""
+    most = CHANNELS_A_PICTURE * MOST_PICTURES
+    telling = sorted(health.channels, key=lambda channel: (channel.mute, channel.unit != "m/s^2"))
+    return [channel.name for channel in (health.channels if len(telling) <= most else telling[:most])]
 
 
 # ---- clocks ----------------------------------------------------------------------------------------

@@ -1,16 +1,11 @@
-"""The report of an identification: text, result.json, a page that opens offline, and its figures."""
+"""An identification as text and as a page with its figures."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeGuard
 
-from opid.json_values import json_text
 from opid.report.again import command_of, python_of
-from opid.report.as_json import chain_of, result_json
 from opid.report.as_text import columns
 from opid.report.body_pictures import body_pictures
 from opid.report.body_text import (
@@ -26,13 +21,13 @@ from opid.report.body_text import (
 )
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_limits, gear_rows, gear_text
-from opid.report.page import Truth, drawn, rendered
-from opid.signals.directory import write_together
+from opid.report.page import Page, Truth
+from opid.suspensions.answer.as_json import chain_of
 from opid.suspensions.paper.result import AnyIdentification
 from opid.suspensions.result import Identification
 
 
-def result_text(result: AnyIdentification, truth: Truth | None = None) -> str:
+def text_of(result: AnyIdentification, truth: Truth | None = None) -> str:
     """Return an identification as text: the numbers, what limits them, and what to doubt.
 
     Args:
@@ -42,47 +37,27 @@ def result_text(result: AnyIdentification, truth: Truth | None = None) -> str:
     return body_text(result, truth) if _is_body(result) else gear_text(result, truth)
 
 
-def write_report(
-    result: AnyIdentification,
-    directory: str | os.PathLike[str],
-    truth: Truth | None = None,
-    *,
-    progress: Callable[[str], None] | None = None,
-) -> Path:
-    """Write result.json, report.html and the figures as PNG, and return the path of the page.
-
-    Everything is made before the first file is written, and the files appear together. Files of an older report are
-    replaced, any other file in the directory stays.
+def page_of(result: AnyIdentification, truth: Truth | None = None) -> Page:
+    """Return what the page of an identification shows.
 
     Args:
         result: of one gear, by any method, or of a body on several suspensions.
-        directory: made if it is not there.
         truth: of a simulation, as in truth.json: shown beside the estimates.
-        progress: called with the name of each step as it begins.
-
-    Raises:
-        InputError: a place that cannot be written to.
     """
-    pictures = body_pictures(result) if _is_body(result) else gear_pictures(result)
-    images = drawn(pictures, result, truth, progress=progress)
-    contents = {f"{name}.png": image for name, image in images.items()}
-    page = _body_page(result, truth) if _is_body(result) else _gear_page(result, truth)
-    contents["report.html"] = rendered(
-        page.template,
-        images,
-        title=result.title or "Identification",
-        result=result,
-        truth=truth,
-        columns=columns(truth),
-        pictures=pictures,
-        command=command_of(result),
-        python=python_of(result),
-        **page.content,
-    ).encode()
-    # last, so that a result.json is never there without its report
-    contents["result.json"] = json_text(result_json(result)).encode()
-    write_together(directory, contents)
-    return Path(directory) / "report.html"
+    if _is_body(result):
+        template, pictures, content = "body.html.jinja", body_pictures(result), _body_content(result, truth)
+    else:
+        template, pictures, content = "gear.html.jinja", gear_pictures(result), _gear_content(result, truth)
+    return Page(
+        template,
+        result.title or "Identification",
+        pictures,
+        {"columns": columns(truth), **content},
+        result.warnings,
+        result.not_determined,
+        command_of(result),
+        python_of(result),
+    )
 
 
 @dataclass(frozen=True)
@@ -112,17 +87,8 @@ def _is_body(result: AnyIdentification) -> TypeGuard[Identification]:
     return isinstance(result, Identification) and not result.study.is_one_gear
 
 
-@dataclass(frozen=True)
-class _Page:
-    """A template, and what it names beside what all of them name."""
-
-    template: str
-    content: Mapping[str, Any]
-
-
-def _gear_page(result: AnyIdentification, truth: Truth | None) -> _Page:
-    content = {"rows": gear_rows(result, truth), "limits": gear_limits(result), "runs": _run_rows(result)}
-    return _Page("page.html.jinja", content)
+def _gear_content(result: AnyIdentification, truth: Truth | None) -> dict[str, Any]:
+    return {"rows": gear_rows(result, truth), "limits": gear_limits(result), "runs": _run_rows(result)}
 
 
 def _run_rows(result: AnyIdentification) -> list[RunRow]:
@@ -139,8 +105,8 @@ def _run_rows(result: AnyIdentification) -> list[RunRow]:
     return rows
 
 
-def _body_page(result: Identification, truth: Truth | None) -> _Page:
-    content = {
+def _body_content(result: Identification, truth: Truth | None) -> dict[str, Any]:
+    return {
         "kind": kind_in_words(result.structure),
         "body_rows": body_rows(result, truth),
         "suspension_rows": suspension_rows(result, truth),
@@ -149,4 +115,3 @@ def _body_page(result: Identification, truth: Truth | None) -> _Page:
         "limits": body_limits(result),
         "notes": [*sensor_sentences(result), *law_sentences(result)],
     }
-    return _Page("body.html.jinja", content)

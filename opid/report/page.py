@@ -1,10 +1,10 @@
-"""A page that opens offline: its figures as PNG, and a template filled in."""
+"""A page that opens offline: what stands on it, its figures as PNG, and a template filled in."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from importlib.metadata import version
 from typing import Any
@@ -31,6 +31,33 @@ class Picture:
     draw: Draw
 
 
+@dataclass(frozen=True)
+class Page:
+    """What the page of a result shows.
+
+    Args:
+        template: name of its file.
+        title: headline.
+        pictures: in their order.
+        content: what the template names beside what every page has.
+        warnings: what to doubt, one sentence each.
+        not_determined: why there is no answer; empty or None if there is one.
+        command: words of the command line that gives the result again; None where no command does.
+        python: lines of Python that give it again; empty where a command is enough.
+        data_file: name of the file beside the page that has all numbers.
+    """
+
+    template: str
+    title: str
+    pictures: tuple[Picture, ...] = ()
+    content: Mapping[str, Any] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+    not_determined: str | None = None
+    command: Sequence[str] | None = None
+    python: str = ""
+    data_file: str = "result.json"
+
+
 def drawn(
     pictures: Sequence[Picture], result: Any, truth: Truth | None, *, progress: Callable[[str], None] | None = None
 ) -> dict[str, bytes]:
@@ -52,13 +79,14 @@ def drawn(
     return images
 
 
-def rendered(template: str, images: Mapping[str, bytes], **values: Any) -> str:
-    """Return a template of this package filled in, with the figures inside.
+def rendered(page: Page, images: Mapping[str, bytes], *, command: str | None, **values: Any) -> str:
+    """Return a page as HTML, with the figures inside.
 
     Args:
-        template: name of its file.
-        images: PNG by the name of the figure: `source` in the template.
-        values: what else it names.
+        page: what it shows.
+        images: PNG by the name of the figure.
+        command: the line that gives the result again, or None.
+        values: what else every template may name.
     """
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
@@ -72,4 +100,5 @@ def rendered(template: str, images: Mapping[str, bytes], **values: Any) -> str:
     )
     environment.filters["pretty"] = pretty
     source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
-    return environment.get_template(template).render(source=source, version=version("opid"), **values)
+    values |= {"page": page, "source": source, "command": command, "version": version("opid")}
+    return environment.get_template(page.template).render(**values, **page.content)

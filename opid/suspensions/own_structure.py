@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import Structure
 from opid.mechanics.weight import depends_on_travel
+from opid.result import Result, SummaryRow
 from opid.signals.health.inspection import check_channels, findings_in_words, without_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
@@ -35,19 +36,20 @@ from opid.suspensions.model.body import Body, own_body
 from opid.suspensions.model.driven_model import Model
 from opid.suspensions.model.run import DrivenRun, driven_run
 from opid.suspensions.model.unknowns import Group
-from opid.suspensions.result import SpringEstimate
+from opid.suspensions.result import SpringEstimate, spring_rows
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, Sensors, ideal_sensors
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import SAME_RATE, Axis, repeatability_faults
 
+SCHEMA = "opid.structure/1"
 NEGATIVE = (
     "the mass of {} would be negative: check the signs of the loadings and the masses that are stated, or whether two "
     "runs are exchanged"
 )
 
 
-@dataclass(frozen=True, eq=False)
-class StructureIdentification(Estimates):
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureIdentification(Result, Estimates):
     """The result for a user's own structure.
 
     Args:
@@ -81,6 +83,24 @@ class StructureIdentification(Estimates):
     warnings: tuple[str, ...]
     not_determined: str | None
     fit: Fit
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the masses, the suspensions with their laws, and the joints."""
+        masses = (
+            SummaryRow.of(f"{name}.mass", each, "1" if self.per_mass else "kg") for name, each in self.masses.items()
+        )
+        springs = (*self.interfaces.values(), *self.joints.values())
+        return (*masses, *(row for each in springs for row in spring_rows(each, per_mass=self.per_mass)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.suspensions.answer.as_json.structure_json`."""
+        from opid.suspensions.answer.as_json import structure_json
+
+        return structure_json(self)
+
+    def _headline(self) -> str:
+        names = [*self.interfaces, *self.joints]
+        return f"{', '.join(names)}; {self.residual_over_noise:.3g} times the sensors' noise is left"
 
 
 def identify_structure(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, Law
+from opid.mechanics.laws.rows import law_rows
 from opid.mechanics.weight import slopes_at_rest
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import Demand, GroundImitations
 from opid.suspensions.fitting.fit import Fit
@@ -30,6 +32,24 @@ if TYPE_CHECKING:
 FrequencyOf = Literal["linear part", "tangent at rest", "all but what the law remembers"]
 
 SCHEMA = "opid.identification/1"
+UNITS = {
+    "sprung_mass_kg": "kg",
+    "suspension_stiffness_n_per_m": "N/m",
+    "suspension_damping_n_s_per_m": "N s/m",
+    "ground_stiffness_n_per_m": "N/m",
+    "roll_inertia_kg_m2": "kg m^2",
+    "pitch_inertia_kg_m2": "kg m^2",
+    "x_cg_m": "m",
+    "y_cg_m": "m",
+    "roll_radius_m": "m",
+    "pitch_radius_m": "m",
+    "stiffness_per_mass": "1/s^2",
+    "damping_per_mass": "1/s",
+    "ground_stiffness_per_mass": "1/s^2",
+    "natural_frequency_hz": "Hz",
+    "damping_ratio": "1",
+}
+"""Of the parameters and ratios of gears and bodies."""
 _NOTHING = Estimate()
 
 
@@ -321,8 +341,8 @@ class Options:
     seed: int
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
     """The result for a body on suspensions that are measured on both sides, a gear alone among them.
 
     Args:
@@ -407,6 +427,46 @@ class Identification:
         return self.interfaces[0].law_estimates if self.interfaces else {}
 
     @property
+    def units(self) -> tuple[str, str]:
+        """Of stiffness and damping."""
+        return units_of_suspensions(per_mass=self.per_mass)
+
+    @property
+    def recommended(self) -> Candidate | None:
+        """The structure that is recommended, if one is."""
+        return next((candidate for candidate in self.candidates if candidate.recommended), None)
+
+    @property
+    def reason(self) -> str:
+        """Why the recommended structure is, beside the others where there are any."""
+        return self.why or ("" if self.recommended is None else self.recommended.why)
+
+    @property
+    def alternative_laws(self) -> tuple[str, ...]:
+        """Which other laws explain the runs as well, a sentence each."""
+        return tuple(sentence for part in self.evidence for sentence in part.alternatives)
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return parameters, suspensions with their laws, and the ratios that need no known mass."""
+        rows = list(estimate_rows(self.parameters))
+        if self.study.is_one_gear:
+            rows += law_rows(self.law, self.law_estimates, "law", per_mass=self.per_mass)
+        else:
+            for interface in self.interfaces:
+                rows += spring_rows(interface, per_mass=self.per_mass)
+        shown = {row.name for row in rows}
+        return (*rows, *(row for row in estimate_rows(self.ratios) if row.name not in shown))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.suspensions.answer.as_json.result_json`."""
+        from opid.suspensions.answer.as_json import result_json
+
+        return result_json(self)
+
+    def _headline(self) -> str:
+        return f"{self.title or 'without a title'} ({self.structure.replace('_', ' ')}, law {self.law.name})"
+
+    @property
     def frequency_of(self) -> FrequencyOf:
         """What the natural frequency and the damping ratio of one gear belong to.
 
@@ -465,3 +525,34 @@ class Identification:
             inverse_mass=inverse_mass if fit.model.mass_free else 0.0,
             ground=self.options.ground,
         )
+
+
+def units_of_suspensions(*, per_mass: bool) -> tuple[str, str]:
+    """Return the units of stiffness and damping.
+
+    Args:
+        per_mass: whether they are per kg.
+    """
+    return ("1/s^2", "1/s") if per_mass else ("N/m", "N s/m")
+
+
+def estimate_rows(record: Estimates) -> Iterator[SummaryRow]:
+    """Yield parameters or ratios as rows of a summary.
+
+    Args:
+        record: of one gear, or of a body.
+    """
+    yield from (SummaryRow.of(name, estimate, UNITS[name]) for name, estimate in record.items())
+
+
+def spring_rows(spring: SpringEstimate, *, per_mass: bool) -> Iterator[SummaryRow]:
+    """Yield stiffness, damping and law of a suspension or joint as rows of a summary.
+
+    Args:
+        spring: the suspension.
+        per_mass: whether its values are per kg.
+    """
+    stiffness, damping = units_of_suspensions(per_mass=per_mass)
+    yield SummaryRow.of(f"{spring.name}.stiffness", spring.stiffness, stiffness)
+    yield SummaryRow.of(f"{spring.name}.damping", spring.damping, damping)
+    yield from law_rows(spring.law, spring.law_estimates, f"{spring.name}.law", per_mass=per_mass)

@@ -120,6 +120,11 @@ class ModelClass:
             raise InputError(f"class {self.name!r} has the scales {self.scales}: give numbers other than 0")
 
     @property
+    def law_in_words(self) -> str:
+        """The law in short words: "cubic + quintic"."""
+        return " + ".join(map(short_kind, self.kinds))
+
+    @property
     def n_parameters(self) -> int:
         """Number of parameters."""
         return len(self.kinds)
@@ -137,3 +142,15 @@ class ModelClass:
         """Logarithm of the prior density of each row of theta, (n, n_parameters) -> (n,)."""
         rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         return np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(self.priors)], axis=0)
+
+
+def short_kind(kind: str) -> str:
+    """Return the name of a kind of spring without the word for it.
+
+    Args:
+        kind: as in `opid.mechanics.laws.law.LAWS`.
+
+    >>> short_kind("even_quadratic_stiffness"), short_kind("gas_column")
+    ('even quadratic', 'gas column')
+    """
+    return kind.removesuffix("_stiffness").replace("_", " ")

@@ -8,10 +8,13 @@ from typing import Any
 
 from opid.estimate import Estimate
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.kinds import LAWS
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
 from opid.updating.sampling.chains import Chain
+from opid.updating.structure.reduction import ReductionErrors
 
 SCHEMA = "opid.updating/1"
 
@@ -87,6 +90,23 @@ class ClassPosterior:
         """That of the first method."""
         return self.evidences[0].log_evidence
 
+    @property
+    def coefficients(self) -> dict[str, tuple[Estimate, str]]:
+        """The coefficient of each kind in SI units, theta times its scale, with its unit."""
+        own = self.model_class
+        found = {}
+        for kind, scale, estimate in zip(own.kinds, own.scales, self.estimates.values(), strict=True):
+            ends = None if estimate.interval95 is None else tuple(sorted(scale * end for end in estimate.interval95))
+            found[kind] = (
+                Estimate(
+                    None if estimate.value is None else scale * estimate.value,
+                    None if estimate.std is None else abs(scale) * estimate.std,
+                    None if ends is None else (ends[0], ends[1]),
+                ),
+                LAWS[kind].parameters[0].unit,
+            )
+        return found
+
 
 @dataclass(frozen=True)
 class LinearMode:
@@ -159,8 +179,8 @@ class BackboneBand:
     coverage: float
 
 
-@dataclass(frozen=True, eq=False)
-class Updating:
+@dataclass(frozen=True, eq=False, repr=False)
+class Updating(Result):
     """The whole: linear parameters, one posterior a class, and what the best class predicts.
 
     Args:
@@ -175,6 +195,8 @@ class Updating:
         warnings: what to doubt.
         not_determined: why there is no answer, "" if there is one.
         settings: what it was made with.
+        reductions: how the reduced structure differs from the whole one, that of the reduction that was used first;
+            none where nothing was reduced or nobody asked.
     """
 
     title: str
@@ -188,3 +210,35 @@ class Updating:
     warnings: tuple[str, ...]
     not_determined: str
     settings: Mapping[str, Any]
+    reductions: tuple[ReductionErrors, ...] = ()
+
+    @property
+    def all_warnings(self) -> list[str]:
+        """All warnings, those of phase I and of the classes last, each once."""
+        of_linear = () if self.linear is None else self.linear.warnings
+        # as the whole says it, and as it is said where the whole does not
+        named = [(f"linear structure: {text}", f"linear structure: {text}") for text in of_linear]
+        for each in self.classes:
+            name = each.model_class.name
+            named += [(f"class {name!r}: {text}", f"{name}: {text}") for text in each.warnings]
+        others = [of_part for of_whole, of_part in named if of_whole not in self.warnings]
+        return list(dict.fromkeys([*self.warnings, *others]))
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the linear parameters as factors of the nominal ones, and the coefficients, the best class first."""
+        linear = {} if self.linear is None else self.linear.estimates
+        rows = [SummaryRow.of(f"linear.{name}", estimate, "1") for name, estimate in linear.items()]
+        for each in sorted(self.classes, key=lambda each: each.model_class.name != self.best_class):
+            coefficients = each.coefficients.items()
+            rows += [SummaryRow.of(f"{each.model_class.name}.{kind}", *found) for kind, found in coefficients]
+        return tuple(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.updating.as_json.updating_json`."""
+        from opid.updating.as_json import updating_json
+
+        return updating_json(self)
+
+    def _headline(self) -> str:
+        best = f"best: {self.best_class}" if self.best_class else "no class"
+        return f"{self.title or 'without a title'} ({len(self.classes)} classes, {best})"

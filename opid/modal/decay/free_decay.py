@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +16,11 @@ from opid.modal.decay.fit import DecayLaw, backbone, fit_decays
 from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.linear.coordinates import ModalTest
+from opid.modal.power_law import coefficient_rows
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 
+SCHEMA = "opid.decay/1"
 Quantity = Literal["displacement", "velocity", "acceleration"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 """In the order of their derivatives of the displacement."""
@@ -29,8 +32,8 @@ POOR_MISFIT = 3.0
 DOMINANT = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Decay:
+@dataclass(frozen=True, eq=False, repr=False)
+class Decay(Result):
     """What one free decay shows of a mode.
 
     Args:
@@ -59,6 +62,7 @@ class Decay:
         track: amplitude and phase as they were measured, for a law of several decays (`law_of_decays`).
         derivative: 2 where the signal is an acceleration, 1 a velocity, 0 a displacement.
         warnings: what to doubt.
+        settings: what it was made with where `opid decay` made it: its options by their names, and `log`.
     """
 
     name: str
@@ -85,6 +89,29 @@ class Decay:
     track: Track
     derivative: int
     warnings: tuple[str, ...]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return frequency and damping at the largest and at zero amplitude, and the coefficients of the law."""
+        largest = (
+            SummaryRow.of("frequency_hz", Estimate.normal(self.frequency_hz[0], self.frequency_std_hz[0]), "Hz"),
+            SummaryRow.of("damping_ratio", Estimate.normal(self.damping_ratio[0], self.damping_std[0]), "1"),
+        )
+        low = (
+            SummaryRow.of("frequency_low_hz", self.frequency_low_hz, "Hz"),
+            SummaryRow.of("damping_low", self.damping_low, "1"),
+        )
+        per_mass = self.mode is None
+        return (*largest, *low, *coefficient_rows(self.stiffness, self.damping, per_mass=per_mass))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.modal.as_json.decay_json`."""
+        from opid.modal.as_json import decay_json
+
+        return decay_json(self)
+
+    def _headline(self) -> str:
+        return f"{self.name!r} from {self.start_s:.4g} to {self.stop_s:.4g} s, amplitudes of displacement"
 
 
 def decay_of(

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from opid.estimate import Estimate
+from opid.modal.power_law import unit_of
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
-from opid.report.as_text import Row, aligned, table_lines, wrapped
-from opid.report.modal.units import coefficient_columns, coefficient_row, unit_of
+from opid.report.as_text import Row
+from opid.report.modal.units import coefficient_row
 
 MOST_SENSORS = 8
 """Sensors of a truth test in the text, the worst first; all stand in result.json."""
@@ -25,31 +26,6 @@ DECAYS_NOTE = "At zero amplitude by the law of the decay, and at the top, its la
 Truth = Mapping[str, Any]
 
 
-def modal_text(result: ModalIdentification, truth: Truth | None = None) -> str:
-    """Return a nonlinear modal model as text: the modes, their coefficients, the truth tests, and what to doubt.
-
-    Args:
-        result: from `identify_modes`.
-        truth: of a simulated test, as in truth.json: shown beside each coefficient.
-    """
-    parts = [result.title or "Nonlinear modal model", "", *wrapped(basis(result)), ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    for table, note in tables(result):
-        parts += [*aligned(table, n_left=1), *wrapped(note), ""]
-    known = with_coefficients(truth)
-    rows = coefficient_rows(result, known)
-    if rows:
-        parts += [*table_lines(rows, coefficient_columns(known)), ""]
-    for test in result.truth_tests:
-        shown = truth_table(test, most=MOST_SENSORS, first=result.drive_point)
-        parts += [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1)]
-        left = len(test.sensors) - MOST_SENSORS
-        parts += [f"and {left} sensor(s) that fare better"] * (left > 0) + [""]
-    parts += [line for doubt in doubts_of(result) for line in wrapped(doubt, "Warning: ")]
-    return "\n".join(parts).rstrip("\n") + "\n"
-
-
 def basis(result: ModalIdentification) -> str:
     """Return the sentence that says what the model is made of.
 
@@ -58,22 +34,14 @@ def basis(result: ModalIdentification) -> str:
     """
     modes = result.modes
     rigid = modes.n_modes - int(np.count_nonzero(modes.elastic))
-    known = [str(fit.mode) for fit in result.fits] + [f"{mode} (by free decays)" for mode in by_decays_alone(result)]
+    known = [str(fit.mode) for fit in result.fits] + [
+        f"{mode} (by free decays)" for mode in result.modes_by_decays_alone
+    ]
     at = f", force at {result.drive_point!r}" if result.drive_point else ", no force"
     return (
         f"{modes.n_modes} modes ({rigid} rigid), {len(modes.sensors)} sensors{at}; condition number of the shapes "
         f"{result.condition_number:.3g}; modelled as nonlinear: {', '.join(known) or 'none'}."
     )
-
-
-def by_decays_alone(result: ModalIdentification) -> list[int]:
-    """Return the modes that no forced test moves and whose law comes from their free decays.
-
-    Args:
-        result: the identification.
-    """
-    fitted = {fit.mode for fit in result.fits}
-    return [mode for mode in sorted(result.decay_laws) if mode not in fitted]
 
 
 def tables(result: ModalIdentification) -> list[tuple[list[tuple[str, ...]], str]]:
@@ -184,30 +152,6 @@ def decay_table(result: ModalIdentification) -> list[tuple[str, ...]]:
             ),
         ]
     return table
-
-
-def doubts_of(result: ModalIdentification) -> list[str]:
-    """Return all warnings, those of modes, decays and their laws last, each once.
-
-    Args:
-        result: the identification.
-    """
-    of_fits = [text for fit in result.fits for text in fit.warnings]
-    # worded as by `identify_modes`, which tells them too
-    of_decays = [
-        (f"free decay {decay.name!r} of mode {decay.mode}: ", decay.mode, text)
-        for decay in result.decays
-        for text in decay.warnings
-    ]
-    of_laws = [
-        (f"the free decays of mode {mode} together: {text}", (mode, text) in [each[1:] for each in of_decays])
-        for mode, law in sorted(result.decay_laws.items())
-        for text in law.warnings
-    ]
-    # the law of a single decay has that decay's warnings
-    of_laws_alone = {text for text, twice in of_laws if twice}
-    every = [*result.warnings, *of_fits, *(head + text for head, _, text in of_decays), *(text for text, _ in of_laws)]
-    return [text for text in dict.fromkeys(every) if text not in of_laws_alone]
 
 
 def coefficient_rows(result: ModalIdentification, truth: Truth | None = None) -> list[Row]:

@@ -11,9 +11,9 @@ from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.report.page import Picture
 from opid.report.updating.coverage import missing_points
 from opid.report.updating.reduction import order_sentences, reduction_sentences
-from opid.report.updating.tables import Truth, law_of, short_kind, true_theta
+from opid.report.updating.tables import Truth, true_theta
+from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, Updating
-from opid.updating.structure.reduction import ReductionErrors
 
 N_SENSORS_SHOWN = 6
 """Sensors of a figure of backbones, those that move most."""
@@ -25,26 +25,22 @@ N_EXTENSIONS = 200
 """At which a force is drawn."""
 
 
-def updating_pictures(
-    result: Updating, reduction: ReductionErrors | None = None, free: ReductionErrors | None = None
-) -> tuple[Picture, ...]:
+def updating_pictures(result: Updating) -> tuple[Picture, ...]:
     """Return the figures that a result has something to show in.
 
     Args:
         result: the updating.
-        reduction: how the reduced structure differs from the whole one.
-        free: the same of the reduction with free modes.
     """
-    return tuple(_pictures(result, reduction, free))
+    return tuple(_pictures(result))
 
 
-def _pictures(result: Updating, reduction: ReductionErrors | None, free: ReductionErrors | None) -> Iterator[Picture]:
+def _pictures(result: Updating) -> Iterator[Picture]:
     for mode in sorted({curve.mode for curve in result.measured}):
         yield _measured_picture(mode)
     if result.linear is not None:
         yield from _linear_pictures()
-    if reduction is not None:
-        yield _reduction_picture(result, reduction, free)
+    if result.reductions:
+        yield _reduction_picture(result)
     if result.classes:
         yield from _class_pictures(result)
     for mode in sorted({band.mode for band in result.prediction}):
@@ -93,17 +89,18 @@ def _linear_pictures() -> Iterator[Picture]:
     )
 
 
-def _reduction_picture(result: Updating, reduction: ReductionErrors, free: ReductionErrors | None) -> Picture:
+def _reduction_picture(result: Updating) -> Picture:
     from opid import plots
 
-    sentences = (*reduction_sentences(result, reduction, free), *order_sentences(reduction, free))
+    sentences = (*reduction_sentences(result), *order_sentences(result.reductions))
+    used, *others = result.reductions
     caption = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
     return Picture(
         "reduction",
         "What the reduction leaves out",
         "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
         f"are tested and those near their multiples should be exact; higher ones need not. {caption}",
-        lambda result, truth: plots.reduction_figure(reduction, free=free),
+        lambda result, truth: plots.reduction_figure(used, free=others[0] if others else None),
     )
 
 
@@ -135,7 +132,7 @@ def _pictures_of_class(number: int, posterior: ClassPosterior) -> Iterator[Pictu
     labels = class_labels(posterior)
     yield Picture(
         f"class_{number}_samples",
-        f"{name}, {law_of(posterior)}: parameters",
+        f"{name}, {posterior.model_class.law_in_words}: parameters",
         "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
         "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
         lambda result, truth: plots.parameter_samples(
@@ -144,7 +141,7 @@ def _pictures_of_class(number: int, posterior: ClassPosterior) -> Iterator[Pictu
     )
     yield Picture(
         f"class_{number}_running",
-        f"{name}, {law_of(posterior)}: have they settled?",
+        f"{name}, {posterior.model_class.law_in_words}: have they settled?",
         "Mean and standard deviation of the samples so far.",
         lambda result, truth: plots.running_moments(posterior.samples, labels),
     )

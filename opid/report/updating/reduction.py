@@ -18,27 +18,23 @@ MOST_PLACES = 4
 _BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
 
 
-def reduction_sentences(
-    result: Updating, reduction: ReductionErrors, free: ReductionErrors | None = None
-) -> tuple[str, ...]:
+def reduction_sentences(result: Updating) -> tuple[str, ...]:
     """Return how much of the whole structure each reduced one keeps (Song Fig. 7).
 
     Args:
-        result: the updating, for the modes that were tested.
-        reduction: of the reduction that was used.
-        free: of the one with free modes, for comparison, or None.
+        result: the updating.
     """
     tested = sorted({curve.mode for curve in result.measured})
-    return tuple(_kept(each, tested) for each in (reduction, free) if each is not None)
+    return tuple(_kept(each, tested) for each in result.reductions)
 
 
-def order_sentences(*reductions: ReductionErrors | None) -> tuple[str, ...]:
+def order_sentences(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
     """Return why the modal assurance criterion is small where it is: what is true of these reductions.
 
     Args:
-        reductions: to look at; None is left out.
+        reductions: to look at.
     """
-    return tuple(place for each in reductions if each is not None for place in _places(each))
+    return tuple(place for each in reductions for place in _places(each))
 
 
 def _kept(errors: ReductionErrors, tested: Sequence[int]) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS
-from opid.report.as_text import Row, aligned, columns, estimate_row, formula, table_lines, wrapped
+from opid.report.as_text import Row, estimate_row, formula
 from opid.report.updating.coverage import coverage_note, coverage_table
+from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, Diagnostics, Updating
 
 Truth = Mapping[str, Any]
@@ -22,31 +22,6 @@ FORMS = {
     "independent": "every point by itself: intervals far too narrow",
 }
 """What the forms of the likelihood are."""
-
-
-def updating_text(result: Updating, truth: Truth | None = None, *, reduction: Sequence[str] = ()) -> str:
-    """Return an updating as text: linear parameters, classes, coefficients, sampling, coverage, and what to doubt.
-
-    Args:
-        result: from `update_study`.
-        truth: of a simulated test, as in truth.json: shown beside each estimate.
-        reduction: sentences of `reduction_sentences`.
-    """
-    parts = [result.title or "Bayesian updating", "", *wrapped(basis(result)), ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    if result.linear is not None:
-        parts += ["Linear structure", "", *table_lines(linear_rows(result, truth), columns(truth)), ""]
-        parts += [*aligned(mode_table(result), n_left=1), ""]
-    if reduction:
-        parts += [*(line for sentence in reduction for line in wrapped(f"{sentence}.", "Reduction: ")), ""]
-    if result.classes:
-        parts += ["Model classes", "", *aligned(class_table(result), n_left=2), *wrapped(best_sentence(result)), ""]
-        parts += [*table_lines(coefficient_rows(result, truth), columns(truth)), ""]
-    for table, note in tables(result):
-        parts += [*aligned(table, n_left=1), *wrapped(note), ""]
-    parts += [line for doubt in doubts_of(result) for line in wrapped(doubt, "Warning: ")]
-    return "\n".join(parts).rstrip("\n") + "\n"
 
 
 def basis(result: Updating) -> str:
@@ -131,8 +106,8 @@ def class_table(result: Updating) -> Table:
     for each in result.classes:
         first = each.evidences[0]
         marked = "best" if each.model_class.name == result.best_class else f"{first.log_evidence - best:+.2f}"
-        cells = (f"{first.log_evidence:.2f}", _spread(first.std) or "-", marked)
-        table.append((each.model_class.name, law_of(each), *cells, f"{each.log_likelihood_at_best:.2f}"))
+        cells = (f"{first.log_evidence:.2f}", _spread(first.std) or "-", marked, f"{each.log_likelihood_at_best:.2f}")
+        table.append((each.model_class.name, each.model_class.law_in_words, *cells))
     return table
 
 
@@ -234,48 +209,6 @@ def best_log_evidence(result: Updating) -> float:
     return named[0] if named else max((each.log_evidence for each in result.classes), default=0.0)
 
 
-def law_of(posterior: ClassPosterior) -> str:
-    """Return the law of a class in short words: "cubic + quintic".
-
-    Args:
-        posterior: of the class.
-    """
-    return " + ".join(short_kind(kind) for kind in posterior.model_class.kinds)
-
-
-def short_kind(kind: str) -> str:
-    """Return the name of a kind of spring without the word for it.
-
-    Args:
-        kind: as in `opid.mechanics.laws.law.LAWS`.
-
-    >>> short_kind("even_quadratic_stiffness"), short_kind("gas_column")
-    ('even quadratic', 'gas column')
-    """
-    return kind.removesuffix("_stiffness").replace("_", " ")
-
-
-def coefficient_estimates(posterior: ClassPosterior) -> dict[str, tuple[Estimate, str]]:
-    """Return the coefficient of each kind in SI units, theta times its scale, with its unit.
-
-    Args:
-        posterior: of the class.
-    """
-    own = posterior.model_class
-    found = {}
-    for kind, scale, estimate in zip(own.kinds, own.scales, posterior.estimates.values(), strict=True):
-        ends = None if estimate.interval95 is None else tuple(sorted(scale * end for end in estimate.interval95))
-        found[kind] = (
-            Estimate(
-                None if estimate.value is None else scale * estimate.value,
-                None if estimate.std is None else abs(scale) * estimate.std,
-                None if ends is None else (ends[0], ends[1]),
-            ),
-            LAWS[kind].parameters[0].unit,
-        )
-    return found
-
-
 def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | None]:
     """Return the true value of each parameter of a class; None for each where the class lacks a part of the true law.
 
@@ -290,18 +223,6 @@ def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | N
     return [law.get(kind, 0.0) / scale + 0.0 for kind, scale in zip(own.kinds, own.scales, strict=True)]
 
 
-def doubts_of(result: Updating) -> list[str]:
-    """Return all warnings, those of phase I and of the classes last, each once.
-
-    Args:
-        result: the updating.
-    """
-    of_linear = [] if result.linear is None else [("linear structure", text) for text in result.linear.warnings]
-    of_classes = [(each.model_class.name, text) for each in result.classes for text in each.warnings]
-    others = [f"{where}: {text}" for where, text in of_linear + of_classes if not _told(text, result.warnings)]
-    return list(dict.fromkeys([*result.warnings, *others]))
-
-
 def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[Row]:
     own = posterior.model_class
     several = len(own.kinds) > 1
@@ -310,18 +231,13 @@ def _rows_of(posterior: ClassPosterior, truth: Truth | None) -> Iterator[Row]:
     scales = ", ".join(f"{name} = theta x {scale:.4g}" for name, scale in zip(names, own.scales, strict=True))
     yield Row(f"{own.name}: f(z) = {' + '.join(terms)}, {scales}")
     true = true_theta(posterior, truth)
-    coefficients = coefficient_estimates(posterior)
+    coefficients = posterior.coefficients
     for number, (name, estimate) in enumerate(posterior.estimates.items()):
         kind, value = own.kinds[number], true[number]
         yield estimate_row(name, "1", estimate, value, truth is not None)
         coefficient, unit = coefficients[kind]
         known = None if value is None else value * own.scales[number] + 0.0
         yield estimate_row(short_kind(kind), unit, coefficient, known, truth is not None)
-
-
-def _told(text: str, warnings: Sequence[str]) -> bool:
-    """Whether a warning of a part is among those of the whole, which say whose it is."""
-    return any(warning.endswith(text) for warning in warnings)
 
 
 def _spread(std: float) -> str:

@@ -82,7 +82,8 @@ def inspect(
         own = {name: wanted[name][0] for name in columns}
         results.append(_inspect_track(log, track, columns, own, settings, thorough, shown))
         done += track.n_samples or 0
-    return _together(results, order=tuple(wanted), numbers=_numbers(log, wanted))
+    together = _together(results, order=tuple(wanted), numbers=_numbers(log, wanted))
+    return together if isinstance(what, Recording) else replace(together, log=str(log.path))
 
 
 def _wanted(

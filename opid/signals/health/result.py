@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 
 Severity = Literal["note", "warning", "fault"]
@@ -208,8 +209,8 @@ class Levels:
     complete: np.ndarray | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Health:
+@dataclass(frozen=True, eq=False, repr=False)
+class Health(Result):
     """What `inspect` found in a log.
 
     Args:
@@ -222,6 +223,7 @@ class Health:
         clocks: figures of each clock.
         pairs: accelerations of one clock beside each other.
         levels: of each clock, in the order of `clocks`.
+        log: name of the log; empty for a recording.
     """
 
     fs: float
@@ -233,3 +235,24 @@ class Health:
     clocks: tuple[ClockHealth, ...] = ()
     pairs: tuple[PairHealth, ...] = ()
     levels: tuple[Levels, ...] = ()
+    log: str = ""
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return rate and length of the clock with most samples, and offset and rms of each channel."""
+        rows = [("fs", self.fs, "Hz"), ("duration", self.duration_s, "s"), ("samples", float(self.n_samples), "1")]
+        for channel in self.channels:
+            rows += [
+                (f"{channel.name}.{what}", getattr(channel, what), channel.unit) for what in ("mean", "rms", "peak")
+            ]
+        return tuple(SummaryRow(name, value, None, None, unit) for name, value, unit in rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.signals.health.as_json.health_json`."""
+        from opid.signals.health.as_json import health_json
+
+        return health_json([self])
+
+    def _headline(self) -> str:
+        counts = [(kind, sum(each.severity == kind for each in self.findings)) for kind in ("fault", "warning", "note")]
+        told = ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts if n) or "nothing is wrong"
+        return f"{self.log or 'a recording'}, {len(self.channels)} channels: {told}"

@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LAWS, Law, Term, default_law
+from opid.mechanics.laws.rows import law_rows
 from opid.mechanics.memory import recorded_motion
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
 from opid.suspensions.bench.memory import Memory, measure_memory
@@ -36,6 +39,8 @@ from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen,
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
 
 SCHEMA = "opid.law/1"
+UNITS = {"stiffness_n_per_m": "N/m", "damping_n_s_per_m": "N s/m", "offset_n": "N", "moving_mass_kg": "kg"}
+"""Of what a bench measures beside the nonlinear law."""
 Ladder = tuple[LawStep[BenchFit], ...]
 
 
@@ -56,8 +61,8 @@ class StraightPart(Estimates):
     moving_mass_kg: Estimate | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class BenchLaw:
+@dataclass(frozen=True, eq=False, repr=False)
+class BenchLaw(Result):
     """The law of a test bench.
 
     Args:
@@ -104,6 +109,21 @@ class BenchLaw:
     n_search_samples: int
     interval_cell_s: float
     simulation: Simulation | None = None
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return stiffness, damping, offset, the law, and the energy that a cycle takes."""
+        straight = (SummaryRow.of(name, each, UNITS[name]) for name, each in self.parameters.items())
+        laws = law_rows(self.law, self.law_estimates, "law")
+        return (*straight, *laws, SummaryRow.of("cycle.area_j", self.cycle.area_j, "J"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.suspensions.bench.as_json.bench_json`."""
+        from opid.suspensions.bench.as_json import bench_json
+
+        return bench_json(self)
+
+    def _headline(self) -> str:
+        return f"{self.title or 'without a title'} (law {self.law.name}, {100 * self.r2_left_out:.4g} % explained)"
 
     @property
     def residual_rms(self) -> float:

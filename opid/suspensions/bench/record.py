@@ -37,6 +37,7 @@ class Bench:
             direction, 1 or -1.
         mass_kg: of the body whose acceleration the channel of the force is, see `bench_from_recording`; None where a
             force was measured.
+        log: path of the file that it was read from; empty where nobody said.
     """
 
     travel: FloatArray
@@ -52,6 +53,7 @@ class Bench:
     counted: NDArray[np.bool_] | None = None
     is_quasi_static: bool = False
     mass_kg: float | None = None
+    log: str = ""
 
     @property
     def samples(self) -> NDArray[np.int64]:

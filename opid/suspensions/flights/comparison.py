@@ -7,11 +7,13 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.departures import (
     Measured,
@@ -25,6 +27,8 @@ from opid.suspensions.flights.departures import (
 )
 from opid.suspensions.flights.results import Flight, Flights, Quantity, listed
 from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
+
+SCHEMA = "opid.comparison/1"
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,8 @@ class Change:
     statement: str
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
     """Flights of one structure against each other.
 
     Args:
@@ -74,6 +78,26 @@ class Comparison:
     n_tests: int
     warnings: tuple[str, ...]
     settings: FlightSettings
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return each quantity as the last flight that was judged has it; of those that are not judged, the last."""
+        rows = []
+        for each in self.series:
+            what, last = each.quantity, (each.judged or each.points)[-1]
+            name = ".".join(filter(None, (what.gear, what.name, what.kind)))
+            rows.append(SummaryRow.of(name, last.estimate, what.unit))
+        return tuple(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of comparison.json, see `opid.suspensions.flights.as_json.comparison_json`."""
+        from opid.suspensions.flights.as_json import comparison_json
+
+        return comparison_json(self)
+
+    def _headline(self) -> str:
+        n = len(self.changes)
+        flagged = f"{n} change{'s' * (n != 1)} flagged" if n else "no change exceeds its uncertainty"
+        return f"{len(self.flights)} flights, {flagged}"
 
 
 def compare(flights: Flights, *, false_alarm: float | None = None, settings: FlightSettings = DEFAULTS) -> Comparison:

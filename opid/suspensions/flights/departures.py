@@ -79,6 +79,11 @@ class Series:
     scatter: float
     threshold: float
 
+    @property
+    def judged(self) -> tuple[Point, ...]:
+        """The flights that were compared with earlier ones."""
+        return tuple(point for point in self.points if point.departure is not None)
+
 
 @dataclass(frozen=True, eq=False)
 class Measured:

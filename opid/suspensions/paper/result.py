@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Literal
+from typing import Any, Literal
 
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
+from opid.mechanics.laws.rows import law_rows
+from opid.result import Result, SummaryRow
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, alternatives
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
 from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.result import GearParameters, GearRatios, Identification
+from opid.suspensions.result import GearParameters, GearRatios, Identification, estimate_rows
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study
 
@@ -23,8 +25,8 @@ PaperMethod = Literal["classical", "paper"]
 METHODS: tuple[PaperMethod, ...] = ("classical", "paper")
 
 
-@dataclass(frozen=True, eq=False)
-class PaperIdentification:
+@dataclass(frozen=True, eq=False, repr=False)
+class PaperIdentification(Result):
     """The result of an identification by the paper's chain.
 
     Args:
@@ -63,6 +65,20 @@ class PaperIdentification:
     settings: PaperSettings
     warnings: tuple[str, ...]
     not_determined: str | None
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the parameters, the law, and the ratios that need no known mass."""
+        laws = law_rows(self.law, self.law_estimates, "law", per_mass=self.per_mass)
+        return (*estimate_rows(self.parameters), *laws, *estimate_rows(self.ratios))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, see `opid.suspensions.answer.as_json.result_json`."""
+        from opid.suspensions.answer.as_json import result_json
+
+        return result_json(self)
+
+    def _headline(self) -> str:
+        return f"{self.title or 'without a title'} (method {self.method}, law {self.law.name})"
 
     @property
     def per_mass(self) -> bool:

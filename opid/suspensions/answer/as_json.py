@@ -15,12 +15,12 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.json_values import plain
-from opid.report.body_text import reason, recommended, units_of
-from opid.report.gear_text import alternatives_of
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import Demand
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, chosen
+from opid.suspensions.own_structure import SCHEMA as STRUCTURE_SCHEMA
+from opid.suspensions.own_structure import StructureIdentification
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
@@ -31,6 +31,8 @@ from opid.suspensions.result import (
     GearRatios,
     Identification,
     InterfaceEstimate,
+    SpringEstimate,
+    units_of_suspensions,
 )
 from opid.suspensions.study import Run, Study
 
@@ -76,6 +78,35 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         | _structures(result)
         | {"diagnostics": _body_diagnostics(result)}
         | _tail(result)
+    )
+
+
+def structure_json(result: StructureIdentification) -> Json:
+    """Return the identification of a user's own structure as the content of result.json.
+
+    Args:
+        result: from `identify_structure`.
+
+    Returns:
+        `schema`, `per_mass`, `masses` {degree of freedom: {value, std, interval95}}, `interfaces` and `joints` {name:
+        {stiffness and damping {value, std, interval95, unit}, law_name, latex, law {kind: {parameter: {value, std,
+        interval95}}}, rest_m, at_rest}}, `noise_m_per_s2`, `residual_over_noise`, `residual_of` {sensor: ...},
+        `left_out_over_noise`, `repeatability`, `limits`, `warnings`, `not_determined`.
+    """
+    told = ("noise_m_per_s2", "residual_over_noise", "residual_of", "left_out_over_noise")
+    return plain(
+        {
+            "schema": STRUCTURE_SCHEMA,
+            "per_mass": result.per_mass,
+            "masses": _estimates(result.masses),
+            "interfaces": {name: _spring(each, result.per_mass) for name, each in result.interfaces.items()},
+            "joints": {name: _spring(each, result.per_mass) for name, each in result.joints.items()},
+            **{name: getattr(result, name) for name in told},
+            "repeatability": asdict(result.repeatability),
+            "limits": result.limits,
+            "warnings": result.warnings,
+            "not_determined": result.not_determined,
+        }
     )
 
 
@@ -135,7 +166,7 @@ def _of_body(result: Identification) -> Json:
 
 
 def _structures(result: Identification) -> Json:
-    best = recommended(result)
+    best = result.recommended
     places = {
         name: dict(zip(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), place, strict=True))
         for name, place in result.places.items()
@@ -145,7 +176,7 @@ def _structures(result: Identification) -> Json:
             "kind": result.structure,
             "is_one_gear": result.study.is_one_gear,
             "recommended": None if best is None else best.kind,
-            "why": reason(result) or None,
+            "why": result.reason or None,
             "limited_by": result.limited_by,
             "residual_over_noise": result.residual_over_noise,
             "noise_m_per_s2": result.noise_m_per_s2,
@@ -174,24 +205,37 @@ def _run_of_body(result: Identification, place: int) -> Json:
 
 
 def _interface(result: Identification, interface: InterfaceEstimate) -> Json:
-    stiffness, damping = units_of(result)
+    stiffness, _ = result.units
     x_m, y_m = result.places[interface.name][:2]
+    spring = _spring(interface, result.per_mass)
     return {
         "name": interface.name,
         "shared_with": interface.shared_with,
         "x_m": x_m,
         "y_m": y_m,
-        "stiffness": asdict(interface.stiffness) | {"unit": stiffness},
-        "damping": asdict(interface.damping) | {"unit": damping},
+        "stiffness": spring.pop("stiffness"),
+        "damping": spring.pop("damping"),
         "ground_stiffness": asdict(interface.ground_stiffness) | {"unit": stiffness},
-        "law": {kind: _estimates(values) for kind, values in interface.law_estimates.items()},
-        "law_name": interface.law.name,
-        "latex": interface.law.latex,
+        "law": spring.pop("law"),
+        "law_name": spring.pop("law_name"),
+        "latex": spring.pop("latex"),
         "per_mass": result.per_mass,
         "residual_over_noise": interface.residual_over_noise,
-        "rest_m": asdict(interface.rest_m),
-        "at_rest": [asdict(each) for each in interface.at_rest],
+        **spring,
         "gas": None if interface.gas is None else asdict(interface.gas),
+    }
+
+
+def _spring(spring: SpringEstimate, per_mass: bool) -> Json:
+    stiffness, damping = units_of_suspensions(per_mass=per_mass)
+    return {
+        "stiffness": asdict(spring.stiffness) | {"unit": stiffness},
+        "damping": asdict(spring.damping) | {"unit": damping},
+        "law": {kind: _estimates(values) for kind, values in spring.law_estimates.items()},
+        "law_name": spring.law.name,
+        "latex": spring.law.latex,
+        "rest_m": asdict(spring.rest_m),
+        "at_rest": [asdict(each) for each in spring.at_rest],
     }
 
 
@@ -228,7 +272,7 @@ def _gear_diagnostics(result: Identification) -> Json:
         "n_lines": [run.frequency_hz.size for run in result.runs],
         "law_candidates": sorted(result.options.kinds),
         "law_ladder": _ladder(evidence.ladder),
-        "law_alternatives": alternatives_of(result),
+        "law_alternatives": result.alternative_laws,
         "runs": _runs_of_gear(result.study.runs, chain),
         **_chain_parts(chain),
         "model": _model(evidence)
@@ -253,7 +297,7 @@ def _paper_diagnostics(result: PaperIdentification) -> Json:
         "n_lines": [frequency.size for frequency in result.joint.frequency_hz],
         "law_candidates": result.tried_kinds,
         "law_ladder": _ladder(result.ladder),
-        "law_alternatives": alternatives_of(result),
+        "law_alternatives": result.alternative_laws,
         "runs": _runs_of_gear(result.study.runs, chain),
         **_chain_parts(chain),
         "model": None,
@@ -288,7 +332,7 @@ def _body_diagnostics(result: Identification) -> Json:
             for part in parts
             for step in part.ladder
         ],
-        "law_alternatives": [sentence for part in parts for sentence in part.alternatives],
+        "law_alternatives": result.alternative_laws,
         "models": [_model(part) for part in parts],
         "mended_spikes": dict(zip(("unsprung", "sprung"), result.mended_spikes, strict=True)),
     }

@@ -1,0 +1,113 @@
+"""Text and page of any result, by its type: one table says which module knows which kind."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from opid.errors import InputError
+from opid.json_values import json_text
+from opid.report.page import Page, Truth, drawn, rendered
+from opid.result import Result
+from opid.signals.directory import write_together
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of result.
+
+    Args:
+        result: its class in `opid`, by its full name: nothing of a wing is loaded to know whose a result is.
+        module: in `opid.report`, with `text_of` and `page_of`.
+        has_truth: whether these take the truth of a simulation, too.
+    """
+
+    result: str
+    module: str
+    has_truth: bool = False
+
+
+KINDS = (
+    Kind("suspensions.result.Identification", "identification_report", has_truth=True),
+    Kind("suspensions.paper.result.PaperIdentification", "identification_report", has_truth=True),
+    Kind("suspensions.own_structure.StructureIdentification", "structure_report"),
+    Kind("suspensions.bench.law.BenchLaw", "bench_report"),
+    Kind("suspensions.flights.comparison.Comparison", "comparison_report"),
+    Kind("signals.health.result.Health", "health_report"),
+    Kind("modal.decay.free_decay.Decay", "modal.decay_report"),
+    Kind("modal.result.ModalIdentification", "modal.report", has_truth=True),
+    Kind("updating.result.Updating", "updating.report", has_truth=True),
+)
+
+
+def text(result: Result, truth: Truth | None = None) -> str:
+    """Return a result as text for a terminal of 80 columns: the numbers, what limits them, and what to doubt.
+
+    Args:
+        result: of any kind.
+        truth: of a simulation, as in truth.json: shown beside each estimate.
+
+    Raises:
+        InputError: what is no result, or a truth beside a result that is compared with none.
+    """
+    return _made("text_of", result, truth)
+
+
+def write_report(
+    result: Result,
+    directory: str | os.PathLike[str],
+    truth: Truth | None = None,
+    *,
+    command: Sequence[str] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Path:
+    """Write result.json, report.html and the figures as PNG, and return the path of the page.
+
+    Everything is made before the first file is written, and the files appear together. Files of an older report are
+    replaced, any other file in the directory stays. The numbers of a comparison stand in comparison.json.
+
+    Args:
+        result: of any kind.
+        directory: made if it is not there.
+        truth: of a simulation, as in truth.json: shown beside the estimates.
+        command: words of the command that gave the result; where left out, of one that gives the same.
+        progress: called with the name of each step as it begins.
+
+    Raises:
+        InputError: what is no result, a truth beside a result that is compared with none, or a place that cannot be
+            written to.
+    """
+    page: Page = _made("page_of", result, truth)
+    images = drawn(page.pictures, result, truth, progress=progress)
+    words = page.command if command is None else command
+    html = rendered(page, images, result=result, truth=truth, command=None if words is None else shlex.join(words))
+    contents = {f"{name}.png": image for name, image in images.items()}
+    contents["report.html"] = html.encode("utf-8", "backslashreplace")
+    # last, so that a result.json is never there without its report
+    contents[page.data_file] = json_text(result.to_dict()).encode("utf-8", "backslashreplace")
+    write_together(directory, contents)
+    return Path(directory) / "report.html"
+
+
+def _made(what: str, result: Result, truth: Truth | None) -> Any:
+    kind = _kind_of(result)
+    make = getattr(import_module(f"opid.report.{kind.module}"), what)
+    if kind.has_truth:
+        return make(result, truth)
+    if truth is not None:
+        raise InputError(f"a {type(result).__name__} is compared with no truth: leave it out")
+    return make(result)
+
+
+def _kind_of(result: Result) -> Kind:
+    names = [f"{each.__module__}.{each.__qualname__}" for each in type(result).__mro__]
+    for kind in KINDS:
+        if f"opid.{kind.result}" in names:
+            return kind
+    kinds = ", ".join(kind.result.rpartition(".")[2] for kind in KINDS)
+    raise InputError(f"a {type(result).__name__} is no result of opid: give one of {kinds}")

@@ -1,0 +1,117 @@
+"""What every result can do: a short summary on the screen, a table in a notebook, rows, a dict and a frame."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from opid.errors import InputError
+from opid.estimate import Estimate, rounded
+
+if TYPE_CHECKING:
+    import pandas
+
+MOST_ROWS = 7
+"""Numbers in the short summary; `Result.summary` has all of them."""
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One number of a result.
+
+    Args:
+        name: of the number; a dot stands before the name of a part: "law.cubic_stiffness.stiffness_n_per_m3".
+        value: None where the data do not determine it.
+        std: standard deviation, or None.
+        interval95: lower and upper end of the 95 % interval, or None.
+        unit: of the value, "1" without one.
+    """
+
+    name: str
+    value: float | None
+    std: float | None
+    interval95: tuple[float, float] | None
+    unit: str
+
+    @classmethod
+    def of(cls, name: str, estimate: Estimate, unit: str) -> SummaryRow:
+        """Return the row of an estimate."""
+        return cls(name, estimate.value, estimate.std, estimate.interval95, unit)
+
+    @property
+    def cells(self) -> tuple[str, str, str, str, str]:
+        """Name, value, standard deviation, interval and unit, rounded as the standard deviation says."""
+        ends = self.interval95
+        between = "-" if ends is None else f"{rounded(ends[0], self.std)} .. {rounded(ends[1], self.std)}"
+        return self.name, rounded(self.value, self.std), rounded(self.std, self.std), between, self.unit
+
+
+class Result(ABC):
+    """A result of opid: what it found as rows, as the content of result.json, and as a frame of pandas."""
+
+    @abstractmethod
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return the numbers that were found, in SI units, the most important first."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json: plain values, null where there is no finite number."""
+
+    @abstractmethod
+    def _headline(self) -> str:
+        """Return in one line what this is about."""
+
+    def _remarks(self) -> Iterator[str]:
+        """Yield what has to be said beside the numbers, a line each."""
+        reason, warnings = getattr(self, "not_determined", None), getattr(self, "warnings", ())
+        if reason:
+            yield f"not determined: {reason}"
+        if warnings:
+            yield f"{len(warnings)} warning{'s' * (len(warnings) != 1)}, see opid.text(result)"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the summary as a frame with the columns value, std, low, high (of the 95 % interval) and unit.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise InputError("pandas, which makes the frame, is not installed: pip install pandas") from error
+        rows = self.summary()
+        nothing = (None, None)
+        table = [(row.value, row.std, *(row.interval95 or nothing), row.unit) for row in rows]
+        index = pandas.Index([row.name for row in rows], name="name")
+        frame = pandas.DataFrame(table, index=index, columns=["value", "std", "low", "high", "unit"])
+        return frame.astype(dict.fromkeys(("value", "std", "low", "high"), float))
+
+    def __repr__(self) -> str:
+        rows = self.summary()
+        width = max((len(row.name) for row in rows[:MOST_ROWS]), default=0)
+        lines = [_shortened(f"{type(self).__name__}: {self._headline()}")]
+        for row in rows[:MOST_ROWS]:
+            name, value, std, _, unit = row.cells
+            spread = "" if row.std is None else f" ± {std}"
+            lines.append(f"  {name.ljust(width)}  {value}{spread}{'' if unit == '1' else f' {unit}'}")
+        more = [f"{len(rows) - MOST_ROWS} more in summary()"] if len(rows) > MOST_ROWS else []
+        remarks = "; ".join([*more, *map(_shortened, self._remarks())])
+        return "\n".join([*lines, f"  {remarks}"] if remarks else lines)
+
+    def _repr_html_(self) -> str:
+        head = ("", "value", "standard deviation", "95 % interval", "unit")
+        table = [_html_row("th", head), *(_html_row("td", row.cells) for row in self.summary())]
+        remarks = "".join(f"<p>{escape(each)}</p>" for each in self._remarks())
+        return f"<p><b>{escape(self._headline())}</b></p><table>{''.join(table)}</table>{remarks}"
+
+
+def _html_row(tag: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _shortened(text: str, width: int = 100) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= width else f"{text[: width - 3]}..."

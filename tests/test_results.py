@@ -1,0 +1,270 @@
+"""Results of every kind: text, page, JSON, a short summary, a table, and a frame, each by the same names."""
+
+import json
+import pkgutil
+import shlex
+import sys
+from dataclasses import fields, is_dataclass, replace
+from html.parser import HTMLParser
+from importlib import import_module
+
+import numpy as np
+import pytest
+from made_body import small_body
+from made_flights import body_result, write_result
+from made_health import sound_health
+from made_modal import small_decay, small_result
+from made_updating import small_updating
+
+import opid
+from opid.errors import InputError
+from opid.estimate import Estimate
+from opid.json_values import json_text
+from opid.mechanics.laws.law import law
+from opid.report.writing import KINDS
+from opid.result import Result, SummaryRow
+from opid.studies.suspension_study import read_study
+from opid.suspensions.bench.law import law_of_bench
+from opid.suspensions.bench.record import Bench
+from opid.suspensions.fitting.repeatability import Repeatability
+from opid.suspensions.flights.comparison import compare
+from opid.suspensions.flights.results import read_flights
+from opid.suspensions.identification import identify
+from opid.suspensions.own_structure import StructureIdentification
+from opid.suspensions.result import SpringEstimate
+
+
+def gear(request, folder):
+    return request.getfixturevalue("identified").result
+
+
+def body(request, folder):
+    return small_body()
+
+
+def by_paper(request, folder):
+    study = read_study(request.getfixturevalue("field_test") / "study.toml")
+    return identify(study, method="classical", law="arctan_velocity")
+
+
+def structure(request, folder):
+    friction = law("arctan_velocity", amplitude_n=120.0, scale_m_per_s=0.02)
+    found = {"amplitude_n": Estimate.normal(118.0, 2.0), "scale_m_per_s": Estimate.normal(0.021, 1e-3)}
+    moved, zero = np.zeros(3), Estimate(0.0)
+    stiffness, damping = Estimate.normal(1.2e5, 300.0), Estimate.normal(1.1e3, 9.0)
+    laws = {"arctan_velocity": found}
+    isolator = SpringEstimate("low", stiffness, damping, friction, laws, moved, moved, zero, ())
+    inner = SpringEstimate("inner", Estimate.normal(3.5e5, 900.0), damping, law("linear"), {}, moved, moved, zero, ())
+    return StructureIdentification(
+        masses={"low": Estimate.normal(300.0, 1.0)},
+        interfaces={"low": isolator},
+        joints={"inner": inner},
+        per_mass=False,
+        noise_m_per_s2=5e-3,
+        residual_over_noise=1.01,
+        residual_of={"low": 1.0, "high": 1.02},
+        left_out_over_noise=1.1,
+        repeatability=Repeatability(0.0, False),
+        limits=("the noise of the sensors limits the mass",),
+        warnings=("run '1', 'low': it has an offset of 0.3 m/s^2",),
+        not_determined=None,
+        fit=None,
+    )
+
+
+def bench(request, folder):
+    rng = np.random.default_rng(0)
+    z, v = 0.01 * rng.standard_normal(2000), 0.3 * rng.standard_normal(2000)
+    force = 2e4 * z + 500 * v + 800 * v * np.abs(v) + 5 * rng.standard_normal(2000)
+    record = Bench(z, v, force, 500.0, 0.0, "recorded", None, {"force": "F", "travel": "z", "velocity": "v"}, ())
+    return law_of_bench(record, title="damper.csv", candidates=("quadratic_damping", "cubic_damping"))
+
+
+def flights(request, folder):
+    rng = np.random.default_rng(1)
+    return compare(read_flights([write_result(folder / f"flight {i}", body_result(rng)) for i in range(4)]))
+
+
+def health(request, folder):
+    return replace(sound_health(), log="logs/heavy taxi.csv")
+
+
+def decay(request, folder):
+    return small_decay()
+
+
+def modal(request, folder):
+    return small_result(decays=[small_decay()])
+
+
+def updating(request, folder):
+    return small_updating()
+
+
+MAKERS = (gear, body, by_paper, structure, bench, flights, health, decay, modal, updating)
+
+
+@pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)
+def result(request, tmp_path_factory):
+    return request.param(request, tmp_path_factory.mktemp("made"))
+
+
+@pytest.fixture
+def plain_pictures(monkeypatch):
+    monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
+
+
+class Pieces(HTMLParser):
+    """What stands between the tags of a page, tag by tag."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.inside, self.open = {}, []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open:
+            self.inside.setdefault(self.open[-1], []).append(data)
+
+
+def test_text_and_page_are_made_of_it(result, tmp_path, plain_pictures):
+    text = opid.text(result)
+    assert text.endswith("\n")
+    assert max(map(len, text.splitlines())) <= 80
+    said = []
+    page = opid.write_report(result, tmp_path, progress=said.append)
+    pieces = Pieces(page.read_text(encoding="utf-8"))
+    assert pieces.open == []
+    assert pieces.inside["h1"] == pieces.inside["title"]
+    figures = {path.stem for path in tmp_path.glob("*.png")}
+    assert {step.removeprefix("figure ") for step in said} == figures
+    (data,) = tmp_path.glob("*.json")
+    assert data.read_text(encoding="utf-8") == json_text(result.to_dict())
+    assert data.name in page.read_text(encoding="utf-8")
+
+
+def test_what_result_json_holds_is_plain_and_has_a_schema(result):
+    document = result.to_dict()
+    assert document["schema"].startswith("opid.")
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_its_summary_has_typed_rows_with_distinct_names(result):
+    rows = result.summary()
+    assert rows
+    assert all(isinstance(row, SummaryRow) for row in rows)
+    names = [row.name for row in rows]
+    assert len(set(names)) == len(names)
+    for row in rows:
+        assert row.unit
+        assert row.value is None or isinstance(row.value, float)
+        if row.interval95 is not None:
+            assert row.interval95[0] <= row.value <= row.interval95[1]
+
+
+def test_it_is_printed_in_ten_lines(result):
+    lines = repr(result).splitlines()
+    assert len(lines) <= 10
+    assert lines[0].startswith(f"{type(result).__name__}: ")
+    assert max(map(len, lines)) <= 240
+    first = result.summary()[0]
+    assert first.name in lines[1]
+    assert first.unit == "1" or first.unit in lines[1]
+
+
+def test_a_notebook_shows_a_table_of_it(result):
+    pieces = Pieces(result._repr_html_())
+    assert pieces.open == []
+    assert len(pieces.inside["td"]) == 5 * len(result.summary())
+
+
+def test_a_frame_is_made_of_it(result):
+    pytest.importorskip("pandas")
+    frame = result.to_frame()
+    assert list(frame.columns) == ["value", "std", "low", "high", "unit"]
+    for name, row in zip(frame.index, result.summary(), strict=True):
+        assert name == row.name
+        told = frame.loc[name]
+        assert np.array_equal(
+            [told["value"], told["std"]], [np.nan if x is None else x for x in (row.value, row.std)], equal_nan=True
+        )
+        assert told["unit"] == row.unit
+
+
+def test_without_pandas_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="pandas, which makes the frame, is not installed: pip install pandas"):
+        small_body().to_frame()
+
+
+def test_a_long_reason_does_not_make_the_summary_long():
+    result = replace(small_body(), not_determined="the runs tell nothing " * 100)
+    assert max(map(len, repr(result).splitlines())) <= 240
+    assert "not determined: the runs tell nothing" in repr(result)
+
+
+def test_names_of_a_page_are_escaped():
+    result = replace(small_body(), study=replace(small_body().study, title="<script>alert(1)</script>"))
+    assert "<script>" not in result._repr_html_()
+
+
+# ---- all kinds -------------------------------------------------------------------------------------
+
+
+def test_every_class_of_results_has_its_place_in_the_table():
+    """A result that nobody can print is found here, not by its user."""
+    for found in pkgutil.walk_packages(opid.__path__, "opid."):
+        if found.name.split(".")[1] in ("suspensions", "modal", "updating", "signals") and found.name.endswith(
+            ("result", "own_structure", "law", "comparison", "free_decay")
+        ):
+            import_module(found.name)
+    classes = {f"{each.__module__}.{each.__qualname__}" for each in Result.__subclasses__()}
+    assert classes == {f"opid.{kind.result}" for kind in KINDS}
+    made = {maker.__name__ for maker in MAKERS}
+    assert len(made) >= len(KINDS)
+
+
+def test_what_is_no_result_is_refused(tmp_path):
+    for use in (opid.text, lambda what: opid.write_report(what, tmp_path / "report")):
+        with pytest.raises(InputError, match=r"a float is no result of opid: give one of Identification, .*Updating"):
+            use(3.0)
+    assert not (tmp_path / "report").exists()
+
+
+def test_a_truth_is_refused_where_nothing_is_compared_with_it():
+    with pytest.raises(InputError, match="a Health is compared with no truth: leave it out"):
+        opid.text(sound_health(), {"parameters": {}})
+
+
+@pytest.mark.parametrize("maker", [bench, flights, health, modal, updating], ids=lambda maker: maker.__name__)
+def test_the_command_of_a_page_is_quoted_for_the_shell(maker, request, tmp_path, plain_pictures):
+    """Names with blanks and quotes come out of the shell as they went in."""
+    found, odd = maker(request, tmp_path / "in"), "it's a log.csv"
+    if maker is bench:
+        found = replace(found, bench=replace(found.bench, log=odd, channels={"force": "F [kN]", "travel": "z"}))
+    elif maker is health:
+        found = replace(found, log=odd)
+    elif maker in (modal, updating):
+        found = replace(found, settings={**found.settings, "study": odd})
+    else:
+        odd = str(found.flights[0].path)
+        assert " " in odd
+    page = opid.write_report(found, tmp_path / "out").read_text(encoding="utf-8")
+    command = next(each for each in Pieces(page).inside["pre"] if each.startswith("opid "))
+    assert odd in shlex.split(command)
+    if maker is bench:
+        assert shlex.split(command)[3:5] == ["--force", "F [kN]"]
+
+
+def test_results_are_frozen_records(result):
+    assert is_dataclass(result)
+    assert fields(result)
+    with pytest.raises(AttributeError):
+        result.warnings = ()
