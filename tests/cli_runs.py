@@ -1,8 +1,10 @@
 """The command as tests drive it: in this process or in one of its own, and how it refuses."""
 
+import shlex
 import subprocess
 import sys
 
+import click
 from click.testing import CliRunner
 
 from opid import cli
@@ -21,6 +23,21 @@ def shell(*arguments, cwd=None):
 def opid(*arguments):
     """Run the command in this process; an exception that would be a traceback is raised here."""
     return CliRunner().invoke(cli.main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def commands(group=cli.main, words=("opid",)):
+    """Yield every command with the words that call it, groups of commands among them."""
+    yield words, group
+    for name, each in getattr(group, "commands", {}).items():
+        yield from commands(each, (*words, name))
+
+
+def parsed(line):
+    """Read a command line as it is read before anything runs; a fault in it raises click.UsageError."""
+    command, (_, *words) = cli.main, shlex.split(line)
+    while isinstance(command, click.Group):
+        command = command.commands[words.pop(0)]
+    return command.make_context(command.name, words)
 
 
 def refused(done, *words, status=2):

@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli_runs import N_PICTURES, opid, refused, shell
+from cli_runs import N_PICTURES, commands, opid, parsed, refused, shell
 
+from opid.mechanics.laws.kinds import LAWS
 from opid.report import identification_report
 from opid.report.page import Picture
 from opid.suspensions import identification
@@ -41,6 +42,38 @@ def test_help_comes_without_heavy_imports():
     for command in ((), ("demo",), ("simulate", "taxi"), ("inspect",), ("identify",)):
         assert opid(*command, "--help").exit_code == 0
     assert "version 0" in opid("--version").output
+
+
+@pytest.mark.parametrize("words", [words for words, _ in commands()], ids=" ".join)
+def test_every_help_ends_with_an_example_that_is_read(words):
+    *_, title, example = opid(*words[1:], "--help").output.splitlines()
+    assert title.strip() == "Example:"
+    assert tuple(example.split()[: len(words)]) == words
+    parsed(example)
+
+
+@pytest.mark.parametrize("words", [words for words, each in commands() if hasattr(each, "commands")], ids=" ".join)
+def test_summaries_are_not_cut(words):
+    told = " ".join(opid(*words[1:], "--help").output.split())
+    assert "..." not in told.replace("[ARGS]...", "")
+    below = [each for path, each in commands() if path[:-1] == words]
+    assert len(below) > 3
+    for each in below:
+        first_sentence = " ".join(each.help.split("\n\n")[0].split()).split(". ")[0].removesuffix(".")
+        assert first_sentence in told
+
+
+def test_laws_are_listed_with_formulas_and_parameters():
+    told = opid("laws").output
+    document = json.loads(opid("laws", "--json").output)
+    assert document["schema"] == "opid.laws/1"
+    assert [each["name"] for each in document["laws"]] == [kind.name for kind in LAWS.values()]
+    for kind, listed in zip(LAWS.values(), document["laws"], strict=True):
+        assert f"{kind.name}: {listed['formula']}\n" in told
+        assert "\\" not in listed["formula"]
+        assert [each["name"] for each in listed["parameters"]] == [each.name for each in kind.parameters]
+        assert all(f"  {each.name} " in told for each in kind.parameters)
+    assert document["laws"][0]["formula"] == "A (2/pi) arctan(z' / s)"
 
 
 def test_help_tells_studies_of_one_gear_and_of_a_body_apart():

@@ -150,7 +150,7 @@ def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ("--method classic", "did you mean 'classical'"),
+        ("--method classic", "'classic' is not one of 'model', 'classical', 'paper'"),
         ("--law arctan_velocty", "did you mean 'arctan_velocity'?"),
         ("--law arctan", "'arctan_velocity'"),
         ("--law cubic", "did you mean 'cubic_"),
@@ -158,10 +158,10 @@ def test_usage_is_explained(arguments, word, tmp_path, monkeypatch):
         ("--band 1 1.1", "lines"),
         ("--high-pass 0.01", "the model integrates nothing"),
         ("--method classical --high-pass 0.01", "high-pass"),
-        ("--method-of-law guess", "laws cannot be searched by 'guess'"),
+        ("--method-of-law guess", "'guess' is not one of 'pursuit', 'sparse regression', 'both'"),
         ("--method paper --method-of-law both", "leave --method-of-law out"),
         ("--sprung upper --unsprung lower_z", "did you mean 'upper_z'"),
-        ("--axis sideways", "the axis is 'sideways'"),
+        ("--axis sideways", "'sideways' is not one of 'up', 'down', 'horizontal'"),
         ("--repeatability 2", "the repeatability is 2.0"),
     ],
 )

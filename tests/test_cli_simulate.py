@@ -9,6 +9,7 @@ from opid.signals.logs import read_log
 from opid.virtual.files.gear import read_truth
 from opid.virtual.taxi_tests import landing_gear
 from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.road import ROAD_CLASSES
 from opid.virtual.taxi_tests.sensors import Sensor
 
 
@@ -38,6 +39,7 @@ def test_the_defaults_of_simulate_are_those_of_the_library():
     assert (options["speed_start"], options["speed_stop"]) == defaults["speed_m_per_s"]
     assert options["duration"] == defaults["duration_s"]
     assert options["fs"] == defaults["fs"]
+    assert tuple(ROAD_CLASSES) == cli.virtual_tests.ROAD_CLASSES
     assert options["road_class"] == defaults["road_class"]
     assert options["mass_removed"] == taxi_test.__kwdefaults__["mass_removed_kg"]
     assert cli.virtual_tests._gear(options) == gear
@@ -81,7 +83,7 @@ def test_no_friction_is_no_term(tmp_path):
         ("--duration -3", "duration_s is -3"),
         ("--mass-removed 5000", "mass_removed_kg is 5000"),
         ("--sprung-mass 0", "sprung_mass_kg"),
-        ("--road-class Z", "road class"),
+        ("--road-class Z", "'Z' is not one of 'A', 'B'"),
         ("--damping 1 --damping-ratio 1", "give one of them"),
         ("--bits 1", "bits is 1"),
         ("--noise -1", "negative"),

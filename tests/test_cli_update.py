@@ -93,7 +93,7 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
 
 def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: None)
-    refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install 'opid[bayes]'")
+    refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install '.[bayes]'")
     assert quick == []
     monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: "there")
     monkeypatch.setattr("opid.report.updating.chains.to_inference_data", lambda chain, names: Written(names))

@@ -142,7 +142,7 @@ def test_a_library_that_is_missing(tmp_path, monkeypatch, ending):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match="not installed: run `pip install") as caught:
         open_log(file)
-    assert f"'opid[{form.extra}]'" in str(caught.value)
+    assert f"'.[{form.extra}]'" in str(caught.value)
     assert form.needs in str(caught.value)
 
 

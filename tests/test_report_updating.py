@@ -280,7 +280,9 @@ def test_without_arviz_or_its_writer_chains_are_refused_in_a_sentence(result, ar
     with pytest.raises(InputError, match=r"no suitable backend\): pip install h5netcdf"):
         write_chains(result, tmp_path)
     monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"ArviZ, which writes chains, is not installed: pip install 'opid\[bayes\]'"):
+    with pytest.raises(
+        InputError, match=r"ArviZ, which writes chains, is not installed: run `pip install '\.\[bayes\]'` in a clone"
+    ):
         write_chains(result, tmp_path)
 
 

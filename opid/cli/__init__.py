@@ -9,6 +9,7 @@ from opid.cli.bench import law
 from opid.cli.compare import compare
 from opid.cli.decay import decay
 from opid.cli.group import main
+from opid.cli.laws import laws
 from opid.cli.logs import inspect
 from opid.cli.modal import modal
 from opid.cli.studies import identify
@@ -27,6 +28,7 @@ __all__ = [
     "identify",
     "inspect",
     "law",
+    "laws",
     "main",
     "modal",
     "simulate",

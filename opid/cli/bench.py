@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import Number, end, main, progress
+from opid.cli.group import Number, end, example, main, progress
 
 if TYPE_CHECKING:
     from opid.signals.recording import Recording
 
 
-@main.command()
+@main.command(epilog=example("opid law bench.csv --force load --travel stroke --velocity speed --out bench_result"))
 @click.argument("bench", type=click.Path(path_type=Path), metavar="BENCH.csv")
 @click.option("--force", required=True, metavar="COL", help="Column of the force, in N, kN, lbf, ...")
 @click.option("--travel", required=True, metavar="COL", help="Column of the travel, in m, mm, in, ...")

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import main, progress
+from opid.cli.group import example, main, progress
 
 CHANGED = 3
 """Exit status where a change is flagged; 1 and 2 mean what they mean everywhere."""
 
 
-@main.command()
+@main.command(epilog=example("opid compare flight_1 flight_2 flight_3 --out health"))
 @click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT...")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For comparison.json, report and figures.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

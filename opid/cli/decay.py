@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import main, progress
+from opid.cli.group import example, main, progress
 from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ OPTIONS = tuple(
 """Settings of the library, as its messages name them, and what they are called here."""
 
 
-@main.command()
+@main.command(epilog=example("opid decay ring_down.csv --channel tip_z --near 40 --out decay_result"))
 @click.argument("log", type=click.Path(path_type=Path), metavar="LOG")
 @click.option("--channel", required=True, metavar="NAME", help="Acceleration, velocity or displacement, by its unit.")
 @click.option("--unit", metavar="UNIT", help="Of the channel (g, m/s^2, mm/s, ...), whatever the log says.")

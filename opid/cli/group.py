@@ -19,6 +19,15 @@ if TYPE_CHECKING:
     from opid.updating.result import Updating
 
 
+LONGEST_SUMMARY = 1000
+"""Characters: more than any first sentence has."""
+
+
+def example(command: str) -> str:
+    """Return the end of a help text: an example, which click does not wrap."""
+    return f"\b\nExample:\n  {command}"
+
+
 class Number(click.ParamType):
     """A number, with what to give where something else was given."""
 
@@ -56,6 +65,14 @@ class Interrupted(click.ClickException):
 class Commands(click.Group):
     """Commands whose failures for the user's reasons are sentences, not tracebacks."""
 
+    group_class = type
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with their whole summaries, which click cuts to one line each."""
+        rows = [(name, each.get_short_help_str(LONGEST_SUMMARY)) for name, each in sorted(self.commands.items())]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
     def invoke(self, context: click.Context) -> Any:
         """Run the command that was asked for."""
         try:
@@ -73,7 +90,11 @@ class Commands(click.Group):
             raise Interrupted("interrupted") from error
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=Commands,
+    epilog=example("opid demo"),
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(package_name="opid")
 def main() -> None:
     """Identify a nonlinear suspension from what two accelerometers recorded in operation.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import BadInput, main, progress
+from opid.cli.group import BadInput, example, main, progress
 from opid.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from opid.studies.suspension_study import LogReading
 
 
-@main.command()
+@main.command(epilog=example("opid inspect heavy.csv light.csv --out pictures"))
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
 @click.option(
     "--study",

@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from opid.cli.group import end, main, progress, result_name
+from opid.cli.group import end, example, main, progress, result_name
 
 SHARE = click.FloatRange(min=0, max=1, min_open=True)
 
 
-@main.command()
+@main.command(epilog=example("opid modal bracket/study.toml --truth bracket/truth.json --out bracket_result"))
 @click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: STUDY_result]")
 @click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, whatever the study says.")

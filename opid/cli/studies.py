@@ -8,26 +8,32 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Number, end, main, progress, result_name
+from opid.cli.group import Number, end, example, main, progress, result_name
 from opid.errors import InputError
 
 if TYPE_CHECKING:
     from opid.suspensions.study import Study
 
 
-@main.command()
+@main.command(
+    epilog=example(
+        "opid identify heavy.csv light.csv --sprung upper_z --unsprung lower_z --mass-change -220 --out result"
+    )
+)
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="STUDY.toml | DIR | LOG...")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
 @click.option(
     "--method",
+    type=click.Choice(("model", "classical", "paper")),
     default="model",
     show_default=True,
     help="One gear: model (fits the driven suspension), classical (the paper's chain mended), or paper (its printed "
     "formula).",
 )
-@click.option("--law", help="The law to fit; sums joined by +.  [default: searched]")
+@click.option("--law", help="The law to fit, one of `opid laws`; sums joined by +.  [default: searched]")
 @click.option(
     "--method-of-law",
+    type=click.Choice(("pursuit", "sparse regression", "both")),
     default="pursuit",
     show_default=True,
     help='How the law is searched: pursuit, "sparse regression" (pysindy), or both, one after the other.',
@@ -57,9 +63,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--axis",
-    metavar="WAY",
-    help="Without a study: where the channels count positive, up or down; horizontal where no weight acts.  "
-    "[default: up]",
+    type=click.Choice(("up", "down", "horizontal")),
+    help="Without a study: where the channels count positive; horizontal where no weight acts.  [default: up]",
 )
 @click.option(
     "--piston-area",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import end, main, progress, result_name
+from opid.cli.group import end, example, main, progress, result_name
 
 if TYPE_CHECKING:
     from opid.updating.result import Updating
@@ -18,7 +18,7 @@ N_COMPARED = 20
 """Modes of the reduced structure that are compared with those of the whole one."""
 
 
-@main.command()
+@main.command(epilog=example("opid update wing/study.toml --truth wing/truth.json --out wing_result"))
 @click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.toml")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For the report.  [default: NAME_result]")
 @click.option(

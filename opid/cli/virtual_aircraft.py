@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import progress
-from opid.cli.virtual_tests import simulate
+from opid.cli.group import example, progress
+from opid.cli.virtual_tests import ROAD_CLASSES, simulate
 
 if TYPE_CHECKING:
     from opid.virtual.taxi_tests.airframe import Airframe
@@ -19,7 +19,7 @@ POSITION_TOLERANCE_M = 0.01
 """What the study says of its coordinates, as of those of a real drawing."""
 
 
-@simulate.command()
+@simulate.command(epilog=example("opid simulate aircraft plane --seed 2 --loading 500 -1 0.2"))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of runway and noise.")
 @click.option(
@@ -51,7 +51,7 @@ POSITION_TOLERANCE_M = 0.01
 @click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run.")
 @click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate.")
 @click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")
-@click.option("--road-class", default="B", show_default=True, metavar="A..H", help="Of ISO 8608.")
+@click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="Of ISO 8608.")
 @click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Of the runs.")
 def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> None:
     """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import progress
+from opid.cli.group import example, progress
 from opid.cli.virtual_tests import simulate
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ FEWEST_CONTROLLED = 10
 """Points of a curve of a controlled test: with larger steps it loses quadrature, after a minute."""
 
 
-@simulate.command("backbones")
+@simulate.command("backbones", epilog=example("opid simulate backbones wing --true-class 2 --points 20"))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
     "--by",

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import progress
+from opid.cli.group import example, progress
 from opid.cli.virtual_tests import simulate
 
 
-@simulate.command("sine-beats")
+@simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
     "--case",

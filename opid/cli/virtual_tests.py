@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import end, main, progress
+from opid.cli.group import end, example, main, progress
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law
     from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest
 
+ROAD_CLASSES = tuple("ABCDEFGH")
 
-@main.command()
+
+@main.command(epilog=example("opid demo --out demo_taxi --seed 2"))
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -51,13 +53,13 @@ def demo(out: Path, seed: int) -> None:
     end(result)
 
 
-@main.group()
+@main.group(epilog=example("opid simulate taxi runs"))
 def simulate() -> None:
     """Make a field test with known truth."""
 
 
 # the defaults are those of opid.mechanics (a test compares them), written out so that help needs no heavy import
-@simulate.command()
+@simulate.command(epilog=example("opid simulate taxi runs --law arctan_velocity+cubic_stiffness --noise 0.02"))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
 @click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run.")
@@ -68,14 +70,19 @@ def simulate() -> None:
 @click.option("--damping", type=float, metavar="NS/M", help="C2 of the suspension.  [default: 6000]")
 @click.option("--damping-ratio", type=float, metavar="ZETA", help="C2 / (2 sqrt((K2 + K3) M2)), instead of --damping.")
 @click.option("--ground-stiffness", default=0.0, show_default=True, metavar="N/M", help="K3 from the sprung mass.")
-@click.option("--law", default="arctan_velocity", show_default=True, help="Nonlinear law; sums joined by +; or linear.")
+@click.option(
+    "--law",
+    default="arctan_velocity",
+    show_default=True,
+    help="Nonlinear law, one of `opid laws`; sums joined by +; or linear.",
+)
 @click.option(
     "--friction",
     type=click.FloatRange(min=0),
     metavar="N",
     help="Amplitude of the law's friction term; 0 leaves it out.",
 )
-@click.option("--road-class", default="B", show_default=True, metavar="A..H", help="Of ISO 8608.")
+@click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="Of ISO 8608.")
 @click.option("--speed-start", default=18.0, show_default=True, metavar="M/S")
 @click.option("--speed-stop", default=0.5, show_default=True, metavar="M/S")
 @click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")

@@ -24,7 +24,8 @@ def require_arviz() -> None:
     """
     if find_spec("arviz") is None:
         raise InputError(
-            "ArviZ, which writes chains, is not installed: pip install 'opid[bayes]', or go on without the chains"
+            "ArviZ, which writes chains, is not installed: run `pip install '.[bayes]'` in a clone of opid, "
+            "or `pip install arviz`, or go on without the chains"
         )
 
 

@@ -253,7 +253,7 @@ def _opened(file: Path, form: Format, settings: LogSettings) -> Log:
             raise
         raise InputError(
             f"reading {file} ({form.name}) needs {form.needs}, which is not installed: "
-            f"run `pip install 'opid[{form.extra}]'`, or `pip install {form.needs}`"
+            f"run `pip install '.[{form.extra}]'` in a clone of opid, or `pip install {form.needs}`"
         ) from error
     except InputError:
         raise

@@ -33,7 +33,7 @@ def inference_groups(chain: Chain, names: Sequence[str]) -> dict[str, dict[str, 
 
 
 def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
-    """Return ArviZ's own object where ArviZ is installed (`pip install opid[bayes]`), otherwise `inference_groups`.
+    """Return ArviZ's own object where ArviZ is installed (`pip install '.[bayes]'`), otherwise `inference_groups`.
 
     That object is an `InferenceData` before ArviZ 1.0 and a `DataTree` of xarray since.
 

@@ -1,0 +1,73 @@
+"""The laws that can be fitted, simulated and named: `opid laws`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from opid.cli.group import example, main
+
+if TYPE_CHECKING:
+    from opid.mechanics.laws.kind import Kind
+
+
+@main.command(epilog=example("opid laws --json"))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def laws(as_json: bool) -> None:
+    """List the laws of the library with their formulas and parameters.
+
+    z is the extension of the suspension and z' its rate. A law that is fitted or simulated is one of these or a sum of
+    them, as in `--law arctan_velocity+cubic_stiffness`, beside the linear stiffness and damping.
+    """
+    from opid.json_values import json_text
+    from opid.mechanics.laws.kinds import LAWS
+
+    kinds = list(LAWS.values())
+    click.echo(json_text(_document(kinds)) if as_json else _text(kinds), nl=False)
+
+
+def _text(kinds: list[Kind]) -> str:
+    from opid.report.as_text import aligned, formula
+
+    head = ("parameter", "unit", "default", "role")
+    cells = [
+        (f"  {each.name}", each.unit, f"{each.default:g}", each.role) for kind in kinds for each in kind.parameters
+    ]
+    lines = iter(aligned([(f"  {head[0]}", *head[1:]), *cells], n_left=2))
+    parts = [f"{len(kinds)} laws; the columns of their parameters:", next(lines)]
+    for kind in kinds:
+        parts += ["", f"{kind.name}: {formula(kind.latex)}", f"  {_search_words(kind)}"]
+        parts += [next(lines) for _ in kind.parameters]
+    return "\n".join(parts) + "\n"
+
+
+def _search_words(kind: Kind) -> str:
+    """Say whether the force depends on the past, and which search tries the law."""
+    memory = "" if kind.memory is None else "it remembers the motion; "
+    if kind.bench_only:
+        return f"{memory}searched by `opid law` alone"
+    return f"{memory}{'searched' if kind.searched else 'not searched: name it'}"
+
+
+def _document(kinds: list[Kind]) -> dict[str, Any]:
+    from opid.report.as_text import formula
+
+    return {
+        "schema": "opid.laws/1",
+        "laws": [
+            {
+                "name": kind.name,
+                "formula": formula(kind.latex),
+                "latex": kind.latex,
+                "has_memory": kind.memory is not None,
+                "is_searched": kind.searched,
+                "is_bench_only": kind.bench_only,
+                "parameters": [
+                    {"name": each.name, "unit": each.unit, "role": each.role, "default": each.default}
+                    for each in kind.parameters
+                ],
+            }
+            for kind in kinds
+        ],
+    }
