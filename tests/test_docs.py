@@ -1,15 +1,19 @@
-"""Numbers in the pages that come from the code."""
+"""The pages against the code: numbers that come from it, commands that it takes, and the README run as written."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from cli_runs import commands, parsed
 
 from opid.mechanics.laws.kinds import BUILT_IN
 from opid.suspensions.settings import Verdicts
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("README.md", "CHANGELOG.md", "docs/whole_aircraft.md")
+PAGES = ("README.md", "CHANGELOG.md", "docs/suspension.md", "docs/whole_aircraft.md")
 SEARCHED = [kind for kind in BUILT_IN if kind.searched and not kind.bench_only]
 
 
@@ -45,3 +49,92 @@ def test_every_file_of_the_estimator_stands_in_the_table_of_the_picture():
     files = {".".join(path.relative_to(wing).with_suffix("").parts) for path in paths}
     assert len(files) > 25
     assert {each for each in files if f"`{each}`" not in picture} == set()
+
+
+# ---- the README, run as written --------------------------------------------------------------------
+
+MOST_WORDS = 1100
+INSTALLED = {
+    "opid": f'exec "{sys.executable}" -m opid.cli "$@"',
+    "python": f'exec "{sys.executable}" "$@"',
+    "pip": "exit 0",
+    "pytest": "exit 0",
+    "activate": 'PATH="$PWD/.venv/bin:$PATH"',
+}
+"""What the installation makes in `.venv/bin`. CI itself installs into a new environment and runs the tests."""
+
+
+def blocks(page):
+    """Return the blocks of code of a page with their languages, in order."""
+    return re.findall(r"```(\w*)\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+def executable(path, text):
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def newly_cloned(tmp_path):
+    """A folder for a user, and an environment in which `python3 -m venv .venv` makes stand-ins (`INSTALLED`)."""
+    made, shims = tmp_path / "made", tmp_path / "shims"
+    made.mkdir()
+    shims.mkdir()
+    for name, text in INSTALLED.items():
+        executable(made / name, text)
+    executable(shims / "python3", f'test "$*" = "-m venv .venv" && mkdir -p .venv && cp -r "{made}" .venv/bin')
+    clone = tmp_path / "clone"
+    clone.mkdir()
+    return clone, os.environ | {"PATH": f"{shims}{os.pathsep}{os.environ['PATH']}"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the blocks are for a shell")
+def test_the_readme_runs_as_written(newly_cloned):
+    clone, environment = newly_cloned
+    shown = blocks("README.md")
+    assert {language for language, _ in shown} == {"sh", "python", "text"}
+    run = {"sh": "{}", "python": "python - <<'END'\n{}END\n", "text": ""}
+    script = "set -eu\n" + "".join(run[language].format(text) for language, text in shown)
+    command = ["bash", "-c", script]
+    done = subprocess.run(command, cwd=clone, env=environment, capture_output=True, text=True, encoding="utf-8")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (clone / "demo_taxi" / "report" / "report.html").is_file()
+    outs = re.findall(r"--out (\S+)|write_report\(result, \"(\S+)\"\)", script)
+    folders = [option or argument for option, argument in outs]
+    assert len(folders) == 4
+    assert len({*folders, "demo_taxi"}) == 5
+    assert all(any((clone / folder).iterdir()) for folder in folders)
+    (printed,) = (text for language, text in shown if language == "text" and "95 % interval" in text)
+    labels = {line.split("  ")[0] for line in printed.splitlines() if line}
+    assert labels - {line.split("  ")[0] for line in done.stdout.splitlines()} == set()
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= MOST_WORDS
+
+
+PAGES_WITH_COMMANDS = ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES_WITH_COMMANDS)
+def test_commands_in_pages_are_those_of_the_command_line(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    written = [" ".join(each.split()) for each in re.findall(r"`(opid [^`]+)`", text)]
+    written += [line.strip().split(" #")[0] for _, block in blocks(page) for line in block.splitlines()]
+    names = {" ".join(words) for words, _ in commands()}
+    for each in written:
+        command = re.sub(r"\$\w", "1", re.sub(r"\[.*?\]", "", each)).strip()
+        if command.startswith("opid ") and command not in names and "--help" not in command:
+            parsed(command)
+
+
+@pytest.mark.parametrize("page", PAGES_WITH_COMMANDS)
+def test_links_between_pages_lead_somewhere(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\((?!https?:)([^)\s]+)\)", text):
+        path, _, anchor = target.partition("#")
+        file = (ROOT / page).parent / path if path else ROOT / page
+        assert file.exists(), target
+        if anchor:
+            headings = re.findall(r"(?m)^#+ (.*)$", file.read_text(encoding="utf-8"))
+            assert anchor in {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}, target

@@ -243,10 +243,10 @@ def test_single_spikes_change_the_mass_by_less_than_its_deviation(study, channel
     assert abs(after.value - before.value) < after.std < 4 * before.std
 
 
-def readme_sensors():
-    """The [sensors] block of README as it stands there."""
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    (block,) = (each for each in re.findall(r"```toml\n(.*?)```", readme, re.S) if "[sensors.unsprung]" in each)
+def documented_sensors():
+    """The [sensors] block of the page on one suspension as it stands there."""
+    page = (Path(__file__).parents[1] / "docs" / "suspension.md").read_text(encoding="utf-8")
+    (block,) = (each for each in re.findall(r"```toml\n(.*?)```", page, re.S) if "[sensors.unsprung]" in each)
     stated = tomllib.loads(block)["sensors"]
     leaks = tuple(Leak(**each) for each in stated["leak"])
     return SensorPair(SensorFacts(**stated["unsprung"]), SensorFacts(**stated["sprung"]), leaks)
@@ -258,7 +258,7 @@ def contradictions(result):
 
 def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
     """Sensors that are said to be AC-coupled and are not: the corners found are next to none, and the rest is noise."""
-    result = identify(study_of(sensors=readme_sensors(), duration_s=40, fore_aft=True), law="arctan_velocity")
+    result = identify(study_of(sensors=documented_sensors(), duration_s=40, fore_aft=True), law="arctan_velocity")
     assert result.residual_over_noise < 1.1
     named = contradictions(result)
     assert len(named) == 2
@@ -274,7 +274,7 @@ def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
 
 def test_stated_corners_that_are_there_are_no_contradiction():
     coupled = {"lower_sensor": Sensor(corner_hz=0.33), "upper_sensor": Sensor(corner_hz=0.33)}
-    sound = study_of(sensors=readme_sensors(), duration_s=40, fore_aft=True, **coupled)
+    sound = study_of(sensors=documented_sensors(), duration_s=40, fore_aft=True, **coupled)
     result = identify(sound, law="arctan_velocity")
     assert result.residual_over_noise < 1.1
     assert not contradictions(result)
