@@ -135,9 +135,10 @@ def test_the_first_study_of_the_page_runs_from_python_and_from_files(tmp_path, m
         table = recording.samples / [*[STANDARD_GRAVITY] * 3, LBF]
         written = np.column_stack([recording.time_s, table])
         np.savetxt(f"{each.test.name}.csv", written, "%.9g", ",", header=header.strip(), comments="")
-    done = opid("modal", "study.toml", "--out", "out")
+    done = opid("modal", "study.toml", "--out", "out", "--json")
     assert (done.exit_code, done.stderr) == (0, "")
-    result = json.loads(Path("out", "result.json").read_text(encoding="utf-8"))
+    assert done.stdout == Path("out", "result.json").read_text(encoding="utf-8")
+    result = json.loads(done.stdout)
     assert result["modes"][0]["k"]["3"]["value"] == pytest.approx(in_memory.value, rel=1e-4)
     assert result["warnings"] == []
     assert max(each["nrmse_nonlinear"] for each in result["truth_tests"][0]["sensors"].values()) < 0.01

@@ -70,6 +70,8 @@ def test_text_and_report_show_truth_beside_estimate(study, quick, tmp_path):
     document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert document["schema"] == "opid.updating/1"
     assert "were simulated" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    again = opid("update", study, "--out", tmp_path / "out", "--json", "--force")
+    assert json.loads(again.stdout) == json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
 
 
 def test_what_is_not_determined_ends_with_status_1(study, monkeypatch, tmp_path):

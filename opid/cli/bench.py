@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import Number, end, example, main, progress
+from opid.cli.group import Number, Output, end, example, main, report_note, with_output
 
 if TYPE_CHECKING:
     from opid.signals.recording import Recording
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 )
 @click.option("--quasi-static", is_flag=True, help="A slow test whose time means nothing; the file may have none.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figures.")
+@partial(with_output, option="--overwrite")  # --force is a column here
 def law(
     bench: Path,
     force: str,
@@ -36,6 +38,7 @@ def law(
     mass: float | None,
     quasi_static: bool,
     out: Path | None,
+    output: Output,
 ) -> None:
     """Find the law of a damper or spring from its measured force and motion.
 
@@ -46,13 +49,12 @@ def law(
     """
     from dataclasses import replace
 
-    from opid.report import text, write_report
-    from opid.signals.directory import require_directory
+    from opid.report import write_report
     from opid.suspensions.bench.law import law_of_bench
     from opid.suspensions.bench.record import bench_from_recording, quasi_static_bench
 
-    target = None if out is None else require_directory(out)
-    with progress() as say:
+    target = None if out is None else output.directory(out)
+    with output.progress() as say:
         say("the record")
         wanted = [name for name in dict.fromkeys((force, travel, velocity)) if name is not None]
         if quasi_static:
@@ -68,9 +70,7 @@ def law(
             )
         result = law_of_bench(replace(record, log=str(bench)), title=bench.name, progress=say)
         page = None if target is None else write_report(result, target, progress=say)
-    click.echo(text(result))
-    if page is not None:
-        click.echo(f"Report: {page} (open it in a browser)")
+    output.show(result, notes=report_note(page))
     end(result)
 
 

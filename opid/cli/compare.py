@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import example, main, progress
+from opid.cli.group import Output, example, main, report_note, with_output
 
 CHANGED = 3
 """Exit status where a change is flagged; 1 and 2 mean what they mean everywhere."""
@@ -15,14 +15,14 @@ CHANGED = 3
 @main.command(epilog=example("opid compare flight_1 flight_2 flight_3 --out health"))
 @click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT...")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For comparison.json, report and figures.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
     "--false-alarm",
     type=float,
     metavar="P",
     help="Chance of any flag in the whole comparison if nothing changed.  [default: 0.001]",
 )
-def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_alarm: float | None) -> None:
+@with_output
+def compare(results: tuple[Path, ...], out: Path | None, false_alarm: float | None, output: Output) -> None:
     """Say what changed from flight to flight by more than its uncertainty.
 
     RESULT is a result.json of `opid identify`, a folder with one, or a folder of such folders. They are taken by the
@@ -33,20 +33,16 @@ def compare(results: tuple[Path, ...], out: Path | None, as_json: bool, false_al
     Exit status 0: nothing is flagged. 1: fewer than two flights can be compared, for want of values with intervals. 2:
     bad input. 3: a change is flagged.
     """
-    from opid.json_values import json_text
-    from opid.report import text, write_report
-    from opid.signals.directory import require_directory
+    from opid.report import write_report
     from opid.suspensions.flights.comparison import compare as compare_flights
     from opid.suspensions.flights.results import read_flights
 
-    target = None if out is None else require_directory(out)
-    with progress() as say:
+    target = None if out is None else output.directory(out, ("comparison.json", "report.html"))
+    with output.progress() as say:
         say("the results")
         found = compare_flights(read_flights(results), false_alarm=false_alarm)
         command = ["opid", "compare", *map(str, results)]
         page = None if target is None else write_report(found, target, command=command, progress=say)
-    click.echo(json_text(found.to_dict()) if as_json else text(found), nl=not as_json)
-    if page is not None and not as_json:
-        click.echo(f"Report: {page} (open it in a browser)")
+    output.show(found, notes=report_note(page))
     if found.changes:
         click.get_current_context().exit(CHANGED)

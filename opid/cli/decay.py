@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import example, main, progress
+from opid.cli.group import Output, example, main, report_note, with_output
 from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
@@ -43,16 +43,16 @@ OPTIONS = tuple(
 @click.option("--stiffness-order", type=click.IntRange(1, 5), metavar="N", help="N_s, 1 is linear.  [default: found]")
 @click.option("--damping-order", type=click.IntRange(1, 5), metavar="N", help="N_d, 1 is linear.  [default: found]")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="For result.json, report and figure.")
-def decay(log: Path, out: Path | None, **settings: Any) -> None:
+@with_output
+def decay(log: Path, out: Path | None, output: Output, **settings: Any) -> None:
     """Follow a free decay: frequency and damping over amplitude, and the law of the mode.
 
     From one sensor and no force. Where several modes ring in the sensor, `opid modal` separates them with the shapes.
     """
-    from opid.report import text, write_report
-    from opid.signals.directory import require_directory
+    from opid.report import write_report
 
-    target = None if out is None else require_directory(out)
-    with progress() as say:
+    target = None if out is None else output.directory(out)
+    with output.progress() as say:
         try:
             found = _decay(log, settings, say)
         except InputError as error:
@@ -60,9 +60,7 @@ def decay(log: Path, out: Path | None, **settings: Any) -> None:
         except NotDeterminedError as error:
             raise NotDeterminedError(_in_options(str(error)), error.partial) from error
         page = None if target is None else write_report(found, target, progress=say)
-    click.echo(text(found))
-    if page is not None:
-        click.echo(f"Report: {page} (open it in a browser)")
+    output.show(found, notes=report_note(page))
 
 
 def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -> Decay:

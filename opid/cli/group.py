@@ -1,10 +1,13 @@
-"""What every command shares: the group, failures as sentences, progress on stderr."""
+"""What every command shares: the group, failures as sentences, folders for results, progress on stderr."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +17,7 @@ from opid.errors import InputError, NotDeterminedError
 
 if TYPE_CHECKING:
     from opid.modal.result import ModalIdentification
+    from opid.result import Result
     from opid.suspensions.bench.law import BenchLaw
     from opid.suspensions.paper.result import AnyIdentification
     from opid.updating.result import Updating
@@ -119,10 +123,103 @@ def result_name(path: Path) -> str:
     return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
 
 
+REPORT = ("result.json", "report.html")
+"""Files that every report has, by which an older one is known."""
+
+
+def overwrite_option(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the option to overwrite older files, as the argument `overwrite`."""
+    return click.option(name, "overwrite", is_flag=True, help="Overwrite what an earlier run has left in the folder.")
+
+
+with_force = overwrite_option("--force")
+
+
+def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool, option: str = "--force") -> Path:
+    """Return the path of a directory for these files; refuse before long work where one of them is there.
+
+    Files of other names stay in any case.
+
+    Raises:
+        InputError: a file stands in the way, the place is not writable, or an older file is there and `overwrite`,
+            which `option` asks for, is False.
+    """
+    from opid.signals.directory import require_directory
+
+    target = require_directory(path)
+    there = [name for name in names if (target / name).exists()]
+    if there and not overwrite:
+        raise InputError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with {option}")
+    return target
+
+
+@dataclass(frozen=True)
+class Output:
+    """What a command that writes a report shows of its work, and whether it may overwrite an older report."""
+
+    overwrite: bool
+    as_json: bool
+    quiet: bool
+    verbose: bool
+    option: str = "--force"
+
+    def directory(self, path: Path, names: tuple[str, ...] = REPORT) -> Path:
+        """Return the path of a directory for the report, as `free_directory`."""
+        return free_directory(path, names, overwrite=self.overwrite, option=self.option)
+
+    def progress(self) -> AbstractContextManager[Callable[[str], None]]:
+        """Show the step that is under way, every step with --verbose, none with --quiet."""
+        return steps() if self.verbose else progress(quiet=self.quiet)
+
+    def show(self, result: Result, truth: Mapping[str, Any] | None = None, *, notes: Sequence[str] = ()) -> None:
+        """Print the result: as JSON where that is asked for, otherwise as text with the notes below it."""
+        from opid.json_values import json_text
+        from opid.report import text
+
+        if self.as_json:
+            click.echo(json_text(result.to_dict()), nl=False)
+        elif not self.quiet:
+            click.echo(text(result, truth))
+            for note in notes:
+                click.echo(note)
+
+
+def with_output(command: Callable[..., None], *, option: str = "--force") -> Callable[..., None]:
+    """Give a command the options of `Output`, and `output` in their place; `option` asks for overwriting."""
+
+    @wraps(command)
+    def run(*, overwrite: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
+        if quiet and verbose:
+            raise click.UsageError("--quiet and --verbose are both given: give one of them")
+        command(output=Output(overwrite, as_json, quiet, verbose, option), **given)
+
+    decorated: Callable[..., None] = run
+    for each in (
+        click.option("--verbose", is_flag=True, help="Print every step of the work on stderr."),
+        click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell."),
+        click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+        overwrite_option(option),
+    ):
+        decorated = each(decorated)
+    return decorated
+
+
+def report_note(page: Path | None) -> tuple[str, ...]:
+    """Say where the page is; nothing where none was written."""
+    return () if page is None else (f"Report: {page} (open it in a browser)",)
+
+
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
+def steps() -> Iterator[Callable[[str], None]]:
+    """Print each step on a line of its own on stderr, with the seconds that have passed."""
+    start = time.monotonic()
+    yield lambda step: click.echo(f"{time.monotonic() - start:7.1f} s  {step}", err=True)
+
+
+@contextmanager
+def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """Show the step that is under way on stderr; nothing where that is no terminal."""
     from tqdm import tqdm
 
-    with tqdm(bar_format="{desc} ({elapsed})", file=sys.stderr, disable=None, leave=False) as bar:
+    with tqdm(bar_format="{desc} ({elapsed})", file=sys.stderr, disable=quiet or None, leave=False) as bar:
         yield bar.set_description_str

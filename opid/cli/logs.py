@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import BadInput, example, main, progress
+from opid.cli.group import BadInput, example, free_directory, main, progress, with_force
 from opid.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Leave pictures of each log there.")
-def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path | None) -> None:
+@with_force
+def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path | None, overwrite: bool) -> None:
     """Say what is in a log, and what is wrong with it.
 
     A log that cannot be read is told, and the others still inspected; the status is then 2.
@@ -35,7 +36,6 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     from opid.json_values import json_text
     from opid.report import text
     from opid.report.health_report import channels_left_out
-    from opid.signals.directory import require_directory
     from opid.signals.health.as_json import health_json
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
@@ -44,9 +44,11 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
             f"{studies[0]} is a study, no log: name the logs and say how to read them, "
             f"opid inspect LOG... --study {studies[0]}"
         )
-    if out is not None:
-        require_directory(out)
     readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _readings(log, study)]
+    if out is not None:
+        names = [log.stem for log, _ in readings]
+        names = list(dict.fromkeys(names + _distinct(names)))
+        free_directory(out, tuple(f"{n}{end}.png" for n in names for end in ("", "_part1")), overwrite=overwrite)
     found: list[Health] = []
     stems: list[str] = []
     failures = []

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from opid.cli.group import end, example, main, progress, result_name
+from opid.cli.group import Output, end, example, main, report_note, result_name, with_output
 
 SHARE = click.FloatRange(min=0, max=1, min_open=True)
 
@@ -37,7 +37,8 @@ SHARE = click.FloatRange(min=0, max=1, min_open=True)
 @click.option(
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
 )
-def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) -> None:
+@with_output
+def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **settings: Any) -> None:
     """Identify a nonlinear modal model from linear modes and sine beats, and judge it by a truth test.
 
     Stiffness and damping of each nonlinear mode over its amplitude, with intervals, beside what the linear model makes
@@ -51,19 +52,17 @@ def modal(study: Path, out: Path | None, truth: Path | None, **settings: Any) ->
     from dataclasses import replace
 
     from opid.modal.identification import identify_modes
-    from opid.report import text, write_report
+    from opid.report import write_report
     from opid.report.modal.report import command_of
-    from opid.signals.directory import require_directory
     from opid.studies.modal_study import read_modal_study
     from opid.virtual.files.modal import read_modal_truth
 
-    target = require_directory(out or Path(f"{result_name(study)}_result"))
+    target = output.directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_modal_truth(truth)
     given = {name: value for name, value in settings.items() if value is not None}
-    with progress() as say:
+    with output.progress() as say:
         tests = replace(read_modal_study(study, progress=say), **given)
         result = identify_modes(tests, progress=say)
         page = write_report(result, target, known, command=command_of(result, given), progress=say)
-    click.echo(text(result, known))
-    click.echo(f"Report: {page} (open it in a browser)")
+    output.show(result, known, notes=report_note(page))
     end(result)

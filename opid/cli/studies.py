@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import Number, end, example, main, progress, result_name
+from opid.cli.group import Number, Output, end, example, main, report_note, result_name, with_output
 from opid.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     help="Without a study: by how much springs, damping and friction differ from run to run; 0 for not at all.  "
     "[default: 0.01]",
 )
+@with_output
 def identify(
     paths: tuple[Path, ...],
     out: Path | None,
@@ -95,6 +96,7 @@ def identify(
     axis: str | None,
     piston_area: float | None,
     repeatability: float | None,
+    output: Output,
 ) -> None:
     """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
 
@@ -128,23 +130,21 @@ def identify(
         )
     if method != "model" and method_of_law != "pursuit":
         raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
-    from opid.report import text, write_report
-    from opid.signals.directory import require_directory
+    from opid.report import write_report
     from opid.suspensions.identification import identify as identify_study
     from opid.virtual.files.aircraft import read_body_truth
     from opid.virtual.files.gear import read_truth
 
-    target = require_directory(out or Path(f"{result_name(paths[0])}_result"))
+    target = output.directory(out or Path(f"{result_name(paths[0])}_result"))
     known = None if truth is None else read_truth(truth) if is_one_gear else read_body_truth(truth)
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground, "method_of_law": method_of_law}
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
-    with progress() as say:
+    with output.progress() as say:
         study = _study(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
         page = write_report(result, target, known, progress=say)
-    click.echo(text(result, known))
-    click.echo(f"Report: {page} (open it in a browser)")
+    output.show(result, known, notes=report_note(page))
     end(result)
 
 

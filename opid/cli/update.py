@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import end, example, main, progress, result_name
+from opid.cli.group import Output, end, example, main, report_note, result_name, with_output
 
 if TYPE_CHECKING:
     from opid.updating.result import Updating
@@ -37,7 +37,8 @@ N_COMPARED = 20
     "--truth", type=click.Path(path_type=Path), metavar="JSON", help="truth.json of a simulation, to compare."
 )
 @click.option("--chains", is_flag=True, help="Write the samples beside the report, too: netCDF files for ArviZ.")
-def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **settings: Any) -> None:
+@with_output
+def update(study: Path, out: Path | None, truth: Path | None, chains: bool, output: Output, **settings: Any) -> None:
     """Update a structure with nonlinear joints from its backbones, and tell which law the joints have.
 
     First the linear parameters from the lowest points, then the coefficients of every candidate law with their
@@ -46,28 +47,24 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, **se
     """
     from dataclasses import replace
 
-    from opid.report import text, write_report
+    from opid.report import write_report
     from opid.report.updating.chains import require_arviz, write_chains
-    from opid.signals.directory import require_directory
     from opid.studies.updating_study import read_updating_study
     from opid.updating.identification import update_study
     from opid.virtual.files.backbones import read_updating_truth
 
-    target = require_directory(out or Path(f"{result_name(study)}_result"))
+    target = output.directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_updating_truth(truth)
     if chains:
         require_arviz()
     given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
-    with progress() as say:
+    with output.progress() as say:
         tests = replace(read_updating_study(study, progress=say), **given)
         found = update_study(tests, progress=say)
         result = replace(found, reductions=_reductions(tests, found))
         page = write_report(result, target, known, progress=say)
         files = write_chains(result, target) if chains else ()
-    click.echo(text(result, known))
-    click.echo(f"Report: {page} (open it in a browser)")
-    for file in files:
-        click.echo(f"Chains: {file}")
+    output.show(result, known, notes=(*report_note(page), *(f"Chains: {file}" for file in files)))
     end(result)
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import example, progress
-from opid.cli.virtual_tests import ROAD_CLASSES, simulate
+from opid.cli.group import example, free_directory, progress, with_force
+from opid.cli.virtual_tests import ROAD_CLASSES, STUDY_FILES, simulate
 
 if TYPE_CHECKING:
     from opid.virtual.taxi_tests.airframe import Airframe
@@ -53,16 +53,16 @@ POSITION_TOLERANCE_M = 0.01
 @click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")
 @click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="Of ISO 8608.")
 @click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Of the runs.")
-def aircraft(out: Path, seed: int, day: datetime | None, **settings: Any) -> None:
+@with_force
+def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
 
     The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
     study.toml for `opid identify`, which states the noise and coordinates to 1 cm, and truth.json.
     """
-    from opid.signals.directory import require_directory
     from opid.virtual.files.aircraft import write_aircraft_test
 
-    require_directory(out)
+    free_directory(out, ("reference.csv", "loaded.csv", *STUDY_FILES), overwrite=overwrite)
     settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)
     with progress() as say:
         say("two taxi runs")

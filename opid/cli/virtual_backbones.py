@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import example, progress
-from opid.cli.virtual_tests import simulate
+from opid.cli.group import example, free_directory, progress, with_force
+from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,6 +61,7 @@ FEWEST_CONTROLLED = 10
     show_default=True,
     help="Files of the matrices: numpy's, MATLAB's, or one of Matrix Market for each.",
 )
+@with_force
 def backbones(
     out: Path,
     by: str,
@@ -70,6 +71,7 @@ def backbones(
     curves: tuple[int, int],
     linear_error: float,
     matrices: Literal["npz", "mat", "mtx"],
+    overwrite: bool,
 ) -> None:
     """Write backbones of the wing-engine structure, with known truth, into the directory OUT.
 
@@ -80,7 +82,6 @@ def backbones(
 
     from opid.errors import InputError
     from opid.report.updating.tables import counted
-    from opid.signals.directory import require_directory
     from opid.studies.updating_study import FACTOR_PRIOR
     from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
     from opid.updating.structure.reduction import reduce
@@ -94,7 +95,7 @@ def backbones(
             f"--points is {points}, and a controlled test loses quadrature between points so far apart: give at least "
             f"{FEWEST_CONTROLLED}, or leave out --by continuation"
         )
-    require_directory(out)
+    free_directory(out, STUDY_FILES, overwrite=overwrite)
     settings = {"by": by, "seed": seed, "true_class": true_class, "points": points, "curves": list(curves)}
     settings |= {"linear_error_percent": linear_error} if by == "synthetic" else {"damping_ratio": DAMPING_RATIO}
     true = PAPER_CLASSES[true_class - 1]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import example, progress
-from opid.cli.virtual_tests import simulate
+from opid.cli.group import example, free_directory, progress, with_force
+from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 
 @simulate.command("sine-beats", epilog=example("opid simulate sine-beats bracket --case cubic"))
@@ -28,8 +28,16 @@ from opid.cli.virtual_tests import simulate
 )
 @click.option("--frequency-error", default=0.0, show_default=True, metavar="%", help="Of the frequencies in modes.npz.")
 @click.option("--damping-error", default=0.0, show_default=True, metavar="%", help="Of the damping in modes.npz.")
+@with_force
 def sine_beats(
-    out: Path, case: str, seed: int, noise: float, shaker: bool | None, frequency_error: float, damping_error: float
+    out: Path,
+    case: str,
+    seed: int,
+    noise: float,
+    shaker: bool | None,
+    frequency_error: float,
+    damping_error: float,
+    overwrite: bool,
 ) -> None:
     """Write a series of modal tests of a bolted structure into the directory OUT.
 
@@ -38,12 +46,11 @@ def sine_beats(
     """
     import numpy as np
 
-    from opid.signals.directory import require_directory
     from opid.virtual.files.modal import write_modal_field_test
     from opid.virtual.modal_tests.cases import virtual_series
     from opid.virtual.modal_tests.series import stated_modes, virtual_study
 
-    require_directory(out)
+    free_directory(out, ("modes.npz", *STUDY_FILES), overwrite=overwrite)
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}
     settings |= {"frequency_error_percent": frequency_error, "damping_error_percent": damping_error}
     with progress() as say:

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import end, example, main, progress
+from opid.cli.group import REPORT, Output, end, example, free_directory, main, progress, with_force, with_output
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law
     from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest
 
 ROAD_CLASSES = tuple("ABCDEFGH")
+STUDY_FILES = ("study.toml", "truth.json")
+TAXI_FILES = ("heavy.csv", "light.csv", *STUDY_FILES)
 
 
 @main.command(epilog=example("opid demo --out demo_taxi --seed 2"))
@@ -26,19 +28,19 @@ ROAD_CLASSES = tuple("ABCDEFGH")
     help="For the runs and the report.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
-def demo(out: Path, seed: int) -> None:
+@with_output
+def demo(out: Path, seed: int, output: Output) -> None:
     """Simulate two taxi runs, identify them from their log files, and show truth beside estimate."""
     import numpy as np
 
-    from opid.report import text, write_report
-    from opid.signals.directory import require_directory
+    from opid.report import write_report
     from opid.studies.suspension_study import read_study
     from opid.suspensions.identification import identify
     from opid.virtual.files.gear import read_truth, write_field_test
     from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
-    require_directory(out)
-    with progress() as say:
+    output.directory(out, (*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
+    with output.progress() as say:
         say("two taxi runs")
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
         title = f"Two virtual taxi runs, seed {seed}"
@@ -46,10 +48,12 @@ def demo(out: Path, seed: int) -> None:
         result = identify(read_study(study), progress=say)
         truth = read_truth(out / "truth.json")
         page = write_report(result, out / "report", truth, progress=say)
-    click.echo(text(result, truth))
-    click.echo(f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}")
-    click.echo(f"The study:  {study}")
-    click.echo(f"The report: {page} (open it in a browser)")
+    notes = (
+        f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}",
+        f"The study:  {study}",
+        f"The report: {page} (open it in a browser)",
+    )
+    output.show(result, truth, notes=notes)
     end(result)
 
 
@@ -94,15 +98,15 @@ def simulate() -> None:
 @click.option(
     "--range", "full_scale", type=float, metavar="M/S2", help="Of the converter, +-.  [default: 50 with --bits]"
 )
-def taxi(out: Path, seed: int, **settings: Any) -> None:
+@with_force
+def taxi(out: Path, seed: int, overwrite: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft at two masses into the directory OUT.
 
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
-    from opid.signals.directory import require_directory
     from opid.virtual.files.gear import write_field_test
 
-    require_directory(out)
+    free_directory(out, TAXI_FILES, overwrite=overwrite)
     with progress() as say:
         say("two taxi runs")
         test = _taxi_test(seed, settings)

@@ -1,0 +1,88 @@
+"""What commands that write show of their work, and what they do with an older result: the same options everywhere."""
+
+import json
+
+import pytest
+from cli_runs import CHANNELS, commands, opid, refused
+
+WRITING = {words: each for words, each in commands() if any(option.name == "out" for option in each.params)}
+REPORTING = {words: each for words, each in WRITING.items() if words[1] not in ("simulate", "inspect")}
+GIVEN = {
+    "compare": ("flight_1", "flight_2", "--out"),
+    "decay": ("log.csv", "--channel", "az", "--out"),
+    "demo": ("--out",),
+    "identify": ("study.toml", "--out"),
+    "inspect": ("log.csv", "--out"),
+    "law": ("bench.csv", "--force", "load", "--travel", "stroke", "--out"),
+    "modal": ("study.toml", "--out"),
+    "simulate": (),
+    "update": ("study.toml", "--out"),
+}
+OLDER = {"inspect": "log.png", "compare": "comparison.json", "simulate": "truth.json"}
+
+
+def options_of(command):
+    return {name for each in command.params for name in each.opts}
+
+
+def test_every_command_that_writes_has_the_options():
+    assert {words[1] for words in WRITING} == set(GIVEN)
+    for words, each in WRITING.items():
+        assert ("--overwrite" if words[1] == "law" else "--force") in options_of(each)
+    for each in REPORTING.values():
+        assert {"--json", "--quiet", "--verbose"} <= options_of(each)
+
+
+@pytest.mark.parametrize("words", WRITING, ids=" ".join)
+def test_an_older_result_is_not_overwritten(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = OLDER.get(words[1], "result.json" if words[1] != "demo" else "report/result.json")
+    older = tmp_path / "older" / name
+    older.parent.mkdir(parents=True)
+    older.write_text("mine", encoding="utf-8")
+    option = "--overwrite" if words[1] == "law" else "--force"
+    done = opid(*words[1:], *GIVEN[words[1]], "older")
+    refused(done, f"older has {name} already: choose another folder, or overwrite with {option}")
+    assert done.stdout == ""
+    assert [path for path in (tmp_path / "older").rglob("*") if path.is_file()] == [older]
+    assert older.read_text(encoding="utf-8") == "mine"
+
+
+def test_other_files_in_the_folder_are_no_older_result_and_stay(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    first = opid("simulate", "taxi", tmp_path, "--duration", 2, "--fs", 256)
+    assert first.exit_code == 0, first.output
+    before = (tmp_path / "heavy.csv").read_bytes()
+    refused(opid("simulate", "taxi", tmp_path, "--duration", 2, "--fs", 256, "--seed", 2), "heavy.csv, light.csv, ")
+    assert (tmp_path / "heavy.csv").read_bytes() == before
+    again = opid("simulate", "taxi", tmp_path, "--duration", 2, "--fs", 256, "--seed", 2, "--force")
+    assert again.exit_code == 0, again.output
+    assert (tmp_path / "heavy.csv").read_bytes() != before
+    assert (tmp_path / "notes.txt").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_the_result_is_shown_as_asked(field_test, tmp_path):
+    command = ("identify", field_test / "study.toml", "--law", "arctan_velocity", "--out", tmp_path / "out")
+    as_json = opid(*command, "--json", "--quiet")
+    assert (as_json.exit_code, as_json.stderr) == (0, "")
+    assert as_json.stdout == (tmp_path / "out" / "result.json").read_text(encoding="utf-8")
+    quiet = opid(*command, "--quiet", "--force")
+    assert (quiet.exit_code, quiet.output) == (0, "")
+    told = opid(*command, "--verbose", "--force")
+    assert told.exit_code == 0
+    assert "sprung mass M2" in told.stdout
+    steps = [line.split(" s  ")[1] for line in told.stderr.splitlines()]
+    assert [step for step in steps if step in ("model", "intervals", "figure law_ladder")] == [
+        "model",
+        "intervals",
+        "figure law_ladder",
+    ]
+    refused(opid(*command, "--verbose", "--quiet"), "give one of them")
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_what_is_not_determined_is_shown_as_json_too(field_test, tmp_path):
+    done = opid("identify", field_test / "heavy.csv", *CHANNELS, "--json", "--out", tmp_path / "out")
+    refused(done, "not determined", status=1)
+    assert json.loads(done.stdout)["not_determined"]
