@@ -64,8 +64,9 @@ def test_a_weakened_strut_is_in_the_truth_and_the_rest_is_as_before(simulated, t
     assert harmed["interfaces"]["left"]["law"] == sound["interfaces"]["left"]["law"]
     assert harmed["settings"]["weaken"] == [["left", 0.95]]
     assert read_study(tmp_path / "study.toml").structure.noise_m_per_s2 is None
-    refused(opid("simulate", "aircraft", tmp_path, "--weaken", "lft", 0.9), "--weaken names the gear 'lft'", "'left'")
-    refused(opid("simulate", "aircraft", tmp_path, "--weaken", "left", 0), "has the factor 0, give a positive one")
+    other = tmp_path / "other"
+    refused(opid("simulate", "aircraft", other, "--weaken", "lft", 0.9), "--weaken names the gear 'lft'", "'left'")
+    refused(opid("simulate", "aircraft", other, "--weaken", "left", 0), "has the factor 0, give a positive one")
 
 
 def test_tables_of_a_body_in_the_study_of_one_gear_point_to_its_interfaces(tmp_path):
@@ -92,7 +93,7 @@ def test_the_options_of_a_simulation(tmp_path):
     assert truth["loadings"]["loaded"] == [[200.0, 1.0, 0.5], [-50.0, 0.0, 0.0]]
     assert 4000 <= truth["parameters"]["sprung_mass_kg"] <= 8000
     refused(opid("simulate", "aircraft", tmp_path, "--date", "yesterday"), "--date")
-    refused(opid("simulate", "aircraft", tmp_path, "--loading", -9000, 0, 0, *SMALL), "not positive definite")
+    refused(opid("simulate", "aircraft", tmp_path / "other", "--loading", -9000, 0, 0, *SMALL), "not positive definite")
 
 
 def test_the_study_of_a_body_is_identified(simulated, tmp_path, found):
