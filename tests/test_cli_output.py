@@ -30,7 +30,7 @@ def test_every_command_that_writes_has_the_options():
     for words, each in WRITING.items():
         assert ("--overwrite" if words[1] == "law" else "--force") in options_of(each)
     for each in REPORTING.values():
-        assert {"--json", "--quiet", "--verbose"} <= options_of(each)
+        assert {"--json", "--quiet", "--verbose", "--no-figures"} <= options_of(each)
 
 
 @pytest.mark.parametrize("words", WRITING, ids=" ".join)
@@ -79,6 +79,16 @@ def test_the_result_is_shown_as_asked(field_test, tmp_path):
         "figure law_ladder",
     ]
     refused(opid(*command, "--verbose", "--quiet"), "give one of them")
+
+
+def test_a_report_has_no_figures_where_none_are_wanted(field_test, tmp_path):
+    command = ("identify", field_test / "study.toml", "--law", "arctan_velocity", "--out", tmp_path / "out")
+    done = opid(*command, "--no-figures")
+    assert done.exit_code == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "result.json"}
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "sprung mass" in page
+    assert "<img" not in page
 
 
 @pytest.mark.usefixtures("few_figures")

@@ -69,7 +69,7 @@ def law(
                 recording, force=force, travel=travel, velocity=velocity, moving_mass=moving_mass, mass_kg=mass
             )
         result = law_of_bench(replace(record, log=str(bench)), title=bench.name, progress=say)
-        page = None if target is None else write_report(result, target, progress=say)
+        page = None if target is None else write_report(result, target, figures=output.figures, progress=say)
     output.show(result, notes=report_note(page))
     end(result)
 

@@ -42,7 +42,11 @@ def compare(results: tuple[Path, ...], out: Path | None, false_alarm: float | No
         say("the results")
         found = compare_flights(read_flights(results), false_alarm=false_alarm)
         command = ["opid", "compare", *map(str, results)]
-        page = None if target is None else write_report(found, target, command=command, progress=say)
+        page = (
+            None
+            if target is None
+            else write_report(found, target, command=command, figures=output.figures, progress=say)
+        )
     output.show(found, notes=report_note(page))
     if found.changes:
         click.get_current_context().exit(CHANGED)

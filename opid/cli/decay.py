@@ -59,7 +59,7 @@ def decay(log: Path, out: Path | None, output: Output, **settings: Any) -> None:
             raise InputError(_in_options(str(error))) from error
         except NotDeterminedError as error:
             raise NotDeterminedError(_in_options(str(error)), error.partial) from error
-        page = None if target is None else write_report(found, target, progress=say)
+        page = None if target is None else write_report(found, target, figures=output.figures, progress=say)
     output.show(found, notes=report_note(page))
 
 

@@ -161,6 +161,7 @@ class Output:
     as_json: bool
     quiet: bool
     verbose: bool
+    figures: bool
     option: str = "--force"
 
     def directory(self, path: Path, names: tuple[str, ...] = REPORT) -> Path:
@@ -188,13 +189,16 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
     """Give a command the options of `Output`, and `output` in their place; `option` asks for overwriting."""
 
     @wraps(command)
-    def run(*, overwrite: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
+    def run(*, overwrite: bool, as_json: bool, quiet: bool, verbose: bool, figures: bool, **given: Any) -> None:
         if quiet and verbose:
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
-        command(output=Output(overwrite, as_json, quiet, verbose, option), **given)
+        command(output=Output(overwrite, as_json, quiet, verbose, figures, option), **given)
 
     decorated: Callable[..., None] = run
     for each in (
+        click.option(
+            "--no-figures", "figures", flag_value=False, default=True, help="Write the report without figures."
+        ),
         click.option("--verbose", is_flag=True, help="Print every step of the work on stderr."),
         click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell."),
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),

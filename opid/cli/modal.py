@@ -63,6 +63,8 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     with output.progress() as say:
         tests = replace(read_modal_study(study, progress=say), **given)
         result = identify_modes(tests, progress=say)
-        page = write_report(result, target, known, command=command_of(result, given), progress=say)
+        page = write_report(
+            result, target, known, command=command_of(result, given), figures=output.figures, progress=say
+        )
     output.show(result, known, notes=report_note(page))
     end(result)

@@ -143,7 +143,7 @@ def identify(
     with output.progress() as say:
         study = _study(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
-        page = write_report(result, target, known, progress=say)
+        page = write_report(result, target, known, figures=output.figures, progress=say)
     output.show(result, known, notes=report_note(page))
     end(result)
 

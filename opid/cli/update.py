@@ -62,7 +62,7 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
         tests = replace(read_updating_study(study, progress=say), **given)
         found = update_study(tests, progress=say)
         result = replace(found, reductions=_reductions(tests, found))
-        page = write_report(result, target, known, progress=say)
+        page = write_report(result, target, known, figures=output.figures, progress=say)
         files = write_chains(result, target) if chains else ()
     output.show(result, known, notes=(*report_note(page), *(f"Chains: {file}" for file in files)))
     end(result)

@@ -47,7 +47,7 @@ def demo(out: Path, seed: int, output: Output) -> None:
         study = write_field_test(test, out, title=title, settings={"seed": seed})
         result = identify(read_study(study), progress=say)
         truth = read_truth(out / "truth.json")
-        page = write_report(result, out / "report", truth, progress=say)
+        page = write_report(result, out / "report", truth, figures=output.figures, progress=say)
     notes = (
         f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}",
         f"The study:  {study}",

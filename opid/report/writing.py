@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -64,6 +64,7 @@ def write_report(
     truth: Truth | None = None,
     *,
     command: Sequence[str] | None = None,
+    figures: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Write result.json, report.html and the figures as PNG, and return the path of the page.
@@ -76,6 +77,7 @@ def write_report(
         directory: made if it is not there.
         truth: of a simulation, as in truth.json: shown beside the estimates.
         command: words of the command that gave the result; where left out, of one that gives the same.
+        figures: whether they are drawn.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -83,6 +85,8 @@ def write_report(
             written to.
     """
     page: Page = _made("page_of", result, truth)
+    if not figures:
+        page = replace(page, pictures=())
     images = drawn(page.pictures, result, truth, progress=progress)
     words = page.command if command is None else command
     html = rendered(page, images, result=result, truth=truth, command=None if words is None else shlex.join(words))
