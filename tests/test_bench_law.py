@@ -10,6 +10,7 @@ from scipy import signal
 import opid
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.laws.law import LAWS, LINEAR, law
+from opid.report.bench_report import bench_pictures
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.memory import play
@@ -467,3 +468,11 @@ def test_a_friction_damper_with_backlash_remembers_the_past():
     found = law_of_bench(bench, candidates=("coulomb_friction", "arctan_mixed"))
     assert 0.85 < found.r2_left_out < found.memory.r2_at_most < 0.96
     assert found.memory.cause == "hysteresis"
+
+
+def test_a_law_that_is_not_determined_has_no_curves():
+    rng = np.random.default_rng(3)
+    z, v = random_motion(rng)
+    found = law_of_bench(bench_of(z, v, 100 * rng.standard_normal(z.size)), candidates=LIBRARY)
+    assert found.not_determined
+    assert [each.name for each in bench_pictures(found)] == ["force_against_motion", "bench_ladder", "bench_residual"]

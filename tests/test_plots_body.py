@@ -165,3 +165,12 @@ def test_sensors_have_the_names_of_their_places(result):
     assert sensor_names(replace(result, study=replace(result.study, sensors=())), 4)[-1] == "sensor 4"
     assert sensor_names(replace(result, structure="pair"), 2) == ["mean above left, right", "above nose"]
     assert sensor_names(replace(result, structure="single"), 3) == ["above nose", "above left", "above right"]
+
+
+def test_a_structure_whose_fit_ran_away_does_not_stretch_the_axis():
+    result = small_body()
+    first, *others = result.candidates
+    away = replace(first, residual_over_noise=1e107, left_out_over_noise=None)
+    ax = plots.structure_candidates(replace(result, candidates=(away, *others)))
+    assert ax.get_xlim()[1] < 1e5
+    assert "1e+107" in [text.get_text() for text in ax.texts]

@@ -364,6 +364,23 @@ def test_no_figure_of_a_refused_answer_draws_its_fit(refused):
     assert "fitted suspension" not in [line.get_label() for line in magnitude.lines]
 
 
+@pytest.mark.parametrize("method", ["classical", "paper"])
+def test_no_figure_of_the_paper_draws_a_fit_that_ran_away(method, field_test):
+    """Sensors are exchanged: the joint fit leaves 38 times the noise, and its force takes |T| to 1e6."""
+    study = read_study(field_test / "study.toml")
+    gear = study.interfaces[0]
+    exchanged = replace(study, interfaces=(replace(gear, sprung=gear.unsprung, unsprung=gear.sprung),))
+    found = identify(exchanged, method=method, law="cubic_stiffness")
+    assert found.is_refused
+    pictures = gear_pictures(found)
+    assert {"accelerations", "slices", "law_ladder", "transmissibility"} <= {each.name for each in pictures}
+    for picture in pictures:
+        axes = np.ravel(picture.draw(found, None))
+        assert max(abs(end) for ax in axes for end in (*ax.get_xlim(), *ax.get_ylim())) < 1e5, picture.name
+    with pytest.raises(NotDeterminedError, match="no fit to draw: "):
+        plots.law_curves(found)
+
+
 @pytest.mark.parametrize("error", [InputError("mute"), NotDeterminedError("no peak")])
 def test_a_report_without_the_steps_of_the_paper_is_written(error, identified, tmp_path, monkeypatch):
     def broken(self):

@@ -31,6 +31,9 @@ __all__ = ["plan_view", "structure_candidates", "suspension_parameters"]
 
 Truth = Mapping[str, Any]
 
+FARTHEST_DRAWN = 1e4
+"""Residual over noise at which a structure stands whose fit ran away and left more; its number is written beside it."""
+
 
 def plan_view(result: Identification, ax: Any = None, *, truth: Truth | None = None) -> Axes:
     """Draw the body from above: suspensions, sensors, the centre of gravity with its intervals, and the loadings.
@@ -221,7 +224,7 @@ def _law_line(candidate: Candidate) -> str:
 def _levels(candidate: Candidate) -> Iterator[float]:
     for value in (candidate.residual_over_noise, candidate.left_out_over_noise):
         if value is not None and np.isfinite(value) and value > 0:
-            yield float(value)
+            yield min(float(value), FARTHEST_DRAWN)
 
 
 def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> None:
@@ -233,8 +236,8 @@ def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> Non
     ends = list(_levels(candidate))
     ax.plot(ends, [row] * len(ends), color=color, linewidth=1)
     if outside is not None and np.isfinite(outside):
-        ax.plot([outside], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
-    ax.plot([inside], [row], marker="o", markersize=5.5, color=color, linestyle="none")
+        ax.plot([ends[-1]], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
+    ax.plot(ends[:1], [row], marker="o", markersize=5.5, color=color, linestyle="none")
     text = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.8}
     _note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=box)

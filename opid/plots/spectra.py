@@ -82,7 +82,7 @@ def transmissibilities(result: AnyIdentification, axes: Any = None) -> np.ndarra
             height_ratios=[3, 1.4, 1.1],
         )
         for column, run, color in zip(grid.T, chain.runs, run_colors(n_runs), strict=True):
-            _transmissibility(column, run, suspension, color, chain.band_hz)
+            _transmissibility(column, run, suspension, color, chain.band_hz, with_law=not result.is_refused)
         grid[0, 0].set_ylabel("|T| = |X₂/X₁|")
         grid[1, 0].set_ylabel("phase [°]")
         grid[2, 0].set_ylabel("coherence")
@@ -90,7 +90,13 @@ def transmissibilities(result: AnyIdentification, axes: Any = None) -> np.ndarra
 
 
 def _transmissibility(
-    column: np.ndarray, run: RunEvidence, suspension: _Suspension | None, color: str, band_hz: tuple[float, float]
+    column: np.ndarray,
+    run: RunEvidence,
+    suspension: _Suspension | None,
+    color: str,
+    band_hz: tuple[float, float],
+    *,
+    with_law: bool,
 ) -> None:
     magnitude, phase, coherence = column
     measured, beneath = run.T, run.T_without_force
@@ -101,19 +107,12 @@ def _transmissibility(
     averages = f"{measured.spectra.n_averages:.1f} averages"
     lines: list[tuple[str, np.ndarray, np.ndarray, dict[str, Any]]] = [
         (f"measured, {averages}", frequency_hz, measured.value[shown], {"color": GREY, "linewidth": 0.9}),
-        (
-            "force subtracted (the paper)",
-            frequency_hz,
-            run.T_subtracted.value[shown],
-            {"color": color, "linewidth": 1.0, "alpha": 0.45},
-        ),
-        (
-            "force taken out (conditioned)",
-            frequency_hz,
-            beneath.value[shown],
-            {"color": color, "linewidth": 1.6},
-        ),
     ]
+    if with_law:
+        subtracted, look = run.T_subtracted.value[shown], {"color": color, "linewidth": 1.0, "alpha": 0.45}
+        lines.append(("force subtracted (the paper)", frequency_hz, subtracted, look))
+        taken_out, look = beneath.value[shown], {"color": color, "linewidth": 1.6}
+        lines.append(("force taken out (conditioned)", frequency_hz, taken_out, look))
     if suspension is not None:
         fitted = suspension.transmissibility(run.mass_change_kg, fitted_at)
         lines.append(("fitted suspension", fitted_at, fitted, {"color": INK, "linestyle": "--", "linewidth": 1.0}))
@@ -132,7 +131,8 @@ def _transmissibility(
         label="peaks of the measured |T|",
     )
     coherence.plot(frequency_hz, measured.coherence[shown], color=GREY, linewidth=0.9, label="spindle alone (ordinary)")
-    coherence.plot(frequency_hz, beneath.coherence[shown], color=color, label="spindle and force (multiple)")
+    if with_law:
+        coherence.plot(frequency_hz, beneath.coherence[shown], color=color, label="spindle and force (multiple)")
     magnitude.set_xscale("log")
     magnitude.set_yscale("log")
     plain_numbers(magnitude.yaxis)

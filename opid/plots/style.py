@@ -153,7 +153,8 @@ def require_answer(result: AnyIdentification) -> None:
         NotDeterminedError: it was refused.
     """
     if result.is_refused:
-        raise NotDeterminedError(f"there is no fit to draw: {result.not_determined}")
+        reason = result.not_determined or f"it leaves {result.residual_over_noise:.0f} times the sensors' noise"
+        raise NotDeterminedError(f"there is no fit to draw: {reason}")
 
 
 def run_colors(n_runs: int) -> list[str]:

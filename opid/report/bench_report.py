@@ -54,7 +54,7 @@ def page_of(result: BenchLaw) -> Page:
     return Page(
         "bench.html.jinja",
         result.title or "Test bench",
-        bench_pictures(),
+        bench_pictures(result),
         {
             "columns": columns(None),
             "rows": bench_rows(result),
@@ -68,11 +68,15 @@ def page_of(result: BenchLaw) -> Page:
     )
 
 
-def bench_pictures() -> tuple[Picture, ...]:
-    """Return the figures of the report of a test bench."""
+def bench_pictures(result: BenchLaw) -> tuple[Picture, ...]:
+    """Return the figures of the report of a test bench; a law that is not determined has no curves.
+
+    Args:
+        result: from `law_of_bench`.
+    """
     from opid import plots
 
-    return (
+    every = (
         Picture(
             "force_against_motion",
             "Force against motion",
@@ -104,6 +108,7 @@ def bench_pictures() -> tuple[Picture, ...]:
             lambda result, truth: plots.bench_residual(result),
         ),
     )
+    return tuple(each for each in every if not (result.not_determined and each.name == "bench_curves"))
 
 
 def bench_rows(result: BenchLaw) -> list[Row]:

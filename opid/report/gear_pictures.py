@@ -22,6 +22,9 @@ _OF_MODEL = {"force_sections", "force_departures"}
 """Figures of the driven model."""
 _OF_ANSWER = {"force_sections", "force_departures", "law_curves", "equation_residual"}
 """Figures of a fit, which are not drawn of a fit that is refused."""
+_OF_LAW = {"estimates"}
+"""Figures of the paper's chain, which takes its law from the joint fit: likewise. (The chain beside a driven model that
+is refused takes no law.)"""
 
 
 def gear_pictures(result: AnyIdentification) -> tuple[Picture, ...]:
@@ -127,7 +130,7 @@ def gear_pictures(result: AnyIdentification) -> tuple[Picture, ...]:
     if not isinstance(result, Identification):
         without |= _OF_MODEL
     if result.is_refused:
-        without |= _OF_ANSWER
+        without |= _OF_ANSWER if isinstance(result, Identification) else _OF_ANSWER | _OF_LAW
     return tuple(picture for picture in every if picture.name not in without)
 
 

@@ -92,8 +92,11 @@ class PaperIdentification(Result):
 
     @property
     def is_refused(self) -> bool:
-        """Whether no number of the joint fit is told."""
-        return self.method != "paper" and self.residual_over_noise > self.settings.verdicts.refused
+        """Whether the joint fit leaves so much that no number of it is told, and no figure shows it.
+
+        What the printed formula makes of a pair of peaks does not rest on it, and is told all the same.
+        """
+        return self.residual_over_noise > self.settings.verdicts.refused
 
     @property
     def residual_over_noise(self) -> float:
