@@ -53,9 +53,8 @@ from .signals.recording import Channel, Recording, recording_from_arrays
 from .signals.resampling import on_common_clock, resampled
 from .signals.segments import sound_segments, taxi_segment
 from .signals.spectra import cross_spectra, transmissibility
-from .studies.modal_study import read_modal_study, write_modal_study
-from .studies.suspension_study import read_study, study_from_logs, write_study
-from .studies.updating_study import read_updating_study, write_updating_study
+from .studies.study_file import read_study, write_study
+from .studies.suspension_study import study_from_logs
 from .suspensions.bench.law import BenchLaw, law_of_bench
 from .suspensions.bench.record import Bench, bench_from_recording
 from .suspensions.fitting.fit import Fit, fit_model

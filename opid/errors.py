@@ -1,7 +1,8 @@
-"""The two ways in which a call can fail for a reason that belongs to the user."""
+"""The two ways in which a call can fail for a reason that belongs to the user, and how that is said."""
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
 
 
 class InputError(ValueError):
@@ -17,6 +18,25 @@ class NotDeterminedError(RuntimeError):
     def __init__(self, message: str, partial: object = None) -> None:
         super().__init__(message)
         self.partial = partial
+
+
+def refuse(faults: list[str], source: Path | None) -> None:
+    """Say everything that is wrong at once.
+
+    Args:
+        faults: one clause each; none of them, no error.
+        source: the study file, if there is one.
+
+    Raises:
+        InputError: there is a fault.
+    """
+    if not faults:
+        return
+    place = f"{source}: " if source else ""
+    if len(faults) == 1:
+        raise InputError(place + faults[0])
+    listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(faults, start=1))
+    raise InputError(f"{place}{len(faults)} faults: {listed}")
 
 
 LEAST_BEGUN, MOST_BEGUN = 3, 4

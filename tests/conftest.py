@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from opid.studies.suspension_study import read_study
+from opid.studies.study_file import read_study
 from opid.suspensions.identification import identify
 from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 

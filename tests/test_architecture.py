@@ -151,6 +151,13 @@ def numba_outside_kernels(path, tree):
                 yield f"line {line}: numba belongs in mechanics/kernels"
 
 
+def toml_outside_studies(path, tree):
+    if room_of(path) != "studies":
+        for name, line in imports(path, tree):
+            if name.split(".")[0] in ("tomllib", "tomli_w"):
+                yield f"line {line}: study files are read and written in opid.studies"
+
+
 def pysindy_outside_functions(path, tree):
     found = [line for name, line in imports(path, tree) if name.split(".")[0] == "pysindy"]
     functions = [node for node in nodes_of(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
@@ -207,6 +214,10 @@ def test_numba_stays_in_kernels():
     assert faults(numba_outside_kernels) == []
 
 
+def test_only_study_files_are_toml():
+    assert faults(toml_outside_studies) == []
+
+
 def test_pysindy_is_imported_only_where_it_is_used():
     assert faults(pysindy_outside_functions) == []
 
@@ -228,6 +239,7 @@ def test_nothing_is_done_at_import():
         (reaching_upward, "from ..errors import InputError"),
         (matplotlib_outside_plots, "def f():\n    import matplotlib.pyplot"),
         (numba_outside_kernels, "from numba import njit"),
+        (toml_outside_studies, "import tomllib"),
         (pysindy_outside_functions, "import pysindy"),
         (printing_or_silencing, "print(1)"),
         (printing_or_silencing, "warnings.catch_warnings()"),
@@ -244,7 +256,7 @@ def test_each_rule_finds_its_fault(rule, code):
     [
         ("modal", "from opid.virtual.modal_tests import series"),
         ("updating", "import opid.virtual.files.truth"),
-        ("suspensions", "from opid.studies.suspension_study import read_study"),
+        ("suspensions", "from opid.studies.study_file import read_study"),
         ("report", "from opid.virtual.files.gear import write_field_test"),
         ("virtual", "from opid.report import write_report"),
         ("studies", "from opid.virtual.files.truth import read_truth_file"),
@@ -291,7 +303,8 @@ def arguments(node):
 def public_definitions(tree):
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-            yield node
+            # an overload tells types; the documentation stands with the body of the function
+            yield from [node] * ("overload" not in map(ast.unparse, node.decorator_list))
 
 
 @cache

@@ -6,7 +6,7 @@ import pytest
 from cli_runs import opid, refused
 from made_body import small_body
 
-from opid.studies.suspension_study import read_study
+from opid.studies.study_file import read_study
 from opid.suspensions import identification
 
 SMALL = ("--duration", 6, "--fs", 128)

@@ -98,7 +98,7 @@ def test_the_result_is_called_after_the_study(field_test, tmp_path, monkeypatch)
 def test_a_directory_stands_for_the_study_in_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("runs").mkdir()
-    Path("runs/study.toml").write_text('tittle = "x"\n')
+    Path("runs/study.toml").write_text('tittle = "x"\nruns = []\n')
     refused(opid("identify", "runs"), str(Path("runs/study.toml")), "did you mean 'title'")
     refused(
         opid("identify", "runs", *CHANNELS),

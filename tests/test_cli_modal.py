@@ -11,7 +11,7 @@ from made_modal import SOFT, small_result, small_study
 
 from opid.modal import identification
 from opid.signals.units import STANDARD_GRAVITY
-from opid.studies.modal_study import read_modal_study, write_modal_study
+from opid.studies.study_file import read_study, write_study
 
 PAGE = Path(__file__).parents[1] / "docs" / "nonlinear_modal_models.md"
 LBF = 4.4482216152605
@@ -28,7 +28,7 @@ def simulated(tmp_path_factory):
 
 
 def test_a_simulation_writes_a_study_and_its_truth(simulated):
-    study = read_modal_study(simulated / "study.toml")
+    study = read_study(simulated / "study.toml")
     assert [each.use for each in study.tests] == ["level"] * 3 + ["fit"] * 4 + ["truth"]
     assert study.nonlinear == (3,)
     levels = [np.abs(each.test.force).max() for each in study.of_use("fit")]
@@ -97,7 +97,7 @@ def quick(monkeypatch):
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     path = tmp_path_factory.mktemp("small") / "study.toml"
-    write_modal_study(small_study(), path)
+    write_study(small_study(), path)
     return path
 
 

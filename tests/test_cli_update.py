@@ -11,7 +11,7 @@ from test_updating_study_file import STUDY, curve_of, small_chain
 
 from opid import cli
 from opid.errors import NotDeterminedError
-from opid.studies.updating_study import read_updating_study
+from opid.studies.study_file import read_study
 from opid.updating import identification
 from opid.updating.data.backbone_file import write_backbone
 from opid.updating.data.measured import MeasuredBackbone
@@ -136,7 +136,7 @@ def simulated(tmp_path_factory):
 
 
 def test_a_simulation_writes_a_study_and_its_truth(simulated):
-    study = read_updating_study(simulated / "study.toml")
+    study = read_study(simulated / "study.toml")
     assert study.structure.sensors == tuple(map(str, range(1, 15)))
     assert set(study.structure.joints.values()) == {("9", "10"), ("9", "11"), ("12", "13"), ("12", "14")}
     assert [each.name for each in study.classes] == [f"class {k}" for k in range(1, 6)]
@@ -154,14 +154,14 @@ def test_a_simulation_writes_a_study_and_its_truth(simulated):
 
 
 def test_the_same_seed_gives_the_same_files_and_the_same_structure_in_any_format(simulated, tmp_path):
-    first = read_updating_study(simulated / "study.toml").structure
+    first = read_study(simulated / "study.toml").structure
     for kind, names in (("npz", ["structure.npz"]), ("mat", ["structure.mat"])):
         place = tmp_path / kind
         opid("simulate", "backbones", place, "--seed", 3, "--curves", 4, 3, "--points", 8, "--matrices", kind)
         for name in ("mode_7_curve_2.csv", "truth.json"):
             assert (place / name).read_bytes() == (simulated / name).read_bytes()
         assert [path.name for path in place.iterdir() if path.suffix not in (".csv", ".json", ".toml")] == names
-        other = read_updating_study(place / "study.toml").structure
+        other = read_study(place / "study.toml").structure
         assert (other.dofs, other.sensors, other.joints) == (first.dofs, first.sensors, first.joints)
         for one, same in ((first.mass, other.mass), *((first.parts[name], other.parts[name]) for name in first.parts)):
             assert abs(one - same).max() == 0
@@ -188,7 +188,7 @@ def test_a_controlled_test_keeps_the_curves_that_reach_quadrature(tmp_path, monk
     done = opid("simulate", "backbones", tmp_path, "--by", "continuation", "--curves", 2, 1, "--points", 10)
     assert done.exit_code == 0, done.output
     assert seen == [(7, "14"), (7, "13"), (8, "14"), (8, "13"), (8, "12"), (8, "11"), (8, "10")]
-    names = [curve.name for curve in read_updating_study(tmp_path / "study.toml").backbones]
+    names = [curve.name for curve in read_study(tmp_path / "study.toml").backbones]
     assert names == [f"mode {mode}, quadrature at {sensor}" for mode, sensor in ((7, 14), (7, 13), (8, 10))]
 
 

@@ -11,7 +11,7 @@ from opid.modal.linear.modes_file import write_modes
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.logs import write_log
 from opid.signals.recording import Recording
-from opid.studies.modal_study import read_modal_study, write_modal_study
+from opid.studies.study_file import read_study, write_study
 
 MODES = '[modes]\nfile = "modes.csv"\ndrive_point = "case_x"\n'
 TEST = '\n[[tests]]\nlog = "beat.csv"\nforce = "force"\n'
@@ -31,7 +31,7 @@ def logs(tmp_path_factory):
 def study_of(place, text, name="study.toml"):
     path = place / name
     path.write_text(text, encoding="utf-8")
-    return read_modal_study(path)
+    return read_study(path)
 
 
 def refused(place, text, *words):
@@ -44,9 +44,9 @@ def refused(place, text, *words):
 
 def test_what_is_written_is_read_back(tmp_path):
     study = small_study()
-    write_modal_study(study, tmp_path / "study.toml")
+    write_study(study, tmp_path / "study.toml")
     said = []
-    back = read_modal_study(tmp_path / "study.toml", progress=said.append)
+    back = read_study(tmp_path / "study.toml", progress=said.append)
     assert said == ["beat_2.csv", "beat_5.csv", "beat_10.csv", "strong.csv"]
     names = ("title", "nonlinear", "drive_point", "stiffness_order", "damping_order", "free_linear")
     assert [getattr(back, name) for name in names] == [getattr(study, name) for name in names]
@@ -65,9 +65,9 @@ def test_modes_of_a_test_of_its_own_are_written_and_read(tmp_path):
         StudyTest(modal_test(measured(beat(2)), modes, name="one", force="force", drive_point="case_x"), "fit", SOFT),
         StudyTest(modal_test(measured(beat(5)), other, name="two", force="force", drive_point="case_x"), "fit", SOFT),
     )
-    write_modal_study(ModalStudy("shifted", modes, (SOFT,), tests, "case_x"), tmp_path / "study.toml")
+    write_study(ModalStudy("shifted", modes, (SOFT,), tests, "case_x"), tmp_path / "study.toml")
     assert (tmp_path / "modes_two.npz").is_file()
-    back = read_modal_study(tmp_path / "study.toml")
+    back = read_study(tmp_path / "study.toml")
     assert back.tests[0].test.modes is back.modes
     assert back.tests[1].test.modes is not back.modes
 
@@ -75,9 +75,9 @@ def test_modes_of_a_test_of_its_own_are_written_and_read(tmp_path):
 def test_many_samples_are_written_as_hdf5(tmp_path, monkeypatch):
     monkeypatch.setattr("opid.studies.modal_study.LARGEST_CSV", 100)
     study = small_study()
-    write_modal_study(study, tmp_path / "study.toml")
+    write_study(study, tmp_path / "study.toml")
     assert (tmp_path / "strong.h5").is_file()
-    back = read_modal_study(tmp_path / "study.toml")
+    back = read_study(tmp_path / "study.toml")
     np.testing.assert_array_equal(back.tests[3].test.acceleration, study.tests[3].test.acceleration)
 
 
@@ -103,12 +103,12 @@ def test_thresholds_stand_in_modes_or_beside_it_and_are_written_where_they_diffe
     given = "frequency_threshold = 0.01\ndamping_threshold = 1\n"
     study = study_of(logs, (MODES + given if inside else given + MODES) + f"nonlinear = [{SOFT}]\n" * inside + TEST)
     assert (study.frequency_threshold, study.damping_threshold) == (0.01, 1)
-    write_modal_study(study, tmp_path / "study.toml")
+    write_study(study, tmp_path / "study.toml")
     assert "frequency_threshold = 0.01" in (tmp_path / "study.toml").read_text(encoding="utf-8")
-    assert read_modal_study(tmp_path / "study.toml").frequency_threshold == 0.01
+    assert read_study(tmp_path / "study.toml").frequency_threshold == 0.01
     usual = small_study()
     assert (usual.frequency_threshold, usual.damping_threshold) == (0.002, 0.15)
-    write_modal_study(usual, tmp_path / "usual.toml")
+    write_study(usual, tmp_path / "usual.toml")
     assert "threshold" not in (tmp_path / "usual.toml").read_text(encoding="utf-8")
 
 
@@ -213,4 +213,4 @@ def test_a_name_that_is_no_file_name_is_refused(tmp_path):
     test = modal_test(measured(beat(2)), small_modes(), name="a/b", force="force", drive_point="case_x")
     study = ModalStudy("x", small_modes(), (SOFT,), (StudyTest(test),), "case_x")
     with pytest.raises(InputError, match="one plain word"):
-        write_modal_study(study, tmp_path / "study.toml")
+        write_study(study, tmp_path / "study.toml")

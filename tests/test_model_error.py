@@ -14,7 +14,7 @@ from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.mechanics.weight import GRAVITY_M_PER_S2
 from opid.signals.recording import recording_from_arrays
-from opid.studies.suspension_study import write_study
+from opid.studies.study_file import write_study
 from opid.suspensions import candidates
 from opid.suspensions.identification import identify
 from opid.suspensions.model.driven_model import Model

@@ -318,7 +318,7 @@ def test_a_piston_area_that_contradicts_the_static_pressure_is_doubted(area_m2):
 
 
 def test_a_study_file_says_the_area_of_the_piston(tmp_path):
-    from opid.studies.suspension_study import write_study
+    from opid.studies.study_file import write_study
 
     study = strut_study(on_air(0.004), piston_area_m2=0.004)
     write_study(study, tmp_path / "study.toml")

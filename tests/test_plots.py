@@ -14,7 +14,7 @@ from opid.mechanics.laws.law import Law
 from opid.plots.spectra import _noise_lines
 from opid.plots.style import every, panels, pretty
 from opid.signals.recording import Channel, Recording
-from opid.studies.suspension_study import read_study
+from opid.studies.study_file import read_study
 from opid.suspensions.identification import identify
 from opid.suspensions.result import GearParameters
 from opid.suspensions.study import study_of_gear

@@ -9,7 +9,7 @@ from measured_data import DATA, measured
 
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import read_log
-from opid.studies.suspension_study import read_study
+from opid.studies.study_file import read_study
 
 ROOT = Path(__file__).parents[1]
 LOGS = DATA / "wobble_landcruiser"

@@ -12,7 +12,7 @@ from measured_data import DATA, measured
 from scripts import script
 
 from opid.signals.health.inspection import check_pair
-from opid.studies.suspension_study import read_study
+from opid.studies.study_file import read_study
 from opid.studies.suspension_tables import document_faults
 from opid.suspensions.identification import identify
 

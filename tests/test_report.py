@@ -30,7 +30,8 @@ from opid.signals import files
 from opid.signals.directory import made_directory, require_directory, write_together
 from opid.signals.health.inspection import inspect
 from opid.signals.logs import read_log
-from opid.studies.suspension_study import read_study, study_from_logs
+from opid.studies.study_file import read_study
+from opid.studies.suspension_study import study_from_logs
 from opid.suspensions.identification import identify
 from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair

@@ -7,7 +7,8 @@ from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
-from opid.studies.suspension_study import log_readings, read_study, study_from_logs, write_study
+from opid.studies.study_file import read_study, write_study
+from opid.studies.suspension_study import log_readings, study_from_logs
 from opid.suspensions.sensor_facts import SensorFacts
 from opid.suspensions.study import Run, study_of_gear
 

@@ -11,7 +11,8 @@ from made_body import LOADING, PLACES, short_test
 from opid.errors import InputError
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
-from opid.studies.suspension_study import log_readings, read_study, study_from_logs, write_study
+from opid.studies.study_file import read_study, write_study
+from opid.studies.suspension_study import log_readings, study_from_logs
 from opid.studies.suspension_tables import read_loading
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair
 from opid.suspensions.study import (

@@ -7,7 +7,7 @@ import pytest
 from made_chain import DOFS, curve_of, small_chain
 
 from opid.errors import InputError
-from opid.studies.updating_study import read_updating_study, write_updating_study
+from opid.studies.study_file import read_study, write_study
 from opid.updating.data.backbone_file import write_backbone
 from opid.updating.data.checks import nominal_modes
 from opid.updating.data.noise_settings import LeftOut
@@ -54,7 +54,7 @@ def place(tmp_path):
 def study_of(place, text):
     path = place / "study.toml"
     path.write_text(text, encoding="utf-8")
-    return read_updating_study(path)
+    return read_study(path)
 
 
 def refused(place, text, *words):
@@ -85,8 +85,8 @@ def test_what_is_written_is_read_back(place):
     study = replace(study, n_internal=2, sampler="transitional")
     target = place / "again" / "study.toml"
     target.parent.mkdir()
-    write_updating_study(study, target)
-    again = read_updating_study(target)
+    write_study(study, target)
+    again = read_study(target)
     for name in ("title", "form", "classes", "parameters", "sampler", "n_samples", "seed", "harmonics", "noise"):
         assert getattr(again, name) == getattr(study, name), name
     assert (again.n_internal, again.noise.shapes, again.noise.cov) == (2, False, {1: 0.003})
@@ -171,14 +171,14 @@ def test_what_is_wrong_with_many_files_is_said_once(place):
 def test_a_growth_of_the_linear_error_that_is_stated_is_read_and_written(place, growth):
     study = study_of(place, STUDY + f"[noise]\nlinear_error_growth = {growth}\n")
     (place / "again").mkdir()
-    write_updating_study(study, place / "again" / "study.toml")
-    again = read_updating_study(place / "again" / "study.toml")
+    write_study(study, place / "again" / "study.toml")
+    again = read_study(place / "again" / "study.toml")
     for each in (study, again):
         assert each.noise.linear_error_growth == growth
         assert not isinstance(each.noise.linear_error_growth, LeftOut)
     # what is left out is not written
     assert isinstance(study_of(place, STUDY).noise.linear_error_growth, LeftOut)
-    write_updating_study(study_of(place, STUDY), place / "again" / "study.toml")
+    write_study(study_of(place, STUDY), place / "again" / "study.toml")
     assert "[noise]" not in (place / "again" / "study.toml").read_text(encoding="utf-8")
 
 
@@ -203,10 +203,10 @@ def test_a_name_of_a_backbone_becomes_that_of_a_file(place):
     study = study_of(place, STUDY)
     named = [replace(study.backbones[0], name=name) for name in ("mode 1, sensor a/b", "../x", "plain")]
     (place / "again").mkdir()
-    write_updating_study(replace(study, backbones=named), place / "again" / "study.toml")
+    write_study(replace(study, backbones=named), place / "again" / "study.toml")
     files = {path.name for path in (place / "again").iterdir()}
     assert files == {"mode_1_sensor_a_b.csv", "_x.csv", "plain.csv", "structure.npz", "study.toml"}
-    back = read_updating_study(place / "again" / "study.toml")
+    back = read_study(place / "again" / "study.toml")
     assert [curve.name for curve in back.backbones] == [curve.name for curve in named]
 
 
@@ -243,7 +243,7 @@ def test_what_cannot_be_written_is_refused(place):
     for names in (("..",), ("a b", "a,b")):
         wrong = replace(study, backbones=tuple(replace(study.backbones[0], name=name) for name in names))
         with pytest.raises(InputError, match="cannot name its file"):
-            write_updating_study(wrong, place / "x.toml")
+            write_study(wrong, place / "x.toml")
     modes = nominal_modes(study.structure, 4)
     with pytest.raises(InputError, match="needs its matrices"):
-        write_updating_study(replace(study, structure=modes, parameters={}), place / "x.toml")
+        write_study(replace(study, structure=modes, parameters={}), place / "x.toml")

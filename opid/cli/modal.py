@@ -52,16 +52,17 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     from dataclasses import replace
 
     from opid.modal.identification import identify_modes
+    from opid.modal.study import ModalStudy
     from opid.report import write_report
     from opid.report.modal.report import command_of
-    from opid.studies.modal_study import read_modal_study
+    from opid.studies.study_file import read_study
     from opid.virtual.files.modal import read_modal_truth
 
     target = output.directory(out or Path(f"{result_name(study)}_result"))
     known = None if truth is None else read_modal_truth(truth)
     given = {name: value for name, value in settings.items() if value is not None}
     with output.progress() as say:
-        tests = replace(read_modal_study(study, progress=say), **given)
+        tests = replace(read_study(study, kind=ModalStudy, progress=say), **given)
         result = identify_modes(tests, progress=say)
         page = write_report(
             result, target, known, command=command_of(result, given), figures=output.figures, progress=say

@@ -155,7 +155,7 @@ def _study_in(path: Path) -> Path:
 
 def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
     """Whether it is about one gear, as logs without a study are; what is wrong with a file is said when it is read."""
-    from opid.signals.tables import load
+    from opid.studies.tables import load
 
     if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
         return True
@@ -167,7 +167,9 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
 
 
 def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
-    from opid.studies.suspension_study import read_study, study_from_logs
+    from opid.studies.study_file import read_study
+    from opid.studies.suspension_study import study_from_logs
+    from opid.suspensions.study import Study
 
     studies = [path for path in paths if path.suffix.lower() == ".toml"]
     if studies:
@@ -177,7 +179,7 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
         if given:
             named = " and ".join(given)
             raise click.UsageError(f"{studies[0]} is a study, which says that itself: leave out {named}")
-        return read_study(studies[0], progress=say)
+        return read_study(studies[0], kind=Study, progress=say)
     if paths[0].is_dir():
         raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")
     sprung, unsprung = of_logs["--sprung"], of_logs["--unsprung"]

@@ -49,8 +49,9 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
 
     from opid.report import write_report
     from opid.report.updating.chains import require_arviz, write_chains
-    from opid.studies.updating_study import read_updating_study
+    from opid.studies.study_file import read_study
     from opid.updating.identification import update_study
+    from opid.updating.study import UpdatingStudy
     from opid.virtual.files.backbones import read_updating_truth
 
     target = output.directory(out or Path(f"{result_name(study)}_result"))
@@ -59,7 +60,7 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
         require_arviz()
     given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}
     with output.progress() as say:
-        tests = replace(read_updating_study(study, progress=say), **given)
+        tests = replace(read_study(study, kind=UpdatingStudy, progress=say), **given)
         found = update_study(tests, progress=say)
         result = replace(found, reductions=_reductions(tests, found))
         page = write_report(result, target, known, figures=output.figures, progress=say)

@@ -34,8 +34,9 @@ def demo(out: Path, seed: int, output: Output) -> None:
     import numpy as np
 
     from opid.report import write_report
-    from opid.studies.suspension_study import read_study
+    from opid.studies.study_file import read_study
     from opid.suspensions.identification import identify
+    from opid.suspensions.study import Study
     from opid.virtual.files.gear import read_truth, write_field_test
     from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
@@ -45,7 +46,7 @@ def demo(out: Path, seed: int, output: Output) -> None:
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
         title = f"Two virtual taxi runs, seed {seed}"
         study = write_field_test(test, out, title=title, settings={"seed": seed})
-        result = identify(read_study(study), progress=say)
+        result = identify(read_study(study, kind=Study), progress=say)
         truth = read_truth(out / "truth.json")
         page = write_report(result, out / "report", truth, figures=output.figures, progress=say)
     notes = (

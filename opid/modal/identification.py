@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, refuse
 from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
@@ -28,7 +28,6 @@ from opid.modal.model import NonlinearModalModel
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.modal.truth_test import truth_test
-from opid.signals.tables import refuse
 
 Say = Callable[[str], None]
 
@@ -56,6 +55,8 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         NotDeterminedError: no mode is named as nonlinear and there are no levels to compare. Where levels were compared
             the result has them, and says in `not_determined` why there is no law.
     """
+    if not isinstance(study, ModalStudy):
+        raise InputError(f"study is of type {type(study).__name__}: give a ModalStudy, as read_study makes one")
     say = progress or (lambda step: None)
     require_modes(study.modes)
     shifts = _shifts(study, say)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from opid.errors import refuse
 from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.modes import LinearModes
 from opid.modal.power_law import HIGHEST_ORDER
-from opid.signals.tables import refuse
 
 Use = Literal["fit", "truth", "level", "decay"]
 USES: tuple[Use, ...] = get_args(Use)

@@ -8,7 +8,7 @@ from typing import Any
 
 from opid.errors import InputError, nearest
 from opid.mechanics.laws.kinds import LAWS
-from opid.signals.tables import TEXT, Key, maybe, table_faults
+from opid.studies.tables import TEXT, Key, maybe, table_faults
 from opid.updating.model_class import FAMILIES, ModelClass, Prior
 
 CLASS = {

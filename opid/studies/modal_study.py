@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, refuse
 from opid.modal.linear.coordinates import ModalTest, modal_test
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.modes_file import read_modes, write_modes
 from opid.modal.study import THRESHOLDS, USES, ModalStudy, StudyTest
 from opid.signals.conversion import recording_of
-from opid.signals.files import written_whole
 from opid.signals.log import Log
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
-from opid.signals.tables import (
+from opid.signals.units import to_si
+from opid.studies.kinds import MODAL_TESTS
+from opid.studies.tables import (
     CHANNEL,
     LOG,
     TEXT,
     Document,
     Key,
+    Say,
     channel_settings,
-    load,
     log_settings,
     maybe,
-    refuse,
     table_faults,
 )
-from opid.signals.units import to_si
-
-Say = Callable[[str], None]
 
 LARGEST_CSV = 3_000_000
 """Values in all logs of a study beyond which they are written as HDF5, where that can be: some 60 MB of text."""
@@ -51,10 +47,7 @@ _MODEL = {
 """What may stand in [modes] or beside it; so may `free_linear`, which is true or false."""
 _STUDY = {
     "title": maybe(str, "text in quotes"),
-    "modes": Key(dict, "a table [modes]"),
-    "log": maybe(dict, "a table [log]"),
-    "channels": maybe(dict, "a table [channels]"),
-    "tests": Key(list, "one table [[tests]] for each log"),
+    **MODAL_TESTS.tables,
     **_MODEL,
 }
 _MODES = {"file": TEXT, **_MODEL}
@@ -72,30 +65,8 @@ _TEST = {
 }
 
 
-def read_modal_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> ModalStudy:
-    """Read a study file of modal tests, the linear modes and the logs that it names.
-
-    Args:
-        path: a TOML file with `title`, a table `[modes]` and one table `[[tests]]` for each log. `[modes]` gives `file`
-            (npz or CSV, see `read_modes`), `drive_point` (the sensor at whose place the force acts), `nonlinear` (modes
-            counted from 1; those that the level tests show where left out), `stiffness_order` and `damping_order`
-            (chosen by cross-validation where left out), `free_linear` (true or false; decided by the data where left
-            out), `frequency_threshold` and `damping_threshold` (of the level tests, shares; 0.002 and 0.15 where left
-            out); all but `file` may stand beside the tables as well. A test gives `log` (path beside the study file),
-            `force` (its channel; left out of a free decay), `use` ("fit", "truth", "level" or "decay"; "fit" where left
-            out, "decay" without a force), and optionally `name`, `mode` (the one it is for), `modes` (the file of the
-            linear modes that hold during this test), `start_s` and `stop_s`. How logs are to be read goes into `[log]`
-            (the fields of `LogSettings`), what their channels mean into `[channels.NAME]` (the fields of
-            `ChannelSettings`), where a channel is not called as its sensor.
-        progress: called with the name of each log as it is read.
-
-    Raises:
-        InputError: the file is missing or no TOML, an unknown, missing or mistyped key, or modes or logs are at fault;
-            everything that is wrong at once.
-    """
-    say = progress or (lambda step: None)
-    source = Path(path)
-    document = load(source)
+def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
+    """Read what a study file of modal tests names, and return the study."""
     refuse(list(_document_faults(document)), source)
     settings = {name: document["modes"].get(name, document.get(name)) for name in (*_MODEL, "free_linear")}
     modes, faults = _all_modes(document, source.parent)
@@ -122,38 +93,26 @@ def read_modal_study(path: str | os.PathLike[str], *, progress: Say | None = Non
     return ModalStudy(document.get("title", source.stem), linear, nonlinear, tuple(tests), source=source, **settings)
 
 
-def write_modal_study(study: ModalStudy, path: str | os.PathLike[str]) -> None:
-    """Write a study so that `read_modal_study` gives it back: its file, modes.npz, and the log of each test beside it.
-
-    Logs are CSV, or HDF5 where they are large and h5py is installed.
-
-    Args:
-        study: what to write.
-        path: the study file; its directory must exist.
-
-    Raises:
-        InputError: a place that cannot be written to, or a test whose name is no file name.
-    """
-    target = Path(path)
+def write_modal_logs(study: ModalStudy, directory: Path) -> str:
+    """Write the modes and the log of each test, and return the text of the study file."""
     for each in study.tests:
         name = each.test.name
         if name in ("", ".", "..") or Path(name).name != name:
             raise InputError(f"the test {name!r} cannot name its log: call it by one plain word")
     values = sum(each.test.recording.samples.size for each in study.tests)
     ending = ".h5" if values > LARGEST_CSV and find_spec("h5py") is not None else ".csv"
-    write_modes(study.modes, target.parent / "modes.npz")
+    write_modes(study.modes, directory / "modes.npz")
     files = {id(study.modes): "modes.npz"}
     entries = []
     for each in study.tests:
         test = each.test
         if id(test.modes) not in files:
             files[id(test.modes)] = f"modes_{test.name}.npz"
-            write_modes(test.modes, target.parent / files[id(test.modes)])
+            write_modes(test.modes, directory / files[id(test.modes)])
         log = f"{test.name}{ending}"
-        write_log(test.recording, target.parent / log)
+        write_log(test.recording, directory / log)
         entries.append(_entry(each, log, files[id(test.modes)]))
-    with written_whole(target) as file:
-        file.write(_toml(study, entries))
+    return _toml(study, entries)
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------

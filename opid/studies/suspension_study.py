@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from opid.errors import InputError, nearest
-from opid.signals.files import written_whole
+from opid.errors import InputError, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import write_log
-from opid.signals.recording import Recording
-from opid.signals.tables import Document, channel_settings, load, log_settings, refuse
+from opid.studies.kinds import SUSPENSIONS, kind_of
 from opid.studies.run_files import RunFiles, Source, at_one_rate, run_from_files
 from opid.studies.suspension_tables import SENSOR_KEYS, document_faults, is_body_study, loading_of
+from opid.studies.tables import Document, Say, channel_settings, load, log_settings
 from opid.suspensions.sensor_facts import SIDES, Leak, SensorFacts, SensorPair, Side
 from opid.suspensions.study import (
     Axis,
@@ -32,8 +31,6 @@ from opid.suspensions.study import (
     Study,
     study_of_gear,
 )
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -51,40 +48,8 @@ class LogReading:
     runs: tuple[str, ...] = ()
 
 
-def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> Study:
-    """Read a study file and the logs that it names.
-
-    Args:
-        path: a TOML file with `title`, `date` (of the runs, without quotes: 2026-03-01) and one table `[[runs]]` for
-            each log: `name`, `log` (path beside the study file), and optionally `start_s` and `stop_s` on the time axis
-            of the log (where neither is given, the sound stretch of sustained motion is found), and `[runs.channels]`
-            for what differs in this run. How logs are to be read goes into `[log]` (the fields of `LogSettings`; `log`
-            in a channel's table for its own file). `{run}` in a channel's `file` stands for the run's name. `fs_hz` is
-            the rate to identify at. `axis`, of one gear in the file itself and of several in `[[interfaces]]`, says
-            where the channels count positive: "up", "down", or "horizontal" where no weight acts on the motion;
-            `piston_area_m2`, likewise, what the gas of a strut pushes on.
-
-            Of one gear: a table `[channels]` (`sprung`, `unsprung`, and further ones by any name: each the name of a
-            channel in the logs, or a table with the fields of `ChannelSettings` and `SensorFacts`), and
-            `mass_change_kg` in `[[runs]]`. What is known of the sensors may also stand in `[sensors.sprung]` and
-            `[sensors.unsprung]`, a further recorded axis that leaks in in `[[sensors.leak]]` (`channel`, `into`,
-            `tolerance`; without `into`, both sides).
-
-            Of a body on several suspensions: one table `[[interfaces]]` for each: `name`, `sprung` and `unsprung` (the
-            name of a channel in the logs, or of an entry in `[channels]`), `x_m` forward and `y_m` to the left, and
-            `sensor_x_m`, `sensor_y_m` where the sensor on the body is not at the suspension; one table
-            `[[body_sensors]]` for each further sensor on the body (`channel`, `x_m`, `y_m`); a table `[structure]` with
-            the fields of `StructureSettings`; and in `[[runs]]` `loading`, what it carries more than the reference:
-            rows [mass_kg, x_m, y_m], or the name of a CSV file with these columns. What is known of a sensor stands in
-            the table `[channels.NAME]` of its channel; `into` of a leak is the name of a channel.
-        progress: called with the name of each log as it is read.
-
-    Raises:
-        InputError: the file is missing or no TOML, an unknown, missing or mistyped key, an interface without one of its
-            sides, or a log or a loading table is at fault: all at once.
-    """
-    source = Path(path)
-    document = load(source)
+def build_suspension_study(document: Document, source: Path, say: Say) -> Study:
+    """Read the logs and loading tables that a study file of suspensions names, and return the study."""
     refuse(list(document_faults(document)), source)
     is_body = is_body_study(document)
     try:
@@ -101,7 +66,7 @@ def read_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> 
         except InputError as error:
             faults.append(f"run {files.name!r}: {error}")
         try:
-            run = run_from_files(files, fs_hz=document.get("fs_hz"), progress=progress)
+            run = run_from_files(files, fs_hz=document.get("fs_hz"), progress=say)
             runs.append(replace(run, loading=loading))
         except InputError as error:
             faults.append(f"run {files.name!r}: {error}")
@@ -236,6 +201,8 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     """
     source = Path(path)
     document = load(source)
+    if (kind := kind_of(document, source)) is not SUSPENSIONS:
+        raise InputError(f"{source} is a study of {kind.subject}: a log is read as a study of suspensions says")
     refuse(list(document_faults(document)), source)
     try:
         settings = log_settings(document.get("log", {}))
@@ -249,20 +216,14 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     return tuple(LogReading(how, channels, runs) for how, channels in users[0][1].items())
 
 
-def write_study(study: Study, path: str | os.PathLike[str]) -> None:
-    """Write a study so that `read_study` gives it back: the study file, and `NAME.csv` beside it for a run.
-
-    Args:
-        study: what to write.
-        path: the study file; its directory must exist.
-
-    Raises:
-        InputError: a place that cannot be written to, or a run whose name is no file name.
-    """
-    target = Path(path)
-    _write_logs({run.name: run.recording for run in study.runs}, target.parent)
-    with written_whole(target) as file:
-        file.write(_gear_text(study) if _is_told_by_channels(study) else _body_text(study))
+def write_suspension_logs(study: Study, directory: Path) -> str:
+    """Write the log of each run, and return the text of the study file."""
+    for run in study.runs:
+        if run.name in ("", ".", "..") or Path(run.name).name != run.name:
+            raise InputError(f"the run {run.name!r} cannot name its log: call it by one plain word")
+    for run in study.runs:
+        write_log(run.recording, directory / f"{run.name}.csv")
+    return _gear_text(study) if _is_told_by_channels(study) else _body_text(study)
 
 
 def _is_told_by_channels(study: Study) -> bool:
@@ -365,15 +326,6 @@ def _sensor_tables(sensors: SensorPair) -> dict[str, Any]:
     if sensors.leaks:
         tables["leak"] = [asdict(leak) for leak in sensors.leaks]
     return tables
-
-
-def _write_logs(recordings: Mapping[str, Recording], directory: Path) -> None:
-    """Write `NAME.csv` for each run."""
-    for name in recordings:
-        if name in ("", ".", "..") or Path(name).name != name:
-            raise InputError(f"the run {name!r} cannot name its log: call it by one plain word")
-    for name, recording in recordings.items():
-        write_log(recording, directory / f"{name}.csv")
 
 
 # ---- tables -> settings ----------------------------------------------------------------------------

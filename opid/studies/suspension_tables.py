@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from opid.errors import InputError, nearest
-from opid.signals.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, misspelt, table_faults
+from opid.studies.kinds import SUSPENSIONS
+from opid.studies.tables import CHANNEL, LOG, NUMBER, TEXT, Document, Key, maybe, misspelt, table_faults
 from opid.suspensions.sensor_facts import SIDES, SensorFacts
 from opid.suspensions.study import KINDS, Axis, PointMass
 
@@ -31,10 +32,7 @@ _GEAR_STUDY = {
     "repeatability": maybe((int, float), "a number"),
     "axis": _AXIS,
     "piston_area_m2": maybe((int, float), "a number"),
-    "log": maybe(dict, "a table [log]"),
-    "channels": Key(dict, "a table [channels]"),
-    "runs": Key(list, "one table [[runs]] for each log"),
-    "sensors": maybe(dict, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"),
+    **{name: SUSPENSIONS.tables[name] for name in ("log", "channels", "runs", "sensors")},
 }
 _SENSOR = {field.name: maybe((int, float), "a number") for field in fields(SensorFacts)}
 SENSOR_KEYS = tuple(_SENSOR)
@@ -67,12 +65,9 @@ _STUDY = {
     "date": maybe(date, "a date without quotes, as 2026-03-01"),
     "fs_hz": _NUMBER,
     "repeatability": _NUMBER,
-    "log": maybe(dict, "a table [log]"),
+    **{name: SUSPENSIONS.tables[name] for name in ("log", "body_sensors", "structure", "runs")},
     "channels": maybe(dict, "a table [channels]"),
     "interfaces": Key(list, "one table [[interfaces]] for each suspension"),
-    "body_sensors": maybe(list, "one table [[body_sensors]] for each further sensor on the body"),
-    "structure": maybe(dict, "a table [structure]"),
-    "runs": Key(list, "one table [[runs]] for each log"),
 }
 _INTERFACE = {
     "name": TEXT,

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
-from opid.errors import InputError, nearest
-from opid.signals.files import written_whole
-from opid.signals.tables import TEXT, Document, Key, load, maybe, refuse, table_faults
+from opid.errors import InputError, nearest, refuse
 from opid.studies.class_tables import class_faults, class_table, model_class, prior_list, prior_of
+from opid.studies.kinds import BACKBONES
+from opid.studies.tables import TEXT, Document, Key, Say, maybe, table_faults
 from opid.updating.data.backbone_file import read_backbone, write_backbone
 from opid.updating.data.checks import backbone_faults, shortened
 from opid.updating.data.measured import MeasuredBackbone
@@ -24,8 +23,6 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import checked_structure, write_structure
 from opid.updating.study import SAMPLERS, UpdatingStudy, setting_faults
 
-Say = Callable[[str], None]
-
 FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 """Of a factor of the linear structure where the study names none: from a twentieth of nominal to five times."""
 
@@ -33,12 +30,7 @@ _STUDY = {
     "title": maybe(str, "text in quotes"),
     "form": maybe(str, "'recommended', 'paper', 'literal' or 'independent'"),
     "harmonics": maybe(list, "a list of harmonics of the model like [1, 3]"),
-    "structure": Key(dict, "a table [structure]"),
-    "log": maybe(dict, "a table [log]"),
-    "backbones": Key(list, "one table [[backbones]] for each file"),
-    "classes": Key(list, "one table [[classes]] for each candidate law"),
-    "sampling": maybe(dict, "a table [sampling]"),
-    "noise": maybe(dict, "a table [noise]"),
+    **BACKBONES.tables,
 }
 _STRUCTURE = {
     "matrices": Key((str, dict), "the name of a file in quotes, or a table with one for each matrix"),
@@ -68,28 +60,8 @@ _NOISE = {
 """What may stand in [noise], the fields of `NoiseSettings`; so may `shapes`, which is true or false."""
 
 
-def read_updating_study(path: str | os.PathLike[str], *, progress: Say | None = None) -> UpdatingStudy:
-    """Read a study file of an updating, the matrices and the backbones that it names.
-
-    Args:
-        path: a TOML file with `title`, `form` (of the likelihood), a table `[structure]`, one table `[[backbones]]` for
-            each curve and one `[[classes]]` for each candidate law. `[structure]` gives `matrices` (a file, or a table
-            with one for each matrix, see `read_structure`), `sensors` (degrees of freedom), `[structure.joints]` (name
-            = [one end, other end]), `dofs` (their names), `parameters` (factors of the linear structure to update; the
-            structure is taken as it is where left out) and `[structure.priors]` (name = ["uniform", low, high]). A
-            backbone gives `file` (see `read_backbone`), `mode` (from 1, rigid ones count), `controlled_sensor`, and
-            optionally `name` and `unit`; `[log]` may give the `unit` of all. For classes see `class_tables`.
-            `[sampling]` may give `sampler`, `samples` and `seed`; `[noise]` the fields of `NoiseSettings`; `harmonics`
-            stands beside the tables, `internal_modes` in `[structure]`.
-        progress: called with the name of each file as it is read.
-
-    Raises:
-        InputError: the file is missing or no TOML, an unknown, missing or mistyped key, or matrices, backbones or
-            classes are at fault; everything that is wrong at once.
-    """
-    say = progress or (lambda step: None)
-    source = Path(path)
-    document = load(source)
+def build_updating_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
+    """Read the matrices and the backbones that a study file names, and return the study."""
     faults, table = list(_document_faults(document)), document.get("structure")
     structure, backbones = None, []
     # what is sound is read even so: its faults are told with the others
@@ -132,29 +104,18 @@ def read_updating_study(path: str | os.PathLike[str], *, progress: Say | None = 
     )
 
 
-def write_updating_study(study: UpdatingStudy, path: str | os.PathLike[str]) -> None:
-    """Write a study so that `read_updating_study` gives it back: its file, structure.npz, and a CSV file a backbone.
-
-    Args:
-        study: what to write.
-        path: the study file; its directory must exist.
-
-    Raises:
-        InputError: a place that cannot be written to, a backbone whose name is no file name, or a structure that is
-            given by its modes.
-    """
-    target = Path(path)
+def write_backbones(study: UpdatingStudy, directory: Path) -> str:
+    """Write the structure and each backbone, and return the text of the study file."""
     names = [_file_of(curve) for curve in study.backbones]
     for curve, name in zip(study.backbones, names, strict=True):
         if name == ".csv" or names.count(name) > 1:
             raise InputError(f"the backbone {curve.name!r} cannot name its file: give each a name of its own")
     if not isinstance(study.structure, AffineStructure):
         raise InputError("the structure of the study is given by its modes: a study file needs its matrices")
-    write_structure(target.parent / "structure.npz", study.structure)
+    write_structure(directory / "structure.npz", study.structure)
     for curve, name in zip(study.backbones, names, strict=True):
-        write_backbone(curve, target.parent / name)
-    with written_whole(target) as file:
-        file.write(_toml(study))
+        write_backbone(curve, directory / name)
+    return _toml(study)
 
 
 # ---- tables -> study -------------------------------------------------------------------------------

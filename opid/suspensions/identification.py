@@ -84,7 +84,9 @@ def identify(
         NotDeterminedError: no structure can be fitted at all.
     """
     if not isinstance(study, Study):
-        raise InputError(f"study is {study!r}: give a Study, as read_study or study_of_gear makes one")
+        raise InputError(
+            f"study is of type {type(study).__name__}: give a Study, as read_study or study_of_gear makes one"
+        )
     if band_hz is not None and len(band_hz) != 2:
         raise InputError(f"band_hz is {band_hz!r}: give two numbers, the lowest and the highest line in Hz")
     if method not in METHODS:

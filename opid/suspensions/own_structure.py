@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, refuse
 from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import Structure
@@ -21,7 +21,6 @@ from opid.result import Result, SummaryRow
 from opid.signals.health.inspection import check_channels, findings_in_words, without_spikes
 from opid.signals.motion import integrate
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.tables import refuse
 from opid.suspensions.answer.intervals import Parameters, limits_of_mass
 from opid.suspensions.answer.numbers import at_rest
 from opid.suspensions.answer.warnings import WITHOUT_INTERVALS, doubts_of_exponents, run_differences

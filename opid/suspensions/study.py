@@ -13,10 +13,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from opid.errors import nearest
+from opid.errors import nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.recording import FloatArray, Recording
-from opid.signals.tables import refuse
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
 
 KINDS = ("auto", "single", "pair", "rigid_body")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import NotDeterminedError
+from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.updating.data.checks import overlaps
 from opid.updating.data.measured import MeasuredBackbone
@@ -41,6 +41,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         InputError: a structure, backbones or settings that cannot be used.
         NotDeterminedError: the lowest points do not tell the linear parameters, or no class has a likelihood.
     """
+    if not isinstance(study, UpdatingStudy):
+        raise InputError(f"study is of type {type(study).__name__}: give an UpdatingStudy, as read_study makes one")
     say = progress or (lambda step: None)
     linear, system = _linear(study, say)
     say("backbones")

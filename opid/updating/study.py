@@ -10,10 +10,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, refuse
 from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.signals.tables import refuse
 from opid.updating.data.checks import mode_faults, sensor_faults, shortened
 from opid.updating.data.curves import FORMS, Form, coefficient_of_variation, scatter_fault
 from opid.updating.data.measured import MeasuredBackbone

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, refuse
 from opid.estimate import Estimate
 from opid.modal.doubts import doubts_of_fit
 from opid.modal.forced.equation import ModeLines, mode_lines
@@ -19,7 +19,6 @@ from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.result import ForceCurve, ModeFit, OrderRung
 from opid.signals.recording import FloatArray
-from opid.signals.tables import refuse
 
 N_CURVE = 101
 """Points of a force curve."""

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, refuse
 from opid.signals.files import written_whole
-from opid.signals.tables import refuse
 from opid.updating.data.checks import structure_faults
 from opid.updating.structure.affine import AffineStructure
 

@@ -13,7 +13,7 @@ from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import law_from_parameters
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
-from opid.studies.suspension_study import write_study
+from opid.studies.study_file import write_study
 from opid.suspensions.result import BodyParameters
 from opid.suspensions.study import (
     BodySensor,

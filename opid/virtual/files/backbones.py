@@ -13,7 +13,7 @@ from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import Law
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
-from opid.studies.updating_study import write_updating_study
+from opid.studies.study_file import write_study
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import PART
 from opid.updating.study import UpdatingStudy
@@ -64,10 +64,10 @@ def write_updating_field_test(
             matrix and dofs.txt.
 
     Raises:
-        InputError: a place that cannot be written to, or what `write_updating_study` refuses.
+        InputError: a place that cannot be written to, or what `write_study` refuses.
     """
     target = made_directory(directory)
-    write_updating_study(study, target / "study.toml")
+    write_study(study, target / "study.toml")
     if matrices != "npz" and isinstance(study.structure, AffineStructure):
         _in_other_files(study.structure, target, matrices)
     with written_whole(target / "truth.json") as file:

@@ -15,7 +15,7 @@ from opid.modal.power_law import DAMPING_KINDS, STIFFNESS_KINDS
 from opid.modal.study import ModalStudy
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole
-from opid.studies.modal_study import write_modal_study
+from opid.studies.study_file import write_study
 from opid.virtual.files.truth import read_truth_file
 from opid.virtual.modal_tests.bolted_structures import level_dependence
 from opid.virtual.modal_tests.series import VirtualSeries, top_displacement
@@ -68,7 +68,7 @@ def write_modal_field_test(
         InputError: a place that cannot be written to.
     """
     target = made_directory(directory)
-    write_modal_study(study, target / "study.toml")
+    write_study(study, target / "study.toml")
     with written_whole(target / "truth.json") as file:
         file.write(json_text(modal_truth_json(series, settings=settings)))
     return target / "study.toml"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from opid.errors import InputError, meant_by, nearest
 from opid.signals.log_settings import ChannelSettings, LogSettings
 
 Document = dict[str, Any]
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -127,25 +128,6 @@ def misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
     """
     known = list(keys)
     return {meant for name in table if name not in known for meant in meant_by(name, known)[:1]}
-
-
-def refuse(faults: list[str], source: Path | None) -> None:
-    """Say everything that is wrong at once.
-
-    Args:
-        faults: one clause each; none of them, no error.
-        source: the study file, if there is one.
-
-    Raises:
-        InputError: there is a fault.
-    """
-    if not faults:
-        return
-    place = f"{source}: " if source else ""
-    if len(faults) == 1:
-        raise InputError(place + faults[0])
-    listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(faults, start=1))
-    raise InputError(f"{place}{len(faults)} faults: {listed}")
 
 
 def log_settings(table: Mapping[str, Any], where: str = "[log]") -> LogSettings:

@@ -1,0 +1,171 @@
+"""One reader and one writer for every kind of study file: which kind a file is, and which command takes it."""
+
+import shlex
+
+import numpy as np
+import pytest
+from cli_runs import opid as run
+from cli_runs import refused
+from made_body import short_test
+from made_chain import curve_of, small_chain
+from made_modal import small_study
+
+import opid
+from opid.errors import InputError
+from opid.modal.study import ModalStudy
+from opid.signals.recording import recording_from_arrays
+from opid.studies.suspension_study import log_readings
+from opid.suspensions.study import Run, Study, study_of_gear
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.study import UpdatingStudy
+from opid.virtual.files.aircraft import study_of_aircraft
+
+GEAR = "[channels]\nsprung = 'a'\nunsprung = 'b'\n[[runs]]\nname = 'one'\nlog = 'none.csv'\nmass_change_kg = 0\n"
+BODY = "[[interfaces]]\nname = 'nose'\nx_m = 1\ny_m = 0\n[[runs]]\nname = 'one'\nlog = 'none.csv'\n[structure]\n"
+MODAL = "[modes]\nfile = 'none.npz'\n[channels]\nforce = 'c'\n[[tests]]\nlog = 'none.csv'\n"
+BACKBONES = "[structure]\nmatrices = 'none.npz'\n[[backbones]]\nfile = 'none.csv'\n[[classes]]\nlaw = 'cubic'\n"
+TEXTS = {"gear": GEAR, "body": BODY, "modal": MODAL, "backbones": BACKBONES}
+COMMAND = {"gear": "identify", "body": "identify", "modal": "modal", "backbones": "update"}
+SUBJECT = {"identify": "suspensions", "modal": "modal tests", "update": "backbones"}
+RECORD = {"identify": Study, "modal": ModalStudy, "update": UpdatingStudy}
+PYPROJECT = "[build-system]\nrequires = []\n[project]\nname = 'x'\n[tool.ruff]\n"
+
+
+def written(place, text, name="study.toml"):
+    path = place / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def columns(path):
+    return sorted(zip(*(line.split(",") for line in path.read_text(encoding="utf-8").splitlines()), strict=True))
+
+
+def gear_study():
+    samples = np.random.default_rng(0).standard_normal((2, 1024))
+    recording = recording_from_arrays(samples, ("lower", "upper"), fs=512.0, unit="m/s^2")
+    return study_of_gear("a gear", sprung="upper", unsprung="lower", runs=(Run("heavy", recording, 0.0),))
+
+
+def body_study():
+    return study_of_aircraft(short_test(), title="an aircraft")
+
+
+def backbone_study():
+    return UpdatingStudy(
+        title="a chain",
+        structure=small_chain(),
+        backbones=(curve_of(),),
+        classes=(ModelClass("cubic", ("cubic_stiffness",), (6.8e7,), (Prior(),)),),
+    )
+
+
+@pytest.mark.parametrize("command", SUBJECT)
+@pytest.mark.parametrize("kind", TEXTS)
+def test_a_command_takes_its_own_kind_of_study_and_names_the_command_of_another(tmp_path, kind, command):
+    path = written(tmp_path, TEXTS[kind], "my study.toml")
+    said = refused(run(command, path, "--out", tmp_path / "out"))
+    right = COMMAND[kind]
+    words = f"{path} is a study of {SUBJECT[right]}: use `opid {right} {shlex.quote(str(path))}`"
+    if right == command:
+        assert "none." in said or "lacks" in said or "neither" in said  # of what is in the study
+        assert "use `opid" not in said
+    else:
+        assert said == f"Error: {words}"
+        with pytest.raises(InputError) as caught:
+            opid.read_study(path, kind=RECORD[command])
+        assert str(caught.value) == words
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", SUBJECT)
+@pytest.mark.parametrize(
+    ("text", "has"),
+    [
+        (PYPROJECT, "it has 'build-system', 'project', 'tool'; "),
+        ("", "it has no keys; "),
+        ("title = 'x'\n[log]\n", "it has 'title', 'log'; "),
+        ("".join(f"key_{k} = 1\n" for k in range(30)), "'key_7', ...; "),
+        ("runs = []\ntests = []\n", "it has 'runs', 'tests'; "),
+    ],
+)
+def test_a_file_that_is_no_study_is_told_what_each_kind_needs(tmp_path, command, text, has):
+    path = written(tmp_path, text, "pyproject.toml")
+    said = refused(run(command, path))
+    assert said.startswith(f"Error: {path} is no study: ")
+    assert has in said
+    assert "as a study of suspensions it lacks 'channels', give a table [channels]" in said
+    for subject, table in (("modal tests", "modes"), ("backbones", "structure")):
+        assert f"as a study of {subject} it lacks '{table}', give a table [{table}]" in said
+
+
+def test_what_each_kind_needs_is_said_in_one_sentence(tmp_path):
+    path = written(tmp_path, PYPROJECT, "pyproject.toml")
+    with pytest.raises(InputError) as caught:
+        opid.read_study(path)
+    assert str(caught.value) == (
+        f"{path} is no study: it has 'build-system', 'project', 'tool'; "
+        "as a study of suspensions it lacks 'channels', give a table [channels], and lacks 'runs', give one table "
+        "[[runs]] for each log; as a study of modal tests it lacks 'modes', give a table [modes], and lacks 'tests', "
+        "give one table [[tests]] for each log; as a study of backbones it lacks 'structure', give a table "
+        "[structure], and lacks 'backbones', give one table [[backbones]] for each file, and lacks 'classes', give "
+        "one table [[classes]] for each candidate law"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "record", "words"),
+    [
+        ("[[run]]\nname = 'x'\n", Study, "unknown key 'run' (did you mean 'runs'?)"),
+        ("[mode]\n[[test]]\n", ModalStudy, "unknown key 'test' (did you mean 'tests'?)"),
+        ("[structur]\n[[clases]]\n", UpdatingStudy, "unknown key 'clases' (did you mean 'classes'?)"),
+        ("[structure]\nmatrices = 'x'\n", UpdatingStudy, "lacks 'backbones'"),
+        ("[channels]\nsprung = 'a'\n", Study, "lacks 'runs'"),
+        ("runs = 3\n", Study, "'runs' in the study is 3"),
+        ("interfaces = []\nstructure = {}\nruns = []\nnoise = {}\n", Study, "unknown key 'noise'"),
+        ("tests = []\nmodes = {}\nruns = []\n", ModalStudy, "unknown key 'runs'"),
+    ],
+)
+def test_a_study_with_slips_is_of_the_kind_that_is_meant(tmp_path, text, record, words):
+    path = written(tmp_path, text)
+    with pytest.raises(InputError) as caught:
+        opid.read_study(path, kind=record)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("made", [gear_study, body_study, small_study, backbone_study])
+def test_every_kind_is_read_as_it_was_written(tmp_path, made):
+    study, again = made(), tmp_path / "again"
+    again.mkdir()
+    opid.write_study(study, tmp_path / "study.toml")
+    back = opid.read_study(tmp_path / "study.toml")
+    assert type(back) is type(study)
+    assert (back.title, back.source) == (study.title, tmp_path / "study.toml")
+    opid.write_study(back, again / "study.toml")
+    files = sorted(path.name for path in tmp_path.iterdir() if path.is_file())
+    assert files == sorted(path.name for path in again.iterdir())
+    assert (again / "study.toml").read_bytes() == (tmp_path / "study.toml").read_bytes()
+    for name in (name for name in files if name.endswith(".csv")):
+        assert columns(again / name) == columns(tmp_path / name)
+
+
+def test_what_is_no_study_is_not_written(tmp_path):
+    with pytest.raises(InputError, match="study is of type str: give a Study, a ModalStudy or an UpdatingStudy"):
+        opid.write_study("study.toml", tmp_path / "study.toml")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_study_of_another_kind_is_named_by_its_type():
+    for function, study, words in (
+        (opid.identify, small_study(), "of type ModalStudy: give a Study"),
+        (opid.identify_modes, gear_study(), "of type Study: give a ModalStudy"),
+        (opid.update_study, small_study(), "of type ModalStudy: give an UpdatingStudy"),
+    ):
+        with pytest.raises(InputError, match=words):
+            function(study)
+
+
+def test_logs_are_inspected_by_a_study_of_suspensions(tmp_path):
+    path = written(tmp_path, MODAL)
+    with pytest.raises(InputError, match="is a study of modal tests: a log is read as a study of suspensions says"):
+        log_readings(path, tmp_path / "none.csv")
