@@ -24,19 +24,20 @@ def refuse(faults: list[str], source: Path | None) -> None:
     """Say everything that is wrong at once.
 
     Args:
-        faults: one clause each; none of them, no error.
+        faults: one clause each, said once however often it stands there; none of them, no error.
         source: the study file, if there is one.
 
     Raises:
         InputError: there is a fault.
     """
-    if not faults:
+    each_once = list(dict.fromkeys(faults))
+    if not each_once:
         return
     place = f"{source}: " if source else ""
-    if len(faults) == 1:
-        raise InputError(place + faults[0])
-    listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(faults, start=1))
-    raise InputError(f"{place}{len(faults)} faults: {listed}")
+    if len(each_once) == 1:
+        raise InputError(place + each_once[0])
+    listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(each_once, start=1))
+    raise InputError(f"{place}{len(each_once)} faults: {listed}")
 
 
 LEAST_BEGUN, MOST_BEGUN = 3, 4

@@ -197,3 +197,21 @@ def _time(value: float | None, word: str) -> str:
 def _listed(log: Log, most: int = 12) -> str:
     names = [repr(name) for name in log.names[:most]]
     return ", ".join(names) + (f" and {len(log.names) - most} more" if len(log.names) > most else "")
+
+
+def require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:
+    """Refuse a channel of a log that is taken twice.
+
+    Args:
+        log: the log.
+        channels: what is taken from it, by the names that it will have.
+
+    Raises:
+        InputError: there is one, or a channel that the log does not have.
+    """
+    places: dict[tuple[int, int], str] = {}
+    for name, settings in channels.items():
+        track, column = log.find(settings.channel)
+        other = places.setdefault((id(track), column), name)
+        if other != name:
+            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")

@@ -8,11 +8,11 @@ from typing import Any
 
 from opid.errors import InputError, nearest
 from opid.mechanics.laws.kinds import LAWS
-from opid.studies.tables import TEXT, Key, maybe, table_faults
+from opid.studies.tables import MAYBE_TEXT, TEXT, Key, maybe, table_faults
 from opid.updating.model_class import FAMILIES, ModelClass, Prior
 
 CLASS = {
-    "name": maybe(str, "text in quotes"),
+    "name": MAYBE_TEXT,
     "law": TEXT,
     "scale": Key((int, float, str, list), 'a number in SI units, text like "0.068 N/mm^3", or a list of such'),
     "prior": maybe(list, 'a list like ["uniform", 0, 10], or one such list for each term'),
@@ -25,15 +25,8 @@ _FORCE = {"": 1.0, "k": 1e3, "M": 1e6}
 
 
 def class_faults(number: int, table: object) -> Iterator[str]:
-    """Yield what is wrong with one table of a class.
-
-    Args:
-        number: of the table, from 1.
-        table: what stands there.
-    """
-    wrong = list(table_faults(f"[[classes]] number {number}", table, CLASS))
-    yield from wrong
-    if not wrong and isinstance(table, Mapping):
+    """Yield what is wrong with one table of a class whose keys and types are right."""
+    if isinstance(table, Mapping) and not list(table_faults("", table, CLASS)):
         try:
             model_class(table)
         except InputError as error:
@@ -65,11 +58,7 @@ def model_class(table: Mapping[str, Any]) -> ModelClass:
 
 
 def class_table(model: ModelClass) -> dict[str, Any]:
-    """Return the table that `model_class` makes a class of.
-
-    Args:
-        model: the class.
-    """
+    """Return the table that `model_class` makes a class of."""
     return {
         "name": model.name,
         "law": " + ".join(kind.removesuffix("_stiffness") for kind in model.kinds),
@@ -80,9 +69,6 @@ def class_table(model: ModelClass) -> dict[str, Any]:
 
 def kind_named(text: str) -> str:
     """Return the kind of spring that a short or a full name means.
-
-    Args:
-        text: such as "cubic", "even quadratic" or "cubic_stiffness".
 
     Raises:
         InputError: there is none.
@@ -119,11 +105,7 @@ def prior_of(given: object) -> Prior:
 
 
 def prior_list(prior: Prior) -> list[Any]:
-    """Return the list that `prior_of` makes a prior of.
-
-    Args:
-        prior: the prior.
-    """
+    """Return the list that `prior_of` makes a prior of."""
     return [prior.family, prior.first, prior.second]
 
 

@@ -7,14 +7,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from opid.errors import InputError, nearest, refuse
 from opid.modal.linear.coordinates import ModalTest, modal_test
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.modes_file import read_modes, write_modes
 from opid.modal.study import THRESHOLDS, USES, ModalStudy, StudyTest
-from opid.signals.conversion import recording_of
+from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.log import Log
 from opid.signals.log_settings import ChannelSettings, LogSettings
 from opid.signals.logs import open_log, write_log
@@ -24,14 +22,24 @@ from opid.studies.kinds import MODAL_TESTS
 from opid.studies.tables import (
     CHANNEL,
     LOG,
+    MAYBE_NUMBER,
+    MAYBE_TEXT,
+    MAYBE_WHOLE,
     TEXT,
     Document,
     Key,
     Say,
     channel_settings,
+    dict_at,
+    list_at,
     log_settings,
     maybe,
+    noted,
+    one_of,
+    prefixed,
+    require_plain,
     table_faults,
+    toml_of,
 )
 
 LARGEST_CSV = 3_000_000
@@ -40,35 +48,38 @@ LARGEST_CSV = 3_000_000
 _MODEL = {
     "drive_point": maybe(str, "the name of a sensor in quotes"),
     "nonlinear": maybe(list, "a list of modes counted from 1, like [7, 11]"),
-    "stiffness_order": maybe(int, "a whole number"),
-    "damping_order": maybe(int, "a whole number"),
+    "stiffness_order": MAYBE_WHOLE,
+    "damping_order": MAYBE_WHOLE,
+    "free_linear": maybe(bool, "true or false"),
     **dict.fromkeys(THRESHOLDS, maybe((int, float), "a share, 0.01 for 1 %")),
 }
-"""What may stand in [modes] or beside it; so may `free_linear`, which is true or false."""
-_STUDY = {
-    "title": maybe(str, "text in quotes"),
-    **MODAL_TESTS.tables,
-    **_MODEL,
-}
-_MODES = {"file": TEXT, **_MODEL}
+"""What may stand in [modes] or beside it."""
 # the channels of a test come from one recorder
 _CHANNEL = {name: key for name, key in CHANNEL.items() if name not in ("file", "log", "shift_s")}
 _TEST = {
     "log": TEXT,
-    "name": maybe(str, "text in quotes"),
+    "name": MAYBE_TEXT,
     "force": maybe(str, "the name of a channel in quotes"),
-    "use": maybe(str, f"one of {', '.join(map(repr, USES))}"),
+    "use": maybe(str, one_of(USES)),
     "mode": maybe(int, "the number of a mode, from 1"),
     "modes": maybe(str, "the name of a file in quotes"),
-    "start_s": maybe((int, float), "a number"),
-    "stop_s": maybe((int, float), "a number"),
+    "start_s": MAYBE_NUMBER,
+    "stop_s": MAYBE_NUMBER,
+}
+_STUDY = {
+    "title": MAYBE_TEXT,
+    "modes": Key(dict, MODAL_TESTS.needs["modes"], keys={"file": TEXT, **_MODEL}),
+    "log": maybe(dict, "a table [log]", keys=LOG),
+    "channels": maybe(dict, "a table [channels]", entries=_CHANNEL),
+    "tests": Key(list, MODAL_TESTS.needs["tests"], keys=_TEST),
+    **_MODEL,
 }
 
 
 def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
     """Read what a study file of modal tests names, and return the study."""
     refuse(list(_document_faults(document)), source)
-    settings = {name: document["modes"].get(name, document.get(name)) for name in (*_MODEL, "free_linear")}
+    settings = {name: document["modes"].get(name, document.get(name)) for name in _MODEL}
     modes, faults = _all_modes(document, source.parent)
     linear = modes.get(document["modes"]["file"])
     if linear is not None:
@@ -76,17 +87,16 @@ def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
         faults += _channel_faults(document, linear)
     refuse(faults, source)
     assert linear is not None  # or it would have been refused
-    how, channels = _reading(document, source)
+    with prefixed(f"{source}: "):
+        how = log_settings(document.get("log", {}))
+        channels = {name: channel_settings(name, entry) for name, entry in document.get("channels", {}).items()}
     tests = []
     for entry in document["tests"]:
         say(entry["log"])
-        try:
-            own = modes[entry.get("modes", document["modes"]["file"])]
+        own, use = modes[entry.get("modes", document["modes"]["file"])], "fit" if "force" in entry else "decay"
+        with noted(faults, f"test {_name(entry)!r}"):
             test = _test(entry, source.parent, own, settings["drive_point"], how, channels)
-        except InputError as error:
-            faults.append(f"test {_name(entry)!r}: {error}")
-            continue
-        tests.append(StudyTest(test, entry.get("use", "fit" if "force" in entry else "decay"), entry.get("mode")))
+            tests.append(StudyTest(test, entry.get("use", use), entry.get("mode")))
     refuse(faults, source)
     nonlinear = tuple(settings.pop("nonlinear") or ())
     settings = {name: value for name, value in settings.items() if value is not None}
@@ -96,9 +106,7 @@ def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
 def write_modal_logs(study: ModalStudy, directory: Path) -> str:
     """Write the modes and the log of each test, and return the text of the study file."""
     for each in study.tests:
-        name = each.test.name
-        if name in ("", ".", "..") or Path(name).name != name:
-            raise InputError(f"the test {name!r} cannot name its log: call it by one plain word")
+        require_plain("test", each.test.name)
     values = sum(each.test.recording.samples.size for each in study.tests)
     ending = ".h5" if values > LARGEST_CSV and find_spec("h5py") is not None else ".csv"
     write_modes(study.modes, directory / "modes.npz")
@@ -119,38 +127,17 @@ def write_modal_logs(study: ModalStudy, directory: Path) -> str:
 
 
 def _document_faults(document: Document) -> Iterator[str]:
-    yield from _checked("the study", document, _STUDY)
-    modes = document.get("modes")
-    if isinstance(modes, dict):
-        yield from _checked("[modes]", modes, _MODES)
-        for name in (*_MODEL, "free_linear"):
-            if name in modes and name in document:
-                yield f"{name!r} stands in [modes] and beside it, give it once"
-    for where in (document, modes if isinstance(modes, dict) else {}):
-        listed = where.get("nonlinear", [])
-        for mode in listed if isinstance(listed, list) else []:
-            if not isinstance(mode, int) or isinstance(mode, bool):
-                yield f"'nonlinear' holds {mode!r}, give numbers of modes counted from 1"
-    if isinstance(document.get("log"), dict):
-        yield from table_faults("[log]", document["log"], LOG)
-    channels = document.get("channels")
-    for name, entry in channels.items() if isinstance(channels, dict) else ():
-        if isinstance(entry, dict):
-            yield from table_faults(f"[channels.{name}]", entry, _CHANNEL)
-        elif not isinstance(entry, (str, int)) or isinstance(entry, bool):
-            yield f"{name!r} in [channels] is {entry!r}, give the name of a channel, its number or a table"
-    tests = document.get("tests")
-    for number, entry in enumerate(tests if isinstance(tests, list) else [], start=1):
-        yield from table_faults(f"[[tests]] number {number}", entry, _TEST)
+    yield from table_faults("the study", document, _STUDY)
+    modes = dict_at(document, "modes")
+    for name in _MODEL:
+        if name in modes and name in document:
+            yield f"{name!r} stands in [modes] and beside it, give it once"
+    for mode in (*list_at(document, "nonlinear"), *list_at(modes, "nonlinear")):
+        if not _TEST["mode"].takes(mode):
+            yield f"'nonlinear' holds {mode!r}, give numbers of modes counted from 1"
+    for number, entry in enumerate(list_at(document, "tests"), start=1):
         if isinstance(entry, dict) and isinstance(entry.get("use"), str) and entry["use"] not in USES:
             yield f"'use' in [[tests]] number {number} is {entry['use']!r}, give {_TEST['use'].what}"
-
-
-def _checked(where: str, table: Mapping[str, Any], keys: Mapping[str, Key]) -> Iterator[str]:
-    """The faults of a table that may have `free_linear`, the one key that is true or false."""
-    yield from table_faults(where, {name: value for name, value in table.items() if name != "free_linear"}, keys)
-    if not isinstance(table.get("free_linear", True), bool):
-        yield f"'free_linear' in {where} is {table['free_linear']!r}, give true or false"
 
 
 def _all_modes(document: Document, directory: Path) -> tuple[dict[str, LinearModes], list[str]]:
@@ -187,15 +174,6 @@ def _channel_faults(document: Document, modes: LinearModes) -> list[str]:
     ]
 
 
-def _reading(document: Document, source: Path) -> tuple[LogSettings, dict[str, ChannelSettings]]:
-    """How the logs are to be read, and what their channels mean."""
-    try:
-        how = log_settings(document.get("log", {}))
-        return how, {name: channel_settings(name, entry) for name, entry in document.get("channels", {}).items()}
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-
-
 def _test(
     entry: Mapping[str, Any],
     directory: Path,
@@ -229,12 +207,7 @@ def _wanted(
         )
     names += [force] if force is not None else []
     wanted = {name: channels.get(name, ChannelSettings(name)) for name in names}
-    places: dict[tuple[int, int], str] = {}
-    for name, settings in wanted.items():
-        track, column = log.find(settings.channel)
-        other = places.setdefault((id(track), column), name)
-        if other != name:
-            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")
+    require_distinct(log, wanted)
     return wanted
 
 
@@ -296,7 +269,4 @@ def _toml(study: ModalStudy, entries: list[dict[str, Any]]) -> str:
         if getattr(study, name) is not None:
             modes[name] = getattr(study, name)
     modes |= {name: getattr(study, name) for name in THRESHOLDS if getattr(study, name) != getattr(ModalStudy, name)}
-    text = tomli_w.dumps({"title": study.title, "modes": modes})
-    for entry in entries:
-        text += "\n[[tests]]\n" + tomli_w.dumps(entry)
-    return text
+    return toml_of({"title": study.title, "modes": modes}, tests=entries)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.conversion import recording_of
+from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.health.inspection import inspect, without_spikes
 from opid.signals.health.result import Finding, Health
 from opid.signals.log import Log
@@ -148,7 +148,7 @@ def _recorders(files: RunFiles, say: Callable[[str], None]) -> tuple[list[_Recor
     recorders = []
     for (path, settings, shift_s), channels in groups.items():
         log = logs[path] if len(logs) == len(groups) else open_log(path, settings)
-        _require_distinct(log, channels)
+        require_distinct(log, channels)
         health = inspect(log, settings, channels=channels, progress=partial(_say_percent, say, path.name))
         recorders.append(_Recorder(log, settings, channels, health, shift_s + zero[path]))
     return recorders, findings
@@ -174,15 +174,6 @@ def _zeros(logs: Mapping[Path, Log], shifts_s: Sequence[float]) -> tuple[dict[Pa
     names = " and ".join(path.name for path in logs)
     words = f"the times of {names} are taken to count from the same moment: if they do not, give shift_s in [channels]"
     return dict.fromkeys(logs, 0.0), [Finding("note", "", words)]
-
-
-def _require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:
-    places: dict[tuple[int, int], str] = {}
-    for name, settings in channels.items():
-        track, column = log.find(settings.channel)
-        other = places.setdefault((id(track), column), name)
-        if other != name:
-            raise InputError(f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two")
 
 
 def _part(recorder: _Recorder, begin: float | None, end: float | None, reasons: str) -> Recording:

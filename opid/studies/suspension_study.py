@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 
 from opid.errors import InputError, nearest, refuse
 from opid.signals.health.result import Finding
@@ -19,7 +18,17 @@ from opid.signals.logs import write_log
 from opid.studies.kinds import SUSPENSIONS, kind_of
 from opid.studies.run_files import RunFiles, Source, at_one_rate, run_from_files
 from opid.studies.suspension_tables import SENSOR_KEYS, document_faults, is_body_study, loading_of
-from opid.studies.tables import Document, Say, channel_settings, load, log_settings
+from opid.studies.tables import (
+    Document,
+    Say,
+    channel_settings,
+    load,
+    log_settings,
+    noted,
+    prefixed,
+    require_plain,
+    toml_of,
+)
 from opid.suspensions.sensor_facts import SIDES, Leak, SensorFacts, SensorPair, Side
 from opid.suspensions.study import (
     Axis,
@@ -52,52 +61,29 @@ def build_suspension_study(document: Document, source: Path, say: Say) -> Study:
     """Read the logs and loading tables that a study file of suspensions names, and return the study."""
     refuse(list(document_faults(document)), source)
     is_body = is_body_study(document)
-    try:
+    with prefixed(f"{source}: "):
         interfaces, further = _body_sensors(document) if is_body else ((), ())
         pair = SensorPair() if is_body else _sensors(document)
         all_files = [run_files_of(document, entry, source.parent) for entry in document["runs"]]
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-    runs, faults = [], []
+    runs: list[Run] = []
+    faults: list[str] = []
     for entry, files in zip(document["runs"], all_files, strict=True):
         loading: tuple[PointMass, ...] | float = files.mass_change_kg
-        try:
+        with noted(faults, f"run {files.name!r}"):
             loading = loading_of(entry, source.parent) if is_body else loading
-        except InputError as error:
-            faults.append(f"run {files.name!r}: {error}")
-        try:
+        with noted(faults, f"run {files.name!r}"):
             run = run_from_files(files, fs_hz=document.get("fs_hz"), progress=say)
             runs.append(replace(run, loading=loading))
-        except InputError as error:
-            faults.append(f"run {files.name!r}: {error}")
     refuse(faults, source)
     runs = _with_stretches_of_one_log(runs, all_files)
-    title, day, at_rate = document.get("title", source.stem), document.get("date"), at_one_rate(runs)
+    shared: dict[str, Any] = {"title": document.get("title", source.stem), "runs": at_one_rate(runs), "source": source}
+    shared |= {name: document[name] for name in ("date", "repeatability") if name in document}
     if is_body:
         structure = _structure(document.get("structure", {}))
-        return Study(
-            title,
-            interfaces,
-            at_rate,
-            structure,
-            further,
-            repeatability=document.get("repeatability"),
-            date=day,
-            source=source,
-        )
-    names = {side: _name(document["channels"], side) for side in SIDES}
-    return study_of_gear(
-        title,
-        sprung=names["sprung"],
-        unsprung=names["unsprung"],
-        runs=at_rate,
-        sensors=pair,
-        axis=document.get("axis", "up"),
-        piston_area_m2=document.get("piston_area_m2"),
-        repeatability=document.get("repeatability"),
-        date=day,
-        source=source,
-    )
+        return Study(interfaces=interfaces, structure=structure, sensors=further, **shared)
+    shared |= {name: document[name] for name in ("axis", "piston_area_m2") if name in document}
+    shared |= {side: _name(document["channels"], side) for side in SIDES}
+    return study_of_gear(sensors=pair, **shared)
 
 
 def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
@@ -204,11 +190,9 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
         raise InputError(f"{source} is a study of {kind.subject}: a log is read as a study of suspensions says")
     refuse(list(document_faults(document)), source)
-    try:
+    with prefixed(f"{source}: "):
         settings = log_settings(document.get("log", {}))
         all_files = [run_files_of(document, entry, source.parent) for entry in document["runs"]]
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
     users = [(files.name, taken) for files in all_files if (taken := _taken(files, _place(log)))]
     if not users:
         return (LogReading(settings),)
@@ -219,8 +203,7 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
 def write_suspension_logs(study: Study, directory: Path) -> str:
     """Write the log of each run, and return the text of the study file."""
     for run in study.runs:
-        if run.name in ("", ".", "..") or Path(run.name).name != run.name:
-            raise InputError(f"the run {run.name!r} cannot name its log: call it by one plain word")
+        require_plain("run", run.name)
     for run in study.runs:
         write_log(run.recording, directory / f"{run.name}.csv")
     return _gear_text(study) if _is_told_by_channels(study) else _body_text(study)
@@ -245,23 +228,29 @@ def _is_told_by_channels(study: Study) -> bool:
 
 def _gear_text(study: Study) -> str:
     channels = {"unsprung": study.unsprung, "sprung": study.sprung}
-    # every further channel of the runs by its own name, so that it is read back
-    channels |= {name: name for run in study.runs for name in run.recording.names if name not in channels.values()}
     sensors = _sensor_tables(study.interfaces[0].facts)
-    known = {"sensors": sensors} if sensors else {}
-    day = {} if study.date is None else {"date": study.date}
-    head = _strut_of(study.interfaces[0]) | _repeatability_of(study)
-    text = tomli_w.dumps({"title": study.title, **day, **head, "channels": channels, **known})
-    for run in study.runs:
-        entry = {"name": run.name, "log": f"{run.name}.csv", "mass_change_kg": run.mass_change_kg}
-        # all of it: without a start the stretch in motion would be looked for
-        entry |= {"start_s": run.recording.start_s}
-        text += "\n[[runs]]\n" + tomli_w.dumps(entry)
-    return text
+    head = (
+        _head_of(study)
+        | _strut_of(study.interfaces[0])
+        | {"channels": channels | _further_of(study, channels.values())}
+    )
+    runs = [_run_table(run, mass_change_kg=run.mass_change_kg) for run in study.runs]
+    return toml_of(head | ({"sensors": sensors} if sensors else {}), runs=runs)
 
 
-def _repeatability_of(study: Study) -> dict[str, float]:
-    return {} if study.repeatability is None else {"repeatability": study.repeatability}
+def _head_of(study: Study) -> dict[str, Any]:
+    known = {"title": study.title, "date": study.date, "repeatability": study.repeatability}
+    return {name: value for name, value in known.items() if value is not None}
+
+
+def _further_of(study: Study, used: Collection[str]) -> dict[str, str]:
+    """Every further channel of the runs by its own name, so that it is read back."""
+    return {name: name for run in study.runs for name in run.recording.names if name not in used}
+
+
+def _run_table(run: Run, **more: float) -> dict[str, Any]:
+    # all of it: without a start the stretch in motion would be looked for
+    return {"name": run.name, "log": f"{run.name}.csv", **more, "start_s": run.recording.start_s}
 
 
 def _strut_of(interface: MeasuredInterface) -> dict[str, str | float]:
@@ -271,13 +260,11 @@ def _strut_of(interface: MeasuredInterface) -> dict[str, str | float]:
 
 
 def _body_text(study: Study) -> str:
-    head: dict[str, Any] = {"title": study.title} | ({} if study.date is None else {"date": study.date})
-    head |= _repeatability_of(study)
+    head = _head_of(study)
     facts = {name: _told(known) for name, known in _facts_by_channel(study).items() if _told(known)}
     used = {*study.channels("unsprung"), *study.channels("sprung")}
-    # every further channel of the runs by its own name, so that it is read back
-    further = {name: name for run in study.runs for name in run.recording.names if name not in used}
-    channels = further | {name: {"channel": name, **known} for name, known in facts.items()}
+    channels: dict[str, Any] = _further_of(study, used)
+    channels |= {name: {"channel": name, **known} for name, known in facts.items()}
     if channels:
         head["channels"] = channels
     standard = asdict(StructureSettings())
@@ -290,20 +277,15 @@ def _body_text(study: Study) -> str:
         {"channel": channel, "into": study.channels(side)[place], "tolerance": tolerance}
         for channel, side, place, tolerance in study.leaks()
     ]
-    text = tomli_w.dumps(head | ({"sensors": {"leak": leaks}} if leaks else {}))
+    interfaces = []
     for interface in study.interfaces:
         table = {name: value for name, value in asdict(interface).items() if value is not None and name != "facts"}
         del table["axis"]
-        table |= _strut_of(interface)
-        text += "\n[[interfaces]]\n" + tomli_w.dumps(table)
-    for sensor in study.sensors:
-        text += "\n[[body_sensors]]\n" + tomli_w.dumps(
-            {"channel": sensor.channel, "x_m": sensor.x_m, "y_m": sensor.y_m}
-        )
+        interfaces.append(table | _strut_of(interface))
+    sensors = [{"channel": each.channel, "x_m": each.x_m, "y_m": each.y_m} for each in study.sensors]
+    text = toml_of(head | ({"sensors": {"leak": leaks}} if leaks else {}), interfaces=interfaces, body_sensors=sensors)
     for run in study.runs:
-        # all of it: without a start the stretch in motion would be looked for
-        entry = {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s}
-        text += "\n[[runs]]\n" + tomli_w.dumps(entry)
+        text += toml_of({}, runs=[_run_table(run)])
         if run.masses:
             rows = ", ".join(f"[{each.mass_kg!r}, {each.x_m!r}, {each.y_m!r}]" for each in run.masses)
             text += f"loading = [{rows}]\n"
@@ -338,16 +320,7 @@ def _name(channels: Mapping[str, Any], key: str) -> str:
 
 
 def run_files_of(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
-    """Return where each channel of a run is found, and how it is read.
-
-    Args:
-        document: what a study file holds, checked.
-        entry: the table [[runs]] of the run.
-        directory: that paths start from.
-
-    Raises:
-        InputError: a value that cannot be, a channel that is in no file, two of one name.
-    """
+    """Return where each channel of a run is found, and how it is read, from its table [[runs]]."""
     channels = _body_channels(document) if is_body_study(document) else document["channels"]
     wanted: dict[str, str | int | Mapping[str, Any]] = {}
     for key in channels:
@@ -406,6 +379,11 @@ def _leaking(channels: Mapping[str, Any], leak: Mapping[str, Any]) -> str:
     return _name(channels, leak["channel"]) if leak["channel"] in channels else leak["channel"]
 
 
+def _leak_of(channels: Mapping[str, Any], entry: Mapping[str, Any], into: str) -> Leak:
+    with prefixed("[sensors] "):
+        return Leak(**{**entry, "channel": _leaking(channels, entry), "into": into})
+
+
 def _as_table(entry: str | int | Mapping[str, Any]) -> Mapping[str, Any]:
     return entry if isinstance(entry, Mapping) else {"channel": entry}
 
@@ -416,10 +394,8 @@ def _structure(table: Mapping[str, Any]) -> StructureSettings:
 
 
 def _facts_of(table: Mapping[str, Any], more: Mapping[str, Any] | None = None) -> SensorFacts:
-    try:
+    with prefixed("[sensors] "):
         return SensorFacts(**(more or {}), **{key: value for key, value in table.items() if key in SENSOR_KEYS})
-    except InputError as error:
-        raise InputError(f"[sensors] {error}") from None
 
 
 def _body_sensors(document: Document) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
@@ -438,11 +414,7 @@ def _body_sensors(document: Document) -> tuple[tuple[MeasuredInterface, ...], tu
                 f"{nearest(entry['into'], list(sides))}"
             )
         place, side = sides[entry["into"]]
-        try:
-            leak = Leak(**{**entry, "channel": _leaking(channels, entry), "into": side})
-        except InputError as error:
-            raise InputError(f"[sensors] {error}") from None
-        leaks.setdefault(place, []).append(leak)
+        leaks.setdefault(place, []).append(_leak_of(channels, entry, side))
     interfaces = tuple(
         MeasuredInterface(
             **entry,
@@ -469,12 +441,9 @@ def _sensors(document: Document) -> SensorPair:
         for key in sorted(tables.get(side, {}).keys() & entry.keys() & {*SENSOR_KEYS}):
             raise InputError(f"{key!r} stands in [channels.{side}] and in [sensors.{side}]: give it once")
         facts[side] = _facts_of(entry, tables.get(side, {}))
-    try:
-        leaks = [
-            Leak(**{**entry, "channel": _leaking(document["channels"], entry), "into": into})
-            for entry in tables.get("leak", [])
-            for into in ([entry["into"]] if "into" in entry else ["unsprung", "sprung"])
-        ]
-    except InputError as error:
-        raise InputError(f"[sensors] {error}") from None
+    leaks = [
+        _leak_of(document["channels"], entry, into)
+        for entry in tables.get("leak", [])
+        for into in ([entry["into"]] if "into" in entry else ["unsprung", "sprung"])
+    ]
     return SensorPair(facts["unsprung"], facts["sprung"], tuple(leaks))

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from opid.errors import InputError, nearest, refuse
-from opid.studies.class_tables import class_faults, class_table, model_class, prior_list, prior_of
+from opid.studies.class_tables import CLASS, class_faults, class_table, model_class, prior_list, prior_of
 from opid.studies.kinds import BACKBONES
-from opid.studies.tables import TEXT, Document, Key, Say, maybe, table_faults
+from opid.studies.tables import (
+    MAYBE_TEXT,
+    MAYBE_WHOLE,
+    TEXT,
+    Document,
+    Key,
+    Say,
+    dict_at,
+    keys_of,
+    list_at,
+    maybe,
+    noted,
+    one_of,
+    table_faults,
+    toml_of,
+)
 from opid.updating.data.backbone_file import read_backbone, write_backbone
 from opid.updating.data.checks import backbone_faults, shortened
 from opid.updating.data.measured import MeasuredBackbone
@@ -26,19 +38,13 @@ from opid.updating.study import SAMPLERS, UpdatingStudy, setting_faults
 FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 """Of a factor of the linear structure where the study names none: from a twentieth of nominal to five times."""
 
-_STUDY = {
-    "title": maybe(str, "text in quotes"),
-    "form": maybe(str, "'recommended', 'paper', 'literal' or 'independent'"),
-    "harmonics": maybe(list, "a list of harmonics of the model like [1, 3]"),
-    **BACKBONES.tables,
-}
 _STRUCTURE = {
     "matrices": Key((str, dict), "the name of a file in quotes, or a table with one for each matrix"),
     "dofs": maybe((str, list), "the name of a file in quotes, or a list of names"),
     "sensors": maybe(list, "a list of degrees of freedom"),
     "joints": maybe(dict, 'a table of joints, each with its two ends like ["9", "10"]'),
     "parameters": maybe(list, "a list of names"),
-    "internal_modes": maybe(int, "a whole number"),
+    "internal_modes": MAYBE_WHOLE,
     "priors": maybe(dict, 'a table of priors, each like ["uniform", 0.1, 2]'),
 }
 _LOG = {"unit": TEXT}
@@ -46,18 +52,22 @@ _BACKBONE = {
     "file": TEXT,
     "mode": Key(int, "the number of a mode, from 1"),
     "controlled_sensor": Key((str, int), "the name of a sensor in quotes"),
-    "name": maybe(str, "text in quotes"),
-    "unit": maybe(str, "text in quotes"),
+    "name": MAYBE_TEXT,
+    "unit": MAYBE_TEXT,
 }
-_SAMPLING = {
-    "sampler": maybe(str, f"one of {', '.join(map(repr, SAMPLERS))}"),
-    "samples": maybe(int, "a whole number"),
-    "seed": maybe(int, "a whole number"),
+_SAMPLING = {"sampler": maybe(str, one_of(SAMPLERS)), "samples": MAYBE_WHOLE, "seed": MAYBE_WHOLE}
+_NOISE = keys_of(NoiseSettings, cov=maybe(dict, "a table with a number for each mode"))
+_STUDY = {
+    "title": MAYBE_TEXT,
+    "form": maybe(str, "'recommended', 'paper', 'literal' or 'independent'"),
+    "harmonics": maybe(list, "a list of harmonics of the model like [1, 3]"),
+    "structure": Key(dict, BACKBONES.needs["structure"], keys=_STRUCTURE),
+    "log": maybe(dict, "a table [log]", keys=_LOG),
+    "backbones": Key(list, BACKBONES.needs["backbones"], keys=_BACKBONE),
+    "classes": Key(list, BACKBONES.needs["classes"], keys=CLASS),
+    "sampling": maybe(dict, "a table [sampling]", keys=_SAMPLING),
+    "noise": maybe(dict, "a table [noise]", keys=_NOISE),
 }
-_NOISE = {
-    each.name: maybe((int, float), "a number") for each in fields(NoiseSettings) if each.name not in ("cov", "shapes")
-} | {"cov": maybe(dict, "a table with a number for each mode")}
-"""What may stand in [noise], the fields of `NoiseSettings`; so may `shapes`, which is true or false."""
 
 
 def build_updating_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
@@ -65,12 +75,12 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
     faults, table = list(_document_faults(document)), document.get("structure")
     structure, backbones = None, []
     # what is sound is read even so: its faults are told with the others
-    if isinstance(table, dict) and not list(_of_structure(table)):
+    if isinstance(table, dict) and not [*table_faults("", table, _STRUCTURE), *_structure_faults(table)]:
         say("the matrices")
         structure, wrong = _structure(table, source.parent)
         faults += [f"[structure]: {fault}" for fault in wrong]
     alike: dict[str, list[str]] = {}
-    for entry in _tables(document, "backbones"):
+    for entry in list_at(document, "backbones"):
         if list(table_faults("", entry, _BACKBONE)):
             continue
         say(entry["file"])
@@ -82,10 +92,9 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
     faults += [_of_files(fault, files) for fault, files in alike.items()]
     if structure is not None:
         faults += backbone_faults(structure, backbones)
-    try:
-        noise = NoiseSettings() if list(_noise_faults(document)) else _noise(document.get("noise", {}))
-    except InputError as error:
-        faults.append(f"[noise]: {error}")
+    noise = NoiseSettings()
+    with noted(faults, "[noise]"):
+        noise = _noise(_sound(document.get("noise"), _NOISE))
     if faults:
         faults += setting_faults(**_settings(document))
     refuse(faults, source)
@@ -124,16 +133,7 @@ def write_backbones(study: UpdatingStudy, directory: Path) -> str:
 def _sound(table: object, keys: Mapping[str, Key]) -> dict[str, Any]:
     """The entries of a table whose keys are known and whose values have the right type."""
     pairs = table.items() if isinstance(table, dict) else ()
-    return {name: value for name, value in pairs if name in keys and not any(_unfit(name, value, keys[name]))}
-
-
-def _unfit(name: str, value: object, key: Key) -> Iterator[str]:
-    return table_faults("", {name: value}, {name: key})
-
-
-def _tables(document: Document, name: str) -> list[Any]:
-    found = document.get(name)
-    return found if isinstance(found, list) else []
+    return {name: value for name, value in pairs if name in keys and keys[name].takes(value)}
 
 
 def _of_files(fault: str, files: Sequence[str]) -> str:
@@ -145,45 +145,21 @@ def _of_files(fault: str, files: Sequence[str]) -> str:
 
 def _document_faults(document: Document) -> Iterator[str]:
     yield from table_faults("the study", document, _STUDY)
-    structure = document.get("structure")
-    if isinstance(structure, dict):
-        yield from _of_structure(structure)
-    for name, keys in (("log", _LOG), ("sampling", _SAMPLING)):
-        if isinstance(document.get(name), dict):
-            yield from table_faults(f"[{name}]", document[name], keys)
-    if isinstance(document.get("noise", {}), dict):
-        yield from _noise_faults(document)
-    for number, entry in enumerate(_tables(document, "backbones"), start=1):
-        yield from table_faults(f"[[backbones]] number {number}", entry, _BACKBONE)
-    for number, entry in enumerate(_tables(document, "classes"), start=1):
+    yield from _structure_faults(dict_at(document, "structure"))
+    for number, entry in enumerate(list_at(document, "classes"), start=1):
         yield from class_faults(number, entry)
     for name in ("backbones", "classes"):
         if document.get(name) == []:
             yield f"[[{name}]] is empty, give {_STUDY[name].what}"
 
 
-def _noise_faults(document: Document) -> Iterator[str]:
-    table = document.get("noise", {})
-    others = {name: value for name, value in table.items() if name != "shapes"} if isinstance(table, dict) else table
-    yield from table_faults("[noise]", others, _NOISE)
-    if isinstance(table, dict) and not isinstance(table.get("shapes", True), bool):
-        yield f"'shapes' in [noise] is {table['shapes']!r}, give true or false"
-
-
-def _of_structure(table: Mapping[str, Any]) -> Iterator[str]:
-    yield from table_faults("[structure]", table, _STRUCTURE)
-    yield from _structure_faults(table)
-
-
 def _structure_faults(table: Mapping[str, Any]) -> Iterator[str]:
     """What is wrong with lists and tables within [structure]."""
-    joints = table.get("joints")
-    for name, ends in joints.items() if isinstance(joints, dict) else ():
+    for name, ends in dict_at(table, "joints").items():
         if not isinstance(ends, list) or len(ends) != 2:
             yield f"the joint {name!r} is {ends!r}, give the two degrees of freedom that it lies between"
     names = table.get("parameters", [])
-    priors = table.get("priors")
-    for name, given in priors.items() if isinstance(priors, dict) else ():
+    for name, given in dict_at(table, "priors").items():
         if isinstance(names, list) and name not in names:
             hint = nearest(name, map(str, names)) if names else "'parameters' names none"
             yield f"[structure.priors] has {name!r}, which is no parameter to update: {hint}"
@@ -191,8 +167,7 @@ def _structure_faults(table: Mapping[str, Any]) -> Iterator[str]:
             prior_of(given)
         except InputError as error:
             yield f"[structure.priors] {name!r}: {error}"
-    matrices = table.get("matrices")
-    for name, file in matrices.items() if isinstance(matrices, dict) else ():
+    for name, file in dict_at(table, "matrices").items():
         if not isinstance(file, str):
             yield f"{name!r} in [structure.matrices] is {file!r}, give the name of a file in quotes"
 
@@ -269,15 +244,13 @@ def _toml(study: UpdatingStudy) -> str:
     if study.parameters:
         structure["priors"] = {name: prior_list(prior) for name, prior in study.parameters.items()}
     head = {"title": study.title, "form": study.form, "harmonics": list(study.harmonics)}
-    text = tomli_w.dumps({**head, "structure": structure})
+    backbones = []
     for curve in study.backbones:
         file = _file_of(curve)
         entry = {"file": file, "mode": curve.mode, "controlled_sensor": curve.controlled_sensor}
-        if Path(file).stem != curve.name:
-            entry["name"] = curve.name
-        text += "\n[[backbones]]\n" + tomli_w.dumps(entry)
-    for each in study.classes:
-        text += "\n[[classes]]\n" + tomli_w.dumps(class_table(each))
+        backbones.append(entry | ({} if Path(file).stem == curve.name else {"name": curve.name}))
+    classes = [class_table(each) for each in study.classes]
+    text = toml_of({**head, "structure": structure}, backbones=backbones, classes=classes)
     samples = {} if study.n_samples is None else {"samples": study.n_samples}
     sampling = {"sampler": study.sampler, **samples, "seed": study.seed}
     given, usual = vars(study.noise), vars(NoiseSettings())
@@ -286,6 +259,6 @@ def _toml(study: UpdatingStudy) -> str:
     noise = {name: given[name] for name in stated}
     if noise.get("cov"):
         noise["cov"] = {str(mode): value for mode, value in noise["cov"].items()}
-    text += "\n" + tomli_w.dumps({"sampling": sampling, **({"noise": noise} if noise else {})})
+    text += "\n" + toml_of({"sampling": sampling, **({"noise": noise} if noise else {})})
     # a list of plain values on one line
     return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, text)
