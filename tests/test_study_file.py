@@ -472,6 +472,7 @@ SENSOR_FAULTS = [
     ("gain_tolerance", "gain_tolerence", r"\[sensors.sprung\] has an unknown key .* mean 'gain_tolerance'"),
     ("0.02", '"2 %"', r"'gain_tolerance' in \[sensors.sprung\] is '2 %', give a number"),
     ("into", "to", r"\[\[sensors.leak\]\] number 1 has an unknown key 'to'"),
+    ('sprung = "upper_z"', 'sprung = ["upper_z"]', r"'sprung' in \[channels\] is \['upper_z'\], give the name of a"),
     ('channel = "upper_x"', "", r"\[\[sensors.leak\]\] number 2 lacks 'channel', give text in quotes"),
     ("[[sensors.leak]]", "[sensors.leak]", "is no TOML"),
     ("0.33", "-0.33", r"\[sensors\] corner_hz is -0.33: give zero or a positive number"),
@@ -483,6 +484,7 @@ SENSOR_FAULTS = [
 BODY_FAULTS = [
     ("x_m = 5\n", "x_m = 5\nsensor_xm = 5.3\n", "key 'sensor_xm' \\(did you mean 'sensor_x_m'"),
     ("[structure]", "[structures]", "unknown key 'structures' \\(did you mean 'structure'"),
+    ("[[sensors.leak]]", "[[sensrs.leak]]", "unknown key 'sensrs' .did you mean 'sensors'..$"),
     ('unsprung = "n_low"\n', "", "'nose' has 'sprung' without 'unsprung', give the channel below"),
     ('sprung = "r_up"\nun', "un", "'right' has 'unsprung' without 'sprung', give the"),
     ("start_s", "mass_change_kg = 280\nstart_s", "leave out 'mass_change_kg'"),

@@ -94,7 +94,7 @@ def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
     for entry in document["tests"]:
         say(entry["log"])
         own, use = modes[entry.get("modes", document["modes"]["file"])], "fit" if "force" in entry else "decay"
-        with noted(faults, f"test {_name(entry)!r}"):
+        with noted(faults, f"test {_name(entry)!r}: "):
             test = _test(entry, source.parent, own, settings["drive_point"], how, channels)
             tests.append(StudyTest(test, entry.get("use", use), entry.get("mode")))
     refuse(faults, source)
@@ -143,12 +143,10 @@ def _document_faults(document: Document) -> Iterator[str]:
 def _all_modes(document: Document, directory: Path) -> tuple[dict[str, LinearModes], list[str]]:
     """The linear modes by the name of their file, each read once, and what is wrong with them."""
     modes: dict[str, LinearModes] = {}
-    faults = []
+    faults: list[str] = []
     for name in dict.fromkeys([document["modes"]["file"], *(e["modes"] for e in document["tests"] if "modes" in e)]):
-        try:
+        with noted(faults):
             modes[name] = read_modes(directory / name)
-        except InputError as error:
-            faults.append(str(error))
     return modes, faults
 
 
@@ -156,11 +154,10 @@ def _drive_point_faults(document: Document, drive_point: str | None, modes: Line
     forced = [_name(entry) for entry in document["tests"] if "force" in entry]
     if drive_point is None:
         return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"] * bool(forced)
-    try:
+    faults: list[str] = []
+    with noted(faults, "'drive_point': "):
         modes.row(drive_point)
-    except InputError as error:
-        return [f"'drive_point': {error}"]
-    return []
+    return faults
 
 
 def _channel_faults(document: Document, modes: LinearModes) -> list[str]:

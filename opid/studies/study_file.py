@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
 from opid.signals.files import written_whole
-from opid.studies.kinds import MODAL_TESTS, SUSPENSIONS, StudyKind, kind_of
+from opid.studies.kinds import KINDS, MODAL_TESTS, SUSPENSIONS, StudyKind, kind_of
 from opid.studies.tables import Say, load
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     source = Path(path)
     document = load(source)
     found = kind_of(document, source)
-    record, build = _reader(found)
+    record, build, _ = _room(found)
     if kind is not None and kind is not record:
         command = f"opid {found.command} {shlex.quote(str(source))}"
         raise InputError(f"{source} is a study of {found.subject}: use `{command}`")
@@ -114,47 +114,32 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
             or a structure that is given by its modes.
     """
     target = Path(path)
-    text = _writer(study)(study, target.parent)
-    with written_whole(target) as file:
-        file.write(text)
+    for kind in KINDS:
+        record, _, write = _room(kind)
+        if isinstance(study, record):
+            text = write(study, target.parent)
+            with written_whole(target) as file:
+                file.write(text)
+            return
+    raise InputError(f"study is of type {type(study).__name__}: give a Study, a ModalStudy or an UpdatingStudy")
 
 
-def _reader(kind: StudyKind) -> tuple[type[AnyStudy], Callable[..., AnyStudy]]:
-    """The record of a kind of study, and what makes it of a file's tables; no other kind is loaded."""
+def _room(kind: StudyKind) -> tuple[type[AnyStudy], Callable[..., AnyStudy], Callable[..., str]]:
+    """The record of a kind of study, what makes it of tables, and what writes its files and returns its text.
+
+    No other kind is loaded.
+    """
     if kind is SUSPENSIONS:
-        from opid.studies.suspension_study import build_suspension_study
+        from opid.studies.suspension_study import build_suspension_study, write_suspension_logs
         from opid.suspensions.study import Study
 
-        return Study, build_suspension_study
+        return Study, build_suspension_study, write_suspension_logs
     if kind is MODAL_TESTS:
         from opid.modal.study import ModalStudy
-        from opid.studies.modal_study import build_modal_study
+        from opid.studies.modal_study import build_modal_study, write_modal_logs
 
-        return ModalStudy, build_modal_study
-    from opid.studies.updating_study import build_updating_study
+        return ModalStudy, build_modal_study, write_modal_logs
+    from opid.studies.updating_study import build_updating_study, write_backbones
     from opid.updating.study import UpdatingStudy
 
-    return UpdatingStudy, build_updating_study
-
-
-def _writer(study: object) -> Callable[..., str]:
-    """What writes the files beside a study and returns the text of its own."""
-    from opid.suspensions.study import Study
-
-    if isinstance(study, Study):
-        from opid.studies.suspension_study import write_suspension_logs
-
-        return write_suspension_logs
-    from opid.modal.study import ModalStudy
-
-    if isinstance(study, ModalStudy):
-        from opid.studies.modal_study import write_modal_logs
-
-        return write_modal_logs
-    from opid.updating.study import UpdatingStudy
-
-    if isinstance(study, UpdatingStudy):
-        from opid.studies.updating_study import write_backbones
-
-        return write_backbones
-    raise InputError(f"study is of type {type(study).__name__}: give a Study, a ModalStudy or an UpdatingStudy")
+    return UpdatingStudy, build_updating_study, write_backbones

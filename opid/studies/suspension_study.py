@@ -69,9 +69,9 @@ def build_suspension_study(document: Document, source: Path, say: Say) -> Study:
     faults: list[str] = []
     for entry, files in zip(document["runs"], all_files, strict=True):
         loading: tuple[PointMass, ...] | float = files.mass_change_kg
-        with noted(faults, f"run {files.name!r}"):
+        with noted(faults, f"run {files.name!r}: "):
             loading = loading_of(entry, source.parent) if is_body else loading
-        with noted(faults, f"run {files.name!r}"):
+        with noted(faults, f"run {files.name!r}: "):
             run = run_from_files(files, fs_hz=document.get("fs_hz"), progress=say)
             runs.append(replace(run, loading=loading))
     refuse(faults, source)

@@ -42,13 +42,19 @@ _OF_ONE_GEAR = elsewhere("which belongs to one gear: give it in each table [[int
 _SENSOR = keys_of(SensorFacts)
 SENSOR_KEYS = tuple(_SENSOR)
 _CHANNEL = {**CHANNEL, **_SENSOR}
-_RUN = {
-    "name": TEXT,
-    "log": MAYBE_TEXT,
-    "start_s": MAYBE_NUMBER,
-    "stop_s": MAYBE_NUMBER,
-    "channels": maybe(dict, "a table [runs.channels]", entries=_CHANNEL),
-}
+
+
+def _run_keys(**load: Key) -> dict[str, Key]:
+    return {
+        "name": TEXT,
+        "log": MAYBE_TEXT,
+        **load,
+        "start_s": MAYBE_NUMBER,
+        "stop_s": MAYBE_NUMBER,
+        "channels": maybe(dict, "a table [runs.channels]", entries=_CHANNEL),
+    }
+
+
 _INTERFACE = keys_of(
     MeasuredInterface,
     without=["facts"],
@@ -62,25 +68,29 @@ _STUDY = {
     "date": maybe(date, "a date without quotes, as 2026-03-01"),
     "fs_hz": MAYBE_NUMBER,
     "repeatability": MAYBE_NUMBER,
-    "log": maybe(dict, "a table [log]", keys=LOG),
 }
+_LOG = maybe(dict, "a table [log]", keys=LOG)
 _GEAR_STUDY = {
     **_STUDY,
     **{name: _INTERFACE[name] for name in ("axis", "piston_area_m2")},
+    "log": _LOG,
     "channels": Key(dict, SUSPENSIONS.needs["channels"], entries=_CHANNEL),
-    "runs": Key(list, SUSPENSIONS.needs["runs"], keys={**_RUN, "mass_change_kg": NUMBER, "loading": _OF_A_BODY}),
+    "runs": Key(list, SUSPENSIONS.needs["runs"], keys=_run_keys(mass_change_kg=NUMBER, loading=_OF_A_BODY)),
     "sensors": maybe(dict, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"),
     "structure": _OF_A_BODY,
     "body_sensors": _OF_A_BODY,
 }
+
+
+def _leaks(into: Key) -> Key:
+    what = "one table [[sensors.leak]] for each recorded axis that leaks in"
+    return maybe(list, what, keys=keys_of(Leak, into=into))
+
+
 _SENSORS = {
     "sprung": maybe(dict, "a table [sensors.sprung]", keys=_SENSOR),
     "unsprung": maybe(dict, "a table [sensors.unsprung]", keys=_SENSOR),
-    "leak": maybe(
-        list,
-        "one table [[sensors.leak]] for each recorded axis that leaks in",
-        keys=keys_of(Leak, into=maybe(str, one_of(SIDES))),
-    ),
+    "leak": _leaks(maybe(str, one_of(SIDES))),
 }
 _STRUCTURE = keys_of(
     StructureSettings,
@@ -92,6 +102,7 @@ _BODY_STUDY = {
     **_STUDY,
     "axis": _OF_ONE_GEAR,
     "piston_area_m2": _OF_ONE_GEAR,
+    "log": _LOG,
     "channels": maybe(dict, "a table [channels]", entries=_CHANNEL),
     "interfaces": Key(list, "one table [[interfaces]] for each suspension", keys=_INTERFACE, is_named=True),
     "body_sensors": maybe(
@@ -104,15 +115,11 @@ _BODY_STUDY = {
     "runs": Key(
         list,
         SUSPENSIONS.needs["runs"],
-        keys={**_RUN, "loading": _LOADING, "mass_change_kg": MAYBE_NUMBER},
+        keys=_run_keys(loading=_LOADING, mass_change_kg=MAYBE_NUMBER),
         is_named=True,
     ),
 }
-_BODY_LEAK = maybe(
-    list,
-    "one table [[sensors.leak]] for each recorded axis that leaks in",
-    keys=keys_of(Leak, into=Key(str, "the name of the channel that lets it in")),
-)
+_BODY_LEAKS = _leaks(Key(str, "the name of the channel that lets it in"))
 
 COLUMNS = ("mass_kg", "x_m", "y_m")
 """Of a loading table."""
@@ -152,11 +159,13 @@ def _gear_faults(document: Document) -> Iterator[str]:
     for side in SIDES if isinstance(document.get("channels"), dict) else ():
         if side not in channels:
             yield f"[channels] lacks {side!r}, give the name of a channel or a table ({nearest(side, channels)})"
-    sides = {entry.get("channel") if isinstance(entry, dict) else entry: side for side, entry in channels.items()}
+    called_in_log = {side: channels[side] for side in SIDES if side in channels}
+    called_in_log |= {side: each.get("channel") for side, each in called_in_log.items() if isinstance(each, dict)}
     sensors = dict_at(document, "sensors")
-    by_channel = [name for name in sensors if name not in _SENSORS and sides.get(name) in SIDES]
+    by_channel = [name for name in sensors if name not in _SENSORS and name in called_in_log.values()]
     for name in by_channel:
-        yield f"[sensors.{name}] is called by its channel, write [sensors.{sides[name]}]"
+        side = next(side for side in SIDES if called_in_log.get(side) == name)
+        yield f"[sensors.{name}] is called by its channel, write [sensors.{side}]"
     others = {name: value for name, value in sensors.items() if name not in by_channel}
     yield from table_faults("[sensors]", others, _SENSORS, "sensors")
 
@@ -233,7 +242,7 @@ def _body_sensor_faults(sensors: Mapping[str, Any], names: Sequence[str]) -> Ite
                 f"{nearest(key, ('leak', *names))}"
             )
     leaks = {name: value for name, value in sensors.items() if name == "leak"}
-    yield from table_faults("[sensors]", leaks, {"leak": _BODY_LEAK}, "sensors")
+    yield from table_faults("[sensors]", leaks, {"leak": _BODY_LEAKS}, "sensors")
 
 
 def _side_faults(where: str, there: set[str]) -> Iterator[str]:

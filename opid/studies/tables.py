@@ -63,7 +63,9 @@ def keys_of(record: type, *, without: Sequence[str] = (), **others: Key) -> dict
     """
     hints, found = get_type_hints(record), {}
     for field in fields(record):
-        if field.name not in (*without, *others):
+        if field.name in others:
+            found[field.name] = others[field.name]
+        elif field.name not in without:
             required = field.default is MISSING and field.default_factory is MISSING
             found[field.name] = Key(*_type_in_words(hints[field.name]), required)
     return found | others
@@ -153,7 +155,8 @@ def table_faults(where: str, table: object, keys: Mapping[str, Key], path: str =
         if key.required and name not in table and name not in meant:
             yield f"{where} lacks {name!r}, give {key.what}"
     for name in known:
-        yield from _inner_faults(f"{path}.{name}".lstrip("."), table.get(name), keys[name])
+        if name in table and keys[name].takes(table[name]):
+            yield from _inner_faults(f"{path}.{name}".lstrip("."), table[name], keys[name])
 
 
 def _inner_faults(path: str, value: object, key: Key) -> Iterator[str]:
@@ -198,12 +201,12 @@ def prefixed(words: str) -> Iterator[None]:
 
 
 @contextmanager
-def noted(faults: list[str], where: str) -> Iterator[None]:
-    """Add an error that is raised in the block to the faults, and go on after the block."""
+def noted(faults: list[str], words: str = "") -> Iterator[None]:
+    """Add an error that is raised in the block to the faults, behind some words, and go on after the block."""
     try:
         yield
     except InputError as error:
-        faults.append(f"{where}: {error}")
+        faults.append(f"{words}{error}")
 
 
 def misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:

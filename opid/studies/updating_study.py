@@ -93,7 +93,7 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
     if structure is not None:
         faults += backbone_faults(structure, backbones)
     noise = NoiseSettings()
-    with noted(faults, "[noise]"):
+    with noted(faults, "[noise]: "):
         noise = _noise(_sound(document.get("noise"), _NOISE))
     if faults:
         faults += setting_faults(**_settings(document))
