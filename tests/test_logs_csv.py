@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from opid.errors import InputError
 from opid.signals.column_names import time_name
+from opid.signals.health.inspection import inspect
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import open_log, read_log, write_log
 from opid.signals.recording import Channel, Recording, recording_from_arrays
@@ -71,12 +72,31 @@ def test_a_log_is_read_into_si(log):
         GOOD.replace("time [s]", "recorder clock [s]"),
         "\n".join(",".join(f'"{cell}"' for cell in line.split(",")) for line in GOOD.splitlines()),
         GOOD.rstrip("\n"),
+        GOOD.replace("m/s^2", "m/s²").encode("cp1252"),
+        "\n".join(f"{k - 1 if k else ''},{line}" for k, line in enumerate(GOOD.splitlines())),
+        "\n".join(f"{k + 5119 if k else ''};{line.replace(',', ';')}" for k, line in enumerate(GOOD.splitlines())),
     ],
 )
 def test_the_freedoms_of_a_log(log, content):
     run, plain = log(content), log(GOOD)
     assert (run.fs, run.channels) == (plain.fs, plain.channels)
     np.testing.assert_array_equal(run.samples, plain.samples)
+
+
+def test_german_excel_and_the_index_of_a_data_frame_are_read_and_told(log, tmp_path):
+    text = GOOD.replace(",", ";").replace(".", ",").replace("time", "Zeit").replace("lower_z", "Fahrwerk_Höhe")
+    text = "\n".join(f"{k - 1 if k else ''};{line}" for k, line in enumerate(text.splitlines()))
+    run = log(text.encode("cp1252"))
+    assert run.names == ("Fahrwerk_Höhe", "upper_z")
+    np.testing.assert_array_equal(run.samples, log(GOOD).samples)
+    told = (
+        "the text is no UTF-8 and is read as cp1252 (Western Windows)",
+        "the first column has no name and counts the rows: it is left out",
+    )
+    assert run.history[1:3] == told
+    log(text.encode("cp1252"))
+    notes = [each.message for each in inspect(open_log(tmp_path / "run.csv")).findings if each.severity == "note"]
+    assert set(told) <= set(notes)
 
 
 def test_quoted_cells_and_names_with_commas_and_parentheses(log):
@@ -145,9 +165,12 @@ def replaced(row, text):
         (GOOD.encode("utf-16-le"), "line 1 is binary or UTF-16"),
         (GOOD.encode() + b"\0", "line 52 is binary or UTF-16"),
         (
-            GOOD.replace("^2", "²").encode("latin-1"),
-            r"""line 1 is not UTF-8 text \(byte 0xb2\): if that stands for '²', give encoding = "latin-1" in \[log\]""",
+            GOOD.encode() + b"#" * 200_000 + "\n# ²\n".encode("latin-1"),
+            r"""line 53 is not UTF-8 text .byte 0xb2.: if that stands for '²', give encoding = "latin-1" in \[log\]""",
         ),
+        (GOOD.encode() + "# ² and ".encode() + "²\n".encode("latin-1"), r"line 52 is not UTF-8 text \(byte 0xb2\)"),
+        ("time [s],b [g],,c [g]\n1,2,0,3\n2,2,1,3\n", "column 3 has no name"),
+        (",time [s],b [g]\n0,1,2\n2,2,3\n", "column 1 has no name: write one$"),
         (GOOD.encode() + b"\xff,1,2\n", r"line 52 is not UTF-8 text \(byte 0xff\): give `encoding` in \[log\]"),
         (bytes(range(1, 256)) * 10, "is not UTF-8 text"),
         ("x" * 200_000 + "\n1,2\n", r"line 1 has 1 cell\(s\) where line 2 has 2: mend the header"),

@@ -93,6 +93,7 @@ def _part(
     history = [
         *log.history,
         f"read {samples.shape[0]} samples from {log.path.name}",
+        *log.remarks,
         _rate_words(track, settings, clock),
     ]
     if start_s is not None or stop_s is not None:

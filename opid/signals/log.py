@@ -96,6 +96,7 @@ class Log:
         zero: the moment at which its times are zero, where the file tells: logs of several recorders are put on one
             time axis by it. Without a zone it is what the recorder's clock showed.
         history: what the file says was done to its samples before it was written.
+        remarks: how it is read beside what it states, where that was found out: told by `inspect`, kept in the history.
     """
 
     path: Path
@@ -103,6 +104,7 @@ class Log:
     tracks: tuple[Track, ...]
     zero: datetime | None = None
     history: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -83,6 +83,8 @@ def inspect(
         results.append(_inspect_track(log, track, columns, own, settings, thorough, shown))
         done += track.n_samples or 0
     together = _together(results, order=tuple(wanted), numbers=_numbers(log, wanted))
+    remarks = (Finding("note", "", each) for each in log.remarks)
+    together = replace(together, findings=(*together.findings, *remarks))
     return together if isinstance(what, Recording) else replace(together, log=str(log.path))
 
 

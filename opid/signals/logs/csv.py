@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from opid.signals.logs.text.header import (
     DATE,
     EMPTY,
     EXAMPLE,
+    INDEX,
     NUMBER,
     STAMP,
     TEXT,
@@ -29,7 +31,7 @@ from opid.signals.logs.text.header import (
     columns_of,
     header_of,
 )
-from opid.signals.logs.text.lines import LONGEST_LINE, lines_of
+from opid.signals.logs.text.lines import HEAD_BYTES, LONGEST_LINE, encoding_of, lines_of
 from opid.signals.logs.text.stamps import has_date, looks_dated, moment, nanoseconds, past_midnight
 from opid.signals.logs.text.table import (
     MOST_COLUMNS,
@@ -46,7 +48,6 @@ from opid.signals.logs.text.table import (
 from opid.signals.recording import Channel, Recording
 from opid.signals.units import to_si
 
-_HEAD_BYTES = 1 << 17
 _ROWS_AT_ONCE = 1 << 16
 
 
@@ -63,6 +64,10 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
     Raises:
         InputError: the first fault found, with file, line, column and remedy.
     """
+    remarks = []
+    if settings.encoding is None and (encoding := encoding_of(path)):
+        settings = replace(settings, encoding=encoding)
+        remarks.append(f"the text is no UTF-8 and is read as {encoding} (Western Windows)")
     head = _head(path, settings)
     header = header_of(path, head, settings)
     columns = header.columns
@@ -79,6 +84,8 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
             "or give `time` (name or number of the column) or `fs_hz` in [log]"
         )
     own = [i for i, each in enumerate(columns) if i != time and _is_channel(each)]
+    if columns[0].kind == INDEX and time != 0:
+        remarks.append("the first column has no name and counts the rows: it is left out")
     if not own:
         grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, perhaps=True)]
         if grouped:
@@ -106,7 +113,8 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
         fs=settings.fs_hz,
         place=lambda row: f"line {line_of_row(table, row)}",
     )
-    return Log(path, "CSV", (track,), None if time is None or time >= len(first) else moment(first[time]))
+    zero = None if time is None or time >= len(first) else moment(first[time])
+    return Log(path, "CSV", (track,), zero, remarks=tuple(remarks))
 
 
 @writer(".csv")
@@ -136,10 +144,10 @@ def _head(path: Path, settings: LogSettings) -> list[str]:
     """The first lines: those to be skipped and some 100 KiB more."""
     head: list[str] = []
     characters = 0
-    for lines in lines_of(path, settings.encoding, bytes_at_once=_HEAD_BYTES):
+    for lines in lines_of(path, settings.encoding, bytes_at_once=HEAD_BYTES):
         head += lines
         characters += sum(map(len, lines[max(0, len(lines) + (settings.skip_lines or 0) - len(head)) :]))
-        if characters > _HEAD_BYTES // 2:
+        if characters > HEAD_BYTES // 2:
             break
     return head
 

@@ -19,7 +19,7 @@ from opid.errors import InputError
 from opid.signals.log import Block, Log, LoggedChannel, Track, from_first_row
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.logs.text.lines import BYTES_AT_ONCE, lines_of
+from opid.signals.logs.text.lines import BYTES_AT_ONCE, encoding_of, lines_of
 from opid.signals.logs.text.stamps import moment, nanoseconds
 from opid.signals.logs.text.table import MOST_COLUMNS, TextTable, number_of, numbers_of
 from opid.signals.recording import FloatArray
@@ -84,6 +84,10 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
     Raises:
         InputError: the first fault found, with file, line and remedy.
     """
+    remarks: tuple[str, ...] = ()
+    if settings.encoding is None and (encoding := encoding_of(path)):
+        settings = replace(settings, encoding=encoding)
+        remarks = (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
     with _numbered_lines(path, settings.encoding, _HEAD_BYTES) as numbered:
         file = _file_header(path, numbered, settings)
         segment = _segment_header(file, numbered)
@@ -92,7 +96,7 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
         first = next(numbered, (0, ""))[1].split(file.separator)
     clocks, zero = _on_one_axis(file, segment, _clocks(file, segment), first, settings)
     tracks = tuple(_track(file, segment, clock, settings, len(clocks)) for clock in clocks)
-    return Log(path, "LabVIEW LVM", tracks, zero)
+    return Log(path, "LabVIEW LVM", tracks, zero, remarks=remarks)
 
 
 # ---- headers -------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from opid.signals.units import to_si
 EXAMPLE = "`time [s],lower_z [m/s^2],upper_z [m/s^2]`"
 
 NUMBER, STAMP, UNREAD, DATE, TEXT, EMPTY = "number", "stamp", "stamp in another form", "date", "text", ""
+INDEX = "index"  # a column without a name that counts the rows, as data frames are written
 
 # on equal terms the first is taken
 _LAYOUTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
@@ -35,7 +36,7 @@ class Column:
     Args:
         name: as its header calls it.
         unit: as it is written; None where none is.
-        kind: what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT` or `EMPTY`.
+        kind: what its first cells hold: `NUMBER`, `STAMP`, `UNREAD`, `DATE`, `TEXT`, `EMPTY` or `INDEX`.
     """
 
     name: str
@@ -96,6 +97,8 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
         units: list[str | None] = [None] * len(kinds)
     else:
         line, cells, units = _names(path, above, [each for each in remarks if each[0] < first], first, kinds, delimiter)
+    if len(cells) > 1 and not cells[0] and _counts([own[0] for _, own in rows[begin:]]):
+        cells, kinds = ["column 1", *cells[1:]], (INDEX, *kinds[1:])
     columns = columns_of(f"{path} line {line}" if line else str(path), cells, units, kinds)
     return TextHeader(columns, delimiter, decimal, line, first)
 
@@ -121,7 +124,8 @@ def columns_of(
             if number == len(cells) > 1 and kind == EMPTY and not cell:
                 name = f"column {number}"  # lines end with a delimiter: nothing is there
             else:
-                raise InputError(f"{where}: column {number} has no name: write one, or remove the separator before it")
+                remedy = "write one, or remove the separator before it"
+                raise InputError(f"{where}: column {number} has no name: {remedy if number > 1 else 'write one'}")
         columns.append(Column(name, own, kind))
     twice = Counter(column.name for column in columns).most_common(1)
     if twice and twice[0][1] > 1:
@@ -298,6 +302,13 @@ def _cells_of_header(text: str, kinds: Sequence[str], delimiter: str) -> list[st
         joined = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?', text)
         ways.append([cell.strip('"') for cell in joined])
     return next((fitted for cells in ways if (fitted := _fitted(cells, kinds)) is not None), None)
+
+
+def _counts(cells: Sequence[str]) -> bool:
+    """Whether cells are whole numbers that go up by one."""
+    if len(cells) < 2 or not all(re.fullmatch(r"\d{1,15}", cell, re.ASCII) for cell in cells):
+        return False
+    return [int(cell) for cell in cells] == list(range(int(cells[0]), int(cells[0]) + len(cells)))
 
 
 def _fitted(cells: list[str], kinds: Sequence[str]) -> list[str] | None:

@@ -17,7 +17,13 @@ LONGEST_LINE = 1 << 20
 BYTES_AT_ONCE = 1 << 20
 """A block of text: 1 MiB, some 4 MiB as lines and numbers."""
 
+HEAD_BYTES = 1 << 17
+"""The beginning of a text, which tells its encoding and its header."""
+
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_WESTERN = frozenset(  # what headers hold in Western Europe, and damaged bytes rarely make: no ÿ, þ or ð
+    "ÄÖÜäöüßÁÀÂÃÅÆÇÉÈÊËÍÌÎÏÑÓÒÔÕØÚÙÛáàâãåæçéèêëíìîïñóòôõøúùûŒœ°²³µ±·×½§€–—’“”…™®©"
+)
 _LATIN = "°²³µ".encode("latin-1")
 
 
@@ -70,6 +76,30 @@ def lines_of(
             if not data:
                 return
             data = file.read(bytes_at_once)
+
+
+def encoding_of(path: Path) -> str | None:
+    """Return "cp1252" for a text whose beginning is written as Windows does in Western Europe; None for any other.
+
+    Such a text is no UTF-8, holds no characters that are, and is made of ASCII and what headers hold there.
+
+    Args:
+        path: the file; it is unpacked if it ends in .gz.
+    """
+    with _opened(path) as file:
+        head = file.read(HEAD_BYTES)
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # the last sign may be cut
+        return None
+    except UnicodeDecodeError:
+        pass
+    if any(map(head.startswith, _MARKS)) or not head.decode("utf-8", "ignore").isascii():
+        return None
+    try:
+        text = head.decode("cp1252")
+    except UnicodeDecodeError:
+        return None
+    return "cp1252" if all(sign.isascii() or sign in _WESTERN for sign in text) and "\0" not in text else None
 
 
 def _opened(path: Path) -> IO[bytes] | gzip.GzipFile:
