@@ -77,6 +77,12 @@ def matlab():
     return out.getvalue()
 
 
+def npz():
+    out = io.BytesIO()
+    np.savez_compressed(out, time=T, lower=VALUES[:, 0], upper=VALUES[:, 1], units=np.array([UNIT, UNIT]))
+    return out.getvalue()
+
+
 def parquet():
     import pyarrow
     from pyarrow import parquet as pq
@@ -216,6 +222,7 @@ WRITERS = {
     ".wav": (wav, None),
     ".h5": (hdf5, "h5py"),
     ".mat": (matlab, None),
+    ".npz": (npz, None),
     ".parquet": (parquet, "pyarrow"),
     ".uff": (uff, "pyuff"),
     ".tdms": (tdms, "nptdms"),

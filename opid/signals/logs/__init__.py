@@ -239,7 +239,7 @@ def _begins(head: bytes, magic: Sequence[bytes]) -> bool:
 
 def _looks_like(head: bytes) -> str:
     known = {each: form.name for form in _READERS.values() for each in form.magic}
-    for magic, name in (_FOREIGN | known).items():
+    for magic, name in (known | _FOREIGN).items():
         if head.startswith(magic):
             return f", it begins like {name}"
     return ""

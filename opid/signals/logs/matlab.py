@@ -31,13 +31,10 @@ from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.hdf5 import MOST_OBJECTS, members, opened
 from opid.signals.logs.hdf5_heaps import SIGNATURE, opened_with_care
-from opid.signals.logs.named_arrays import NamedArray, NamedGroup, tracks_of
+from opid.signals.logs.named_arrays import DEEPEST, NamedArray, NamedGroup, groups_of_values, tracks_of
 
 if TYPE_CHECKING:
     import h5py
-
-DEEPEST = 8
-"""Structs within structs beyond which nothing is looked for."""
 
 MOST_MATRICES = 5000
 """Structs and cells within one another, and fields and elements of one variable, beyond which it is not read."""
@@ -70,7 +67,7 @@ def open_matlab(path: Path, settings: LogSettings) -> Log:
             groups = list(_groups_of_hdf5(content, content, "", {}, set()))
         tracks = tracks_of(path, groups, settings, lambda: opened(path))
     else:
-        groups = list(_groups_of_values(_variables(path), "", {}))
+        groups = list(groups_of_values(_variables(path), "", {}))
         tracks = tracks_of(path, groups, settings, nullcontext)
     if not tracks:
         raise InputError(f"{path} holds no vectors or matrices of numbers: save the signals themselves, not objects")
@@ -168,44 +165,6 @@ def _elements(matrix: bytes, at: int, end: int, order: str) -> int:
     if kind != _SPARSE and math.prod(struct.unpack_from(f"{order}{size // 4}i", matrix, at + 24)) > end - at:
         return _UNSOUND
     return _ANY if kind in _HOLDS_OTHERS else 4 + 2 * (kind == _SPARSE) + bool(flags & _COMPLEX)
-
-
-def _groups_of_values(
-    values: Mapping[str, Any], name: str, above: Mapping[str, float], depth: int = 0
-) -> Iterator[NamedGroup]:
-    """The group of some variables or fields, and those of the structs among them."""
-    arrays, numbers, texts, within = [], {}, {}, {}
-    for key, value in values.items():
-        if isinstance(value, dict):
-            within[key] = value
-        elif (said := _texts(value)) is not None:
-            texts[key] = said
-        elif (isinstance(value, np.ndarray) and value.dtype == object) or isinstance(value, list):
-            structs = [each for each in value if isinstance(each, dict)] if np.ndim(value) <= 1 else []
-            within |= {f"{key}_{number}": each for number, each in enumerate(structs, start=1)}
-        elif np.size(value) == 1 and np.asarray(value).dtype.kind in "fiub":
-            numbers[key] = float(np.asarray(value).reshape(-1)[0])
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size and value.ndim <= 2:
-            arrays.append(NamedArray(key, value.shape, _held(value)))
-    stated = {**above, **numbers}
-    yield NamedGroup(name, tuple(arrays), stated, texts)
-    for key, fields in within.items():
-        if depth < DEEPEST:
-            yield from _groups_of_values(fields, f"{name}/{key}".strip("/"), stated, depth + 1)
-
-
-def _held(values: np.ndarray) -> Any:
-    return lambda _, key: values[key]
-
-
-def _texts(value: object) -> tuple[str, ...] | None:
-    if isinstance(value, str):
-        return (value.strip(),)
-    if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype.kind in "OU" and value.ndim == 1):
-        every = ["" if np.size(each) == 0 else each for each in value]  # an empty text is an empty matrix
-        if any(every) and all(isinstance(each, str) for each in every):
-            return tuple(each.strip() for each in every)
-    return None
 
 
 # ---- version 7.3 ---------------------------------------------------------------------------------

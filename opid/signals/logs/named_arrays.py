@@ -31,6 +31,9 @@ CONSTANTS = 16
 MOST_CHANNELS = 10_000
 """No logger has more; a header that says so lies."""
 
+DEEPEST = 8
+"""Structs within structs beyond which nothing is looked for."""
+
 _PLAIN = ("data", "samples", "signal", "values", "value", "y")
 
 
@@ -93,6 +96,37 @@ class _Bundle:
     fs: float | None
     start_s: float
     columns: tuple[_Column, ...]
+
+
+def groups_of_values(
+    values: Mapping[str, Any], name: str, above: Mapping[str, float], depth: int = 0
+) -> Iterator[NamedGroup]:
+    """Yield the group of some variables or fields held in memory, and those of the structs among them.
+
+    Args:
+        values: arrays, numbers, texts and structs (mappings) by name.
+        name: of the group, empty for the file itself.
+        above: numbers that are stated for what it stands in.
+        depth: in how many structs it stands.
+    """
+    arrays, numbers, texts, within = [], {}, {}, {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            within[key] = value
+        elif (said := _texts_in(value)) is not None:
+            texts[key] = said
+        elif (isinstance(value, np.ndarray) and value.dtype == object) or isinstance(value, list):
+            structs = [each for each in value if isinstance(each, dict)] if np.ndim(value) <= 1 else []
+            within |= {f"{key}_{number}": each for number, each in enumerate(structs, start=1)}
+        elif np.size(value) == 1 and np.asarray(value).dtype.kind in "fiub":
+            numbers[key] = float(np.asarray(value).reshape(-1)[0])
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size and value.ndim <= 2:
+            arrays.append(NamedArray(key, value.shape, _held(value)))
+    stated = {**above, **numbers}
+    yield NamedGroup(name, tuple(arrays), stated, texts)
+    for key, fields in within.items():
+        if depth < DEEPEST:
+            yield from groups_of_values(fields, f"{name}/{key}".strip("/"), stated, depth + 1)
 
 
 def tracks_of(
@@ -321,3 +355,20 @@ def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray
     key = (rows, slice(None)) if column.axis == 0 else (slice(None), rows)
     block = column.array.read(file, key)
     return block if column.axis == 0 else block.T
+
+
+# ---- values in memory ----------------------------------------------------------------------------
+
+
+def _held(values: np.ndarray) -> Any:
+    return lambda _, key: values[key]
+
+
+def _texts_in(value: object) -> tuple[str, ...] | None:
+    if isinstance(value, str):
+        return (value.strip(),)
+    if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype.kind in "OU" and value.ndim == 1):
+        every = ["" if np.size(each) == 0 else each for each in value]  # an empty text is an empty matrix
+        if any(every) and all(isinstance(each, str) for each in every):
+            return tuple(each.strip() for each in every)
+    return None
