@@ -9,6 +9,7 @@ import signal
 import struct
 import tempfile
 import wave
+import zipfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -90,6 +91,55 @@ def parquet():
     out = io.BytesIO()
     columns = {"time [s]": T} | {f"{name} [{UNIT}]": own for name, own in zip(NAMES, VALUES.T, strict=True)}
     pq.write_table(pyarrow.table(columns), out)
+    return out.getvalue()
+
+
+def xlsx(rows=None, *, other=None):
+    """A workbook by hand: the least that is one, texts inline."""
+    rows = (
+        [[f"{name} [{UNIT}]" if name != "time" else "time [s]" for name in ("time", *NAMES)]] if rows is None else rows
+    )
+    rows = [*rows, *([t, *own] for t, own in zip(T.tolist(), VALUES.tolist(), strict=True))] if len(rows) == 1 else rows
+    sheets = [rows] if other is None else [other, rows]
+    names = [f"sheet{number}" for number in range(1, len(sheets) + 1)]
+    kind = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    package = "http://schemas.openxmlformats.org/package/2006"
+    types = "application/vnd.openxmlformats-officedocument.spreadsheetml"
+    relation = '<Relationship Id="r{0}" Type="' + office + '/{1}" Target="{2}"/>'
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        parts = "".join(
+            f'<Override PartName="/xl/worksheets/{n}.xml" ContentType="{types}.worksheet+xml"/>' for n in names
+        )
+        file.writestr(
+            "[Content_Types].xml",
+            f'<Types xmlns="{package}/content-types">'
+            '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+            f'<Override PartName="/xl/workbook.xml" ContentType="{types}.sheet.main+xml"/>{parts}</Types>',
+        )
+        head = f'<Relationships xmlns="{package}/relationships">'
+        file.writestr(
+            "_rels/.rels", head + relation.format(1, "officeDocument", "xl/workbook.xml") + "</Relationships>"
+        )
+        listed = "".join(f'<sheet name="{n}" sheetId="{i}" r:id="r{i}"/>' for i, n in enumerate(names, start=1))
+        workbook = f'<workbook xmlns="{kind}" xmlns:r="{office}"><sheets>{listed}</sheets></workbook>'
+        file.writestr("xl/workbook.xml", workbook)
+        own = "".join(relation.format(i, "worksheet", f"worksheets/{n}.xml") for i, n in enumerate(names, start=1))
+        file.writestr("xl/_rels/workbook.xml.rels", head + own + "</Relationships>")
+        for name, content in zip(names, sheets, strict=True):
+            lines = []
+            for number, row in enumerate(content, start=1):
+                cells = []
+                for column, cell in enumerate(row):
+                    place = f"{chr(65 + column)}{number}"
+                    if isinstance(cell, str):
+                        cells.append(f'<c r="{place}" t="inlineStr"><is><t>{cell}</t></is></c>' if cell else "")
+                    else:
+                        cells.append(f'<c r="{place}"><v>{cell!r}</v></c>')
+                lines.append(f'<row r="{number}">{"".join(cells)}</row>')
+            sheet = f'<worksheet xmlns="{kind}"><sheetData>{"".join(lines)}</sheetData></worksheet>'
+            file.writestr(f"xl/worksheets/{name}.xml", sheet)
     return out.getvalue()
 
 
@@ -223,6 +273,7 @@ WRITERS = {
     ".h5": (hdf5, "h5py"),
     ".mat": (matlab, None),
     ".npz": (npz, None),
+    ".xlsx": (xlsx, "python_calamine"),
     ".parquet": (parquet, "pyarrow"),
     ".uff": (uff, "pyuff"),
     ".tdms": (tdms, "nptdms"),

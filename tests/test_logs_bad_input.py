@@ -136,7 +136,7 @@ def test_a_library_that_is_missing(tmp_path, monkeypatch, ending):
     file = tmp_path / f"log{ending}"
     file.write_bytes(small_log(ending))
     form = formats()[ending]
-    module = {"npTDMS": "nptdms"}.get(form.needs, form.needs)
+    module = {"npTDMS": "nptdms", "python-calamine": "python_calamine"}.get(form.needs, form.needs)
     for name in [each for each in sys.modules if each.split(".")[0] == module]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, module, None)

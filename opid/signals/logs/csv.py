@@ -49,6 +49,7 @@ from opid.signals.recording import Channel, Recording
 from opid.signals.units import to_si
 
 _ROWS_AT_ONCE = 1 << 16
+_HEAD_LINES = 1000
 
 
 @reader(".csv", ".tsv", ".txt", ".dat", ".asc", name="CSV", text=True)
@@ -64,11 +65,42 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
     Raises:
         InputError: the first fault found, with file, line, column and remedy.
     """
-    remarks = []
+    remarks: tuple[str, ...] = ()
     if settings.encoding is None and (encoding := encoding_of(path)):
         settings = replace(settings, encoding=encoding)
-        remarks.append(f"the text is no UTF-8 and is read as {encoding} (Western Windows)")
-    head = _head(path, settings)
+        remarks = (f"the text is no UTF-8 and is read as {encoding} (Western Windows)",)
+    return _log(path, _head(path, settings), settings, "CSV", None, remarks)
+
+
+def log_of_lines(
+    path: Path, lines: Sequence[str], settings: LogSettings, *, form: str, remarks: tuple[str, ...] = ()
+) -> Log:
+    """Return the log that some lines of cells between tabs are, held in memory.
+
+    Args:
+        path: of the file, for messages.
+        lines: all of them, header and numbers, with decimal points.
+        settings: what the file does not say.
+        form: what the format is called.
+        remarks: how it is read beside what it states.
+
+    Raises:
+        InputError: the first fault found, with file, line, column and remedy.
+    """
+    settings = replace(settings, delimiter="\t", decimal=".", encoding=None)
+    head = list(lines[: (settings.skip_lines or 0) + _HEAD_LINES])
+    return _log(path, head, settings, form, tuple(lines), remarks)
+
+
+def _log(
+    path: Path,
+    head: Sequence[str],
+    settings: LogSettings,
+    form: str,
+    lines: tuple[str, ...] | None,
+    remarks: tuple[str, ...],
+) -> Log:
+    """The log by its first lines; of those in memory, or of the file where there are none."""
     header = header_of(path, head, settings)
     columns = header.columns
     first = _first_cells(head, header)
@@ -85,7 +117,7 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
         )
     own = [i for i, each in enumerate(columns) if i != time and _is_channel(each)]
     if columns[0].kind == INDEX and time != 0:
-        remarks.append("the first column has no name and counts the rows: it is left out")
+        remarks = (*remarks, "the first column has no name and counts the rows: it is left out")
     if not own:
         grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, perhaps=True)]
         if grouped:
@@ -96,7 +128,8 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
             else f"{path} has no column of numbers beside the time: export the log again"
         )
     names = tuple(column.name for column in columns)
-    table = TextTable(path, settings.encoding, header.delimiter, header.decimal, header.first_line, names, time=time)
+    layout = (header.delimiter, header.decimal, header.first_line)
+    table = TextTable(path, settings.encoding, *layout, names, time=time, content=lines)
     factor = None if time is None or settings.fs_hz else _seconds_per_unit(path, header, time, first, settings)
 
     def blocks(chosen: Sequence[int]) -> Iterator[Block]:
@@ -114,7 +147,7 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
         place=lambda row: f"line {line_of_row(table, row)}",
     )
     zero = None if time is None or time >= len(first) else moment(first[time])
-    return Log(path, "CSV", (track,), zero, remarks=tuple(remarks))
+    return Log(path, form, (track,), zero, remarks=remarks)
 
 
 @writer(".csv")

@@ -27,6 +27,7 @@ COMMENTS = ("#", "%", "//")
 MISSING = frozenset(("", "nan", "+nan", "-nan", "na", "n/a", "null", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind"))
 """What stands where a logger had no value, without regard to case; the last four are those of Windows."""
 
+_LINES_AT_ONCE = 1 << 15
 _NUMBERS_BEGIN = frozenset("0123456789+-.")
 # 1,234.5 or 1,234,567 but not 1,234, which may be a decimal comma; a blank may be a delimiter, unless decimals follow
 _THOUSANDS = {
@@ -54,6 +55,7 @@ class TextTable:
         names: of all columns, for messages.
         more: whether cells may follow those of the columns, like the comments of a LabVIEW file.
         time: number of the column with the time, from 0, for messages.
+        content: its lines, header and all, where they are in memory; None where the file is the text.
     """
 
     path: Path
@@ -64,6 +66,7 @@ class TextTable:
     names: tuple[str, ...]
     more: bool = False
     time: int | None = None
+    content: tuple[str, ...] | None = None
 
 
 def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
@@ -73,7 +76,7 @@ def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
         table: where it stands.
     """
     number = 1
-    for lines in lines_of(table.path, table.encoding):
+    for lines in lines_of(table.path, table.encoding) if table.content is None else _in_blocks(table.content):
         skipped = max(0, min(table.first_line - number, len(lines)))
         if skipped < len(lines):
             yield number + skipped, lines[skipped:]
@@ -238,6 +241,11 @@ def has_thousands_mark(cell: str, decimal: str, *, perhaps: bool = False) -> boo
     (True, True, False)
     """
     return bool(_THOUSANDS[decimal].fullmatch(cell) or (perhaps and _GROUPED.fullmatch(cell)))
+
+
+def _in_blocks(lines: Sequence[str]) -> Iterator[list[str]]:
+    for first in range(0, len(lines), _LINES_AT_ONCE):
+        yield list(lines[first : first + _LINES_AT_ONCE])
 
 
 # ---- all cells at once ---------------------------------------------------------------------------
