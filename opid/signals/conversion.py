@@ -41,7 +41,7 @@ def recording_of(
     if channels is None:
         if len(log.tracks) > 1:
             raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {_listed(log)}")
-        wanted: dict[str, ChannelSettings] = {name: ChannelSettings(name) for name in log.names}
+        wanted: dict[str, ChannelSettings] = {name: ChannelSettings(name) for name in log.signals}
     elif isinstance(channels, Mapping):
         wanted = dict(channels)
     else:

@@ -28,10 +28,12 @@ class LoggedChannel:
     Args:
         name: of the channel.
         unit: as it is written; None where the file states none.
+        is_clock: whether it runs with the time and is no signal; it is read where it is named.
     """
 
     name: str
     unit: str | None = None
+    is_clock: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,12 @@ class Log:
         full = [_full(track, channel) for track in self.tracks for channel in track.channels]
         times = Counter(plain)
         return tuple(one if times[one] == 1 else other for one, other in zip(plain, full, strict=True))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Those of the `names` that are no clock."""
+        channels = [channel for track in self.tracks for channel in track.channels]
+        return tuple(name for name, channel in zip(self.names, channels, strict=True) if not channel.is_clock)
 
     def find(self, channel: str | int) -> tuple[Track, int]:
         """Return the track of a channel and its column there.

@@ -92,9 +92,7 @@ def _wanted(
     log: Log, channels: Mapping[str, ChannelSettings] | Sequence[str] | None
 ) -> dict[str, tuple[ChannelSettings, tuple[Track, int]]]:
     """Settings and place of each channel, by its name in the result."""
-    if channels is None:
-        places = [(track, column) for track in log.tracks for column in range(len(track.channels))]
-        return {name: (ChannelSettings(name), place) for name, place in zip(log.names, places, strict=True)}
+    channels = log.signals if channels is None else channels
     own = dict(channels) if isinstance(channels, Mapping) else {name: ChannelSettings(name) for name in channels}
     return {name: (setting, log.find(setting.channel)) for name, setting in own.items()}
 

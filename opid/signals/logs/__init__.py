@@ -16,6 +16,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from opid.errors import InputError, nearest
+from opid.signals.clock_columns import with_clocks
 from opid.signals.conversion import recording_of
 from opid.signals.log import Block, Log, Rows, Track
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
@@ -138,7 +139,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
                 f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
                 "or give `scale` in the channel's table of [channels]"
             )
-        return _guarded(file, form, _opened(file, form, settings))
+        return with_clocks(_guarded(file, form, _opened(file, form, settings)))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}: check the file and its rights") from error
 
