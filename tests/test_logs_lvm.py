@@ -170,6 +170,43 @@ def test_time_columns_of_their_own_make_clocks_of_their_own(lvm, block_bytes):
     np.testing.assert_allclose(np.concatenate([block.stamps for block in slow]), [0, 0.02])
 
 
+SLOW = ["7", "8", "", ""]  # every 0.02 s
+
+
+@pytest.mark.parametrize(
+    ("x_columns", "x", "columns", "names", "dx"),
+    [
+        ("One", ["0", "0.01", "0.02", "0.03"], [A, B, SLOW], ["left", "right", "slow"], ["0.01", "0.010", "0.02"]),
+        ("One", ["0", "0.02", "", ""], [SLOW, A, B], ["slow", "left", "right"], ["0.02", "0.01", "0.010"]),
+        ("No", [""] * 4, [SLOW, A, B], ["slow", "left", "right"], ["0.02", "0.01", "0.010"]),
+    ],
+)
+def test_channels_of_different_periods_are_clocks_of_their_own(lvm, block_bytes, x_columns, x, columns, names, dx):
+    rows = [list(row) for row in zip(x, *columns, strict=True)]
+    log = open_log(lvm(file_header(x_columns=x_columns) + segment(rows, names, ["g"] * 3, dx=dx)))
+    found = {}
+    for track in log.tracks:
+        blocks = [*track.blocks()]
+        samples, stamps = (np.concatenate([getattr(each, key) for each in blocks]) for key in ("samples", "stamps"))
+        found |= {channel.name: (own, stamps) for channel, own in zip(track.channels, samples.T, strict=True)}
+    for name, values in (("left", A), ("right", B)):
+        np.testing.assert_array_equal(found[name][0], values)
+        np.testing.assert_allclose(found[name][1], [0, 0.01, 0.02, 0.03])
+    np.testing.assert_array_equal(found["slow"][0], [7.0, 8.0])
+    np.testing.assert_allclose(found["slow"][1], [0, 0.02])
+    assert read_log(log.path, channels=["left", "right"]).fs == pytest.approx(100.0)
+
+
+def test_different_periods_in_pieces_that_state_no_time_are_refused(lvm):
+    rows = [["", a, b] for a, b in zip(SLOW + SLOW, A + A, strict=True)]  # written twice below one header
+    path = lvm(file_header(x_columns="No") + segment(rows, ["slow", "left"], ["g", "g"], dx=["0.02", "0.01"]))
+    assert read_log(path, channels=["left"]).n_samples == 8
+    with pytest.raises(
+        InputError, match=r"run\.lvm line 27: numbers follow empty cells, and channels have different De"
+    ):
+        read_log(path, channels=["slow"])
+
+
 def test_channels_of_one_name_are_numbered(lvm):
     log = open_log(lvm(file_header() + segment(ROWS, ["Voltage", "Voltage"], ["V", ""])))
     assert log.names == ("Voltage 1", "Voltage 2")

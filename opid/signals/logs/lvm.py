@@ -67,6 +67,7 @@ class _Clock:
     columns: tuple[int, ...]  # of their values
     channels: tuple[int, ...]  # their numbers among the channels of the file, from 0
     later_s: float = 0.0  # than the clock that began first
+    is_beside: bool = False  # the rows are those of a channel of another period
 
 
 @reader(".lvm", name="LabVIEW LVM", magic=(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"), text=True)
@@ -166,15 +167,32 @@ def _segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _Segmen
 
 
 def _clocks(file: _File, segment: _Segment) -> list[_Clock]:
-    """The channels of each clock: all of them, but for those with time columns of their own that differ."""
+    """The channels of each clock: all of them, but for those whose time columns, or stated periods, differ."""
     n = segment.n_channels
     if file.x_columns != "multi":
-        return [_Clock(0 if file.x_columns == "one" else None, tuple(range(1, n + 1)), tuple(range(n)))]
+        # one column of X is that of the first channel
+        periods = [_period(file, segment, channel) for channel in range(n)]
+        usual = next((period for period in periods if period is not None), None)
+        of_period: dict[float | None, list[int]] = {periods[0] or usual: []}
+        for channel, period in enumerate(periods):
+            of_period.setdefault(period or periods[0] or usual, []).append(channel)
+        x = 0 if file.x_columns == "one" else None
+        own_x = [x, *[None] * (len(of_period) - 1)]
+        return [
+            _Clock(column, tuple(each + 1 for each in own), tuple(own), is_beside=len(of_period) > 1)
+            for column, own in zip(own_x, of_period.values(), strict=True)
+        ]
     alike: dict[tuple[str, ...], list[int]] = {}
     for channel in range(n):
         key = tuple(segment.entry(each, channel) for each in ("X0", "Delta_X", "Samples", "Date", "Time"))
         alike.setdefault(key if key[1] else (str(channel),), []).append(channel)
     return [_Clock(2 * own[0], tuple(2 * each + 1 for each in own), tuple(own)) for own in alike.values()]
+
+
+def _period(file: _File, segment: _Segment, channel: int) -> float | None:
+    """The period that is stated for a channel, s; None where there is none."""
+    period = number_of(segment.entry("Delta_X", channel), file.decimal)
+    return period if period is not None and np.isfinite(period) and period > 0 else None
 
 
 def _on_one_axis(
@@ -256,7 +274,7 @@ def _pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
 def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool) -> Iterator[Block]:
     begun: int | None = None  # when the first segment began, ns
     segment: _Segment | None = None
-    offset, last, row = clock.later_s, -np.inf, 0
+    offset, last, row, ended = clock.later_s, -np.inf, 0, False
     for piece, number, lines in _pieces(file):
         table = TextTable(file.path, file.encoding, file.separator, file.decimal, number, piece.names, True, clock.x)
         values = numbers_of(table, number, lines, [*wanted, *([] if clock.x is None else [clock.x])])
@@ -267,6 +285,9 @@ def _blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: bool)
         row = 0 if new else row
         x = _spaced(file, piece, clock, row, len(values)) if clock.x is None else values[:, -1]
         row += len(values)
+        if clock.is_beside:  # channels with more samples go on
+            values, ended = _before_the_end(file, number, values, ended=ended and not new)
+            x = x[: len(values)]
         held = ~np.isnan(x)
         if file.x_columns == "multi":  # the longer channels go on
             values, x = values[held], x[held]
@@ -293,6 +314,18 @@ def _spaced(file: _File, segment: _Segment, clock: _Clock, row: int, n: int) -> 
             f"Delta_X {stated[1]!r}: give `fs_hz` in [log]"
         )
     return first + period * np.arange(row, row + n, dtype=np.float64)
+
+
+def _before_the_end(file: _File, number: int, values: FloatArray, *, ended: bool) -> tuple[FloatArray, bool]:
+    """The rows before those that are empty for all channels of a clock, and whether there were such."""
+    full = np.asarray(~np.isnan(values).all(axis=1)) if values.shape[1] else np.ones(len(values), dtype=bool)
+    n = 0 if ended else len(full) if full.all() else int(np.argmin(full))
+    if full[n:].any():
+        raise InputError(
+            f"{file.path} line {number + n + int(np.argmax(full[n:]))}: numbers follow empty cells, and channels have "
+            "different Delta_X: their times are not known; write each rate to a file of its own"
+        )
+    return values[:n], n < len(full)
 
 
 def _begin(segment: _Segment, clock: _Clock) -> int | None:
