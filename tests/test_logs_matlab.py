@@ -131,6 +131,38 @@ def test_a_struct_for_each_sensor(path, save):
     assert described(open_log(path)) == [(FS, N, [("gear 0", "g"), ("gear 1", "g"), ("gear 2", "g")])]
 
 
+def headed(*names, **of_file):
+    variables = {"File_Header": {"NumberOfChannels": str(len(names)), "Comment": "run 3", **of_file}}
+    for number, (name, unit) in enumerate(names, start=1):
+        variables[f"Channel_{number}_Data"] = TIME if name == "Time" else DATA[:, number - 1]
+        variables[f"Channel_{number}_Header"] = {"SignalName": name, "Unit": unit, "MaxLevel": "100", "Correction": "1"}
+    return variables
+
+
+@structs
+@pytest.mark.parametrize("rate", ["512", "512,0", 512.0])
+def test_data_and_headers_side_by_side(path, save, rate):
+    save(path, headed(("lower", "g"), ("upper", "m/s^2"), ("lower", "mm"), SampleFrequency=rate))
+    run = read_log(path)
+    assert (run.fs, run.names) == (512.0, ("lower", "upper", "lower (2)"))
+    np.testing.assert_allclose(run.samples, DATA * [9.80665, 1.0, 1e-3])
+
+
+@structs
+def test_a_channel_whose_header_says_time_is_the_time(path, save):
+    save(path, headed(("Time", "s"), ("lower", "g"), SampleFrequency="100"))
+    run = read_log(path)
+    assert (run.fs, run.names) == (100.0, ("lower",))
+    np.testing.assert_allclose(run.channel("lower"), 9.80665 * DATA[:, 1])
+
+
+@structs
+def test_a_header_without_names_leaves_that_of_its_channel(path, save):
+    save(path, {"Channel_1_Data": DATA[:, 0], "Channel_1_Header": {"Unit": "g", "SampleFrequency": "51.2"}})
+    run = read_log(path)
+    assert (run.fs, run.names) == (51.2, ("Channel_1",))
+
+
 def test_an_array_of_structs(path):
     elements = [{"data": DATA[:, k], "unit": "g", "fs": FS if k else 256.0} for k in range(3)]
     savemat(path, {"ch": np.array(elements, dtype=object)})

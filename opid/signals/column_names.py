@@ -11,7 +11,10 @@ from opid.signals.units import to_si
 TIME_NAMES = ("time", "t", "times", "timestamp", "timestamps", "time stamp", "elapsed time", "elapsed", "zeit")
 """Names of the time, the likelier ones first; case is not looked at, an underscore is a blank."""
 
-RATE_NAMES = ("fs", "fs_hz", "srate", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency", "samplefreq")
+RATE_NAMES = (
+    *("fs", "fs_hz", "srate", "sampling_rate", "sample_rate", "samplerate", "samplingrate"),
+    *("sampling_frequency", "samplingfrequency", "sample_frequency", "samplefrequency", "samplefreq"),
+)
 INTERVAL_NAMES = ("dt", "ts", "delta_t", "sampling_interval", "sample_interval")
 START_NAMES = ("start_s", "t0")
 NAME_KEYS = ("names", "channel_names", "channels", "labels", "columns", "name", "label")

@@ -5,6 +5,7 @@
   a channel, and a matrix n x m gives the channels name_1 to name_m.
 - Without stamps a scalar `fs`, `Fs`, `srate`, `sampling_rate`, ... is the rate, or `dt`, `Ts`, ... the interval; a
   struct without one has that of the file.
+- `Channel_1_Data` beside a struct `Channel_1_Header` has its `SignalName` and `Unit`, and the rate of `File_Header`.
 - `names` (or `labels`, `channels`, ...) and `units` (or `unit`) are texts, one for each channel or one for all; a name
   may carry its unit in brackets.
 

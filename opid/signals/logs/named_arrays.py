@@ -12,7 +12,9 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.signals.column_names import (
+    INTERVAL_NAMES,
     NAME_KEYS,
+    RATE_NAMES,
     START_NAMES,
     UNIT_KEYS,
     named,
@@ -22,7 +24,7 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import Block, LoggedChannel, Rows, Track, rows_at_once
+from opid.signals.log import Block, LoggedChannel, Rows, Track, distinct, rows_at_once
 from opid.signals.log_settings import LogSettings
 
 CONSTANTS = 16
@@ -34,6 +36,8 @@ MOST_CHANNELS = 10_000
 DEEPEST = 8
 """Structs within structs beyond which nothing is looked for."""
 
+_DATA, _HEADER = "_data", "_header"
+_SIGNAL_KEYS = ("signalname", "signal_name", "channelname", "channel_name")
 _PLAIN = ("data", "samples", "signal", "values", "value", "y")
 
 
@@ -150,6 +154,7 @@ def tracks_of(
     Raises:
         InputError: a time that is not there, names that do not fit, an absurd rate or number of channels.
     """
+    groups = _with_headers(groups)
     bundles = [bundle for group in groups for bundle in _bundles(path, group, settings)]
     if settings.time is not None and not any(bundle.time for bundle in bundles):
         arrays = [array.name for group in groups for array in group.arrays]
@@ -169,6 +174,50 @@ def tracks_of(
         name = name if len(bundles) > 1 else ""
         tracks.append(Track(channels, rows, fs, bundle.start_s, bundle.n, name, place=lambda row: f"sample {row + 1}"))
     return tuple(tracks)
+
+
+def _with_headers(groups: Sequence[NamedGroup]) -> Sequence[NamedGroup]:
+    """The groups, `Channel_1_Data` named by `Channel_1_Header` beside it, with the rate of `File_Header`.
+
+    So catman and other recorders' programs write MATLAB files; numbers stand there as texts.
+    """
+    headers = {group.name.casefold(): group for group in groups if group.name.casefold().endswith(_HEADER)}
+    if not headers:
+        return groups
+    result = []
+    for group in groups:
+        inside = group.name.casefold() + "/" * bool(group.name)
+        arrays = []
+        for array in group.arrays:
+            stem = array.name.casefold().removesuffix(_DATA)
+            header = headers.get(f"{inside}{stem}{_HEADER}") if array.name.casefold().endswith(_DATA) else None
+            if header is not None:
+                name = next(iter(_texts(header.texts, (*_SIGNAL_KEYS, *NAME_KEYS))), "") or array.name[: -len(_DATA)]
+                units = {key: text for key, text in header.texts.items() if key.casefold() in UNIT_KEYS}
+                array = replace(array, name=name, texts={**units, **array.texts}, numbers=_numbers_of(header))
+            arrays.append(array)
+        if arrays != list(group.arrays):
+            names = distinct(array.name for array in arrays)
+            arrays = [replace(array, name=name) for array, name in zip(arrays, names, strict=True)]
+        of_file = headers.get(f"{inside}file{_HEADER}")
+        numbers = {**(_numbers_of(of_file) if of_file else {}), **group.numbers}
+        result.append(replace(group, arrays=tuple(arrays), numbers=numbers))
+    return result
+
+
+def _numbers_of(header: NamedGroup) -> dict[str, float]:
+    """The rate, interval and start of a header, where a text holds them too."""
+    said = {key: _number(text[0]) for key, text in header.texts.items() if len(text) == 1}
+    every = {**{key: number for key, number in said.items() if number is not None}, **header.numbers}
+    wanted = (*RATE_NAMES, *INTERVAL_NAMES, *START_NAMES)
+    return {key: number for key, number in every.items() if key.casefold() in wanted}
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text.strip().replace(",", "."))
+    except ValueError:
+        return None
 
 
 # ---- which arrays belong together ----------------------------------------------------------------
