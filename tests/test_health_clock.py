@@ -158,6 +158,52 @@ def test_a_stated_rate_goes_before_the_stamps():
     assert late.clocks[0].start_s == late.levels[0].start_s[0] == 7.0
 
 
+def stalled(stamps, at_s, lasting_s):
+    """What a host stamps that stood still: the rows that came meanwhile get the time at which it went on."""
+    inside = (stamps >= at_s) & (stamps < at_s + lasting_s)
+    return np.where(inside, at_s + lasting_s, stamps)
+
+
+CROWDING = np.ceil(np.arange(12_000) / 117.2 / 0.05) * 0.05  # a buffer that is emptied every 50 ms
+
+
+@pytest.mark.parametrize("stalls", [[(9.0, 5.0)], [(0.7, 3.0)], [(20.0, 1.0), (50.0, 8.0), (99.0, 2.0)]])
+def test_a_host_that_stalls_loses_no_samples(stalls):
+    stamps = CROWDING
+    for stall in stalls:
+        stamps = stalled(stamps, *stall)
+    health = health_of(stamps, LogSettings(clock="reconstructed"))
+    (clock,) = health.clocks
+    assert clock.fs == pytest.approx(117.2, rel=2e-4)
+    assert clock.fs == pytest.approx(reconstructed_clock(stamps).fs, rel=2e-4)
+    assert (clock.n_gaps, clock.n_lost) == (0, 0)
+    (told,) = [text for text in messages(health, "note") if "the host stalled" in text]
+    number, longest = re.findall(r"stand still (\d+) time\(s\), the longest for (\S+) s at", told)[0]
+    assert int(number) == len(stalls)
+    assert float(longest) == pytest.approx(max(lasting_s for _, lasting_s in stalls), abs=0.06)
+    assert health.levels[0].complete.all()
+    # where nobody says that the rows are equally spaced the same rate is offered
+    assert health_of(stamps).clocks[0].fs == clock.fs
+
+
+def test_samples_that_were_lost_are_not_taken_for_a_stall():
+    stamps = np.delete(CROWDING, np.r_[9000:9586])  # 5 s
+    health = health_of(stamps, LogSettings(clock="reconstructed"))
+    (clock,) = health.clocks
+    assert (clock.n_gaps, clock.n_lost) == (1, pytest.approx(586, abs=12))
+    assert not [text for text in messages(health, "note") if "the host stalled" in text]
+
+
+@needs_data("wobble_landcruiser")
+@pytest.mark.parametrize(("name", "fs"), [("20211027T145614", 116.73), ("20211029T125712", 117.35)])
+def test_a_stall_does_not_move_the_rate_of_a_measured_log(name, fs):
+    stamps = np.loadtxt(DATA / "wobble_landcruiser" / f"{name}_sensors.csv", delimiter=",", usecols=0)
+    late = stalled(stamps, 10.0, 5.0)
+    assert clock_of(late).fs == pytest.approx(fs, rel=1e-3)
+    assert reconstructed_clock(late).fs == pytest.approx(fs, rel=1e-3)
+    assert clock_of(late).n_lost == 0
+
+
 @needs_data("wobble_landcruiser")
 @pytest.mark.parametrize(("name", "fs"), [("20211027T145614", 116.73), ("20211029T125712", 117.35)])
 def test_a_measured_log_with_crowding_stamps_and_a_false_offset(name, fs):

@@ -25,6 +25,12 @@ at least 2 p - q. Three decimals at 512 Hz (q = 0.51 p) are still told apart, at
 GAP = 1.5
 """A step longer than this many periods is a gap: half-way between a usual step and one lost sample."""
 
+LONGEST_OF_STEPS = 3.0
+"""Over that step which one in a hundred of a host's stamps exceeds: it stalled, or samples were lost."""
+
+LEAST_BINS = 8
+"""Bins of rows of which a few may be left out."""
+
 _RESOLUTIONS = sorted([10.0**-k for k in range(10)] + [2.0**-k for k in range(1, 25)], reverse=True)
 
 
@@ -106,8 +112,9 @@ def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
 def reconstructed_clock(stamps: ArrayLike) -> Clock:
     """Return the uniform clock through stamps that crowd, like those of a host that empties a buffer now and then.
 
-    The rows are taken to be equally spaced; the rate is the slope of the least-squares line through the stamps. A
-    sample that was lost goes unnoticed: `stray_s` says how far the stamps lie off.
+    The rows are taken to be equally spaced; the rate is the slope of the least-squares line through the stamps, those
+    left out that came late because the host stalled. A sample that was lost goes unnoticed: `stray_s` says how far the
+    stamps lie off.
 
     Args:
         stamps: (n_samples,) times that do not go back, s, two or more.
@@ -131,11 +138,66 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
         )
     if time_s[-1] == time_s[0]:
         raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
-    count = np.arange(time_s.size) - 0.5 * (time_s.size - 1)
-    period = float(count @ time_s / (count @ count))
-    start_s = float(time_s.mean()) + period * float(count[0])
+    usual = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
+    longest_s = max(GAP * usual, LONGEST_OF_STEPS * float(np.quantile(steps[steps > 0], 0.99)))
+    rows_a_bin = max(1, time_s.size // 1000)
+    bins = binned(0, time_s - time_s[0], usual, rows_a_bin)
+    period, first_s, _ = line_without_stalls(bins, usual, longest_s)
+    start_s = float(time_s[0]) + first_s
     stray = time_s - (start_s + period * np.arange(time_s.size))
     return Clock(1 / period, start_s, 1 / period, 0.0, float(np.abs(stray).max()))
+
+
+def binned(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int) -> FloatArray:
+    """Return what a line through stamps needs of each bin of rows, (n_bins, 7).
+
+    That is: how many rows, the sums of row, stamp, row^2 and row stamp, least and greatest stamp - row `period_s`.
+
+    Args:
+        first: number of the first row.
+        elapsed_s: (n,) stamps.
+        period_s: a period near the true one.
+        rows_a_bin: number of rows.
+    """
+    rows = np.arange(first, first + elapsed_s.size, dtype=np.float64)
+    off = elapsed_s - rows * period_s
+    starts = np.arange(0, rows.size, rows_a_bin)
+    sums = [np.add.reduceat(each, starts) for each in (np.ones_like(rows), rows, elapsed_s, rows**2, rows * elapsed_s)]
+    return np.stack([*sums, np.minimum.reduceat(off, starts), np.maximum.reduceat(off, starts)], axis=1)
+
+
+def line_without_stalls(bins: FloatArray, period_s: float, longest_s: float) -> tuple[float, float, np.ndarray]:
+    """Return the period and the stamp of row 0 by least squares, and which bins of rows lie on that line.
+
+    A host that stalls stamps rows late and catches up: such bins are left out. The line that tells them has the median
+    of the slopes over half of the rows. Where most bins would be off it, no line is better than that of all.
+
+    Args:
+        bins: (n_bins, 7) of `binned`.
+        period_s: what `binned` was given.
+        longest_s: how far stamps usually lie apart at the most.
+    """
+    n, row, stamp = bins[:, 0], bins[:, 1], bins[:, 2]
+    x, t = row / n, stamp / n
+    keep = np.ones(len(bins), dtype=bool)
+    half = len(bins) // 2
+    if half >= LEAST_BINS // 2:
+        slope = float(np.median((t[half:] - t[:-half]) / (x[half:] - x[:-half])))
+        start = float(np.median(t - slope * x))
+        for _ in range(2):
+            tilt = (period_s - slope) * x - start
+            off = np.maximum(np.abs(bins[:, 5] + tilt), np.abs(bins[:, 6] + tilt))
+            keep = off <= max(longest_s, 4 * float(np.median(off)))
+            slope, start = _line(bins[keep])
+    slope, start = _line(bins[keep])
+    return slope, start, keep
+
+
+def _line(bins: FloatArray) -> tuple[float, float]:
+    n, row, stamp, squares, products = bins[:, :5].sum(axis=0)
+    spread = squares - row * row / n
+    slope = float((products - row * stamp / n) / spread) if spread > 0 else 0.0
+    return slope, float(stamp / n - slope * row / n)
 
 
 def resolution_of(stamps: FloatArray) -> float:

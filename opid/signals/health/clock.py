@@ -6,7 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from opid.signals.clock import COARSE_STAMPS, GAP, plain_number, resolution_of
+from opid.signals.clock import (
+    COARSE_STAMPS,
+    GAP,
+    LONGEST_OF_STEPS,
+    binned,
+    line_without_stalls,
+    plain_number,
+    resolution_of,
+)
 from opid.signals.health.chunks import LARGEST
 from opid.signals.health.result import ClockHealth, Finding, Stretch
 from opid.signals.recording import FloatArray
@@ -40,14 +48,14 @@ class ClockCheck:
         self.crowded = False
         self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._usual(usual)
         self._good = np.zeros(3)  # steps that are no gap: how many, their sum and sum of squares about the period
-        self._line = np.zeros(4)  # of row and stamp: sums of row, stamp, row^2, row stamp
+        self._bins: list[FloatArray] = []  # of rows and stamps, where the rows are taken to be equally spaced
+        self._line: tuple[int, float, float, np.ndarray] = (0, 0.0, 0.0, np.empty(0, dtype=bool))
         self.repeated, self.backward, self.unreadable = 0, 0, 0
         self.first_repeated_s = self.first_backward_s = np.nan
         self._gaps: list[tuple[int, float, float]] = []
         self.n_gaps, self._lost_s = 0, 0.0
         self._jumps: list[np.ndarray] = []
         self._knots: list[np.ndarray] = []
-        self._stray: list[np.ndarray] = []
         self._last = np.empty(0)
 
     @property
@@ -64,8 +72,23 @@ class ClockCheck:
         self._bin = bin_rows
 
     def jumps(self) -> np.ndarray:
-        """Return the rows before which the clock jumps."""
-        return np.concatenate(self._jumps) if self._jumps else np.empty(0, dtype=np.int64)
+        """Return the rows before which the clock jumps, those without that a host stamped late."""
+        every = np.concatenate(self._jumps) if self._jumps else np.empty(0, dtype=np.int64)
+        return every[~np.isin(every, [row for row, _, _ in self.stalls()])]
+
+    def stalls(self) -> list[tuple[int, float, float]]:
+        """Return row, begin and end of each long step after which the rows catch up: the host stalled, none is lost."""
+        if not self._equal_steps or not self._gaps:
+            return []
+        bins = np.concatenate(self._bins)
+        firsts, (period, start, on_line) = bins[:, 1] / bins[:, 0], self._fit()
+        ends = [*(gap[0] for gap in self._gaps[1:]), self.n]
+        return [
+            (row, begin, stop)
+            for (row, begin, stop), end in zip(self._gaps, ends, strict=True)
+            if abs(begin - self._start_s - start - period * (row - 1)) <= self._longest
+            and on_line[(firsts >= row) & (firsts < end)].any()
+        ]
 
     def add(self, stamps: FloatArray | None, n: int) -> np.ndarray:
         """Take the next rows and return those before which the clock jumps.
@@ -89,8 +112,8 @@ class ClockCheck:
         off = own - self._period
         self._good += np.array([off.size, off.sum(), off @ off])
         rows = np.arange(first, first + n, dtype=np.float64)
-        elapsed = time_s - self._start_s
-        self._line += np.array([rows.sum(), elapsed.sum(), rows @ rows, rows @ elapsed])
+        if self._equal_steps:
+            self._bins.append(binned(first, time_s - self._start_s, self._period, self._bin))
         places = np.flatnonzero(jumps)
         self._keep_gaps(first, time_s, steps, places)
         self._keep_knots(rows, time_s, places)
@@ -119,7 +142,7 @@ class ClockCheck:
         if self.stated:
             return 1 / self._period
         if self._equal_steps:
-            slope = self._slope()
+            slope = self._fit()[0]
             return 1 / slope if slope > 0 else 1 / self._period
         n, off, squares = self._good
         # the period of the first row's step is made up
@@ -138,10 +161,10 @@ class ClockCheck:
     @property
     def stray_s(self) -> float:
         """How far the stamps lie off equal steps at the most, s."""
-        if not self._stray:
+        if not self._bins:
             return 0.0
-        rows, low, high = np.concatenate(self._stray, axis=1)
-        period = 1 / self.rate()
+        n, row, *_, low, high = np.concatenate(self._bins).T
+        rows, period = row / n, 1 / self.rate()
         tilt = self._start_s + rows * self._period - (self._origin() + rows * period)
         return float(max(np.abs(low + tilt).max(), np.abs(high + tilt).max()))
 
@@ -161,7 +184,9 @@ class ClockCheck:
         length_s = self.n / fs
         if not self.stated and not self._equal_steps:
             length_s = self._previous - self._start_s + 1 / fs
-        gaps = tuple(Stretch("gap", begin, end) for _, begin, end in self._gaps)
+        stalls = self.stalls()
+        lost_s = self._lost_s - sum(end - begin - self._period for _, begin, end in stalls)
+        gaps = tuple(Stretch("gap", *gap[1:]) for gap in self._gaps if gap not in stalls)
         return ClockHealth(
             track=track,
             channels=channels,
@@ -175,8 +200,8 @@ class ClockCheck:
             repeated=self.repeated,
             backward=self.backward,
             gaps=gaps,
-            n_gaps=self.n_gaps,
-            n_lost=round(self._lost_s * fs),
+            n_gaps=self.n_gaps - len(stalls),
+            n_lost=round(lost_s * fs),
         )
 
     def _usual(self, stamps: FloatArray) -> tuple[float, float, float]:
@@ -190,7 +215,7 @@ class ClockCheck:
         if self.crowded:
             forward = steps[steps > 0]
             period = float(forward.sum() / steps.size)
-            return period, max(GAP * period, 3 * float(np.quantile(forward, 0.99))), noise
+            return period, max(GAP * period, LONGEST_OF_STEPS * float(np.quantile(forward, 0.99))), noise
         # the median over some steps withstands gaps, coarse rounding, and stamps that repeat or go back
         stride = min(8, steps.size)
         period = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
@@ -229,29 +254,23 @@ class ClockCheck:
             self._gaps.append((first + int(k), float(time_s[k] - steps[k]), float(time_s[k])))
 
     def _keep_knots(self, rows: FloatArray, time_s: FloatArray, places: np.ndarray) -> None:
-        """Keep the time of some rows and of both sides of jumps, and how far the stamps of each bin stray."""
+        """Keep the time of some rows and of both sides of jumps."""
         regular = np.arange(-int(rows[0]) % self._bin, rows.size, self._bin)
         most = max(1, rows.size // self._bin) * 16
         near = np.concatenate([regular, [0, rows.size - 1], places[:most], np.maximum(places[:most] - 1, 0)])
         near = np.unique(near.astype(np.int64))
         self._knots.append(np.stack([rows[near], time_s[near]]))
-        if self._equal_steps:
-            stray = time_s - (self._start_s + rows * self._period)
-            starts = np.arange(0, rows.size, self._bin)
-            low, high = np.minimum.reduceat(stray, starts), np.maximum.reduceat(stray, starts)
-            middles = 0.5 * (rows[starts] + rows[np.append(starts[1:] - 1, rows.size - 1)])
-            self._stray.append(np.stack([middles, low, high]))
 
-    def _slope(self) -> float:
-        row, stamp, squares, products = self._line
-        spread = squares - row * row / self.n
-        return float((products - row * stamp / self.n) / spread) if spread > 0 else 0.0
+    def _fit(self) -> tuple[float, float, np.ndarray]:
+        """Period, stamp of row 0 after the first one, and the bins of rows on that line."""
+        if self._line[0] != self.n and self._bins:
+            self._line = self.n, *line_without_stalls(np.concatenate(self._bins), self._period, self._longest)
+        return self._line[1:]
 
     def _origin(self) -> float:
-        if self.stated or not self._equal_steps or self._slope() <= 0:
+        if self.stated or not self._equal_steps or self._fit()[0] <= 0:
             return self._start_s
-        row, stamp = self._line[:2]
-        return float(self._start_s + stamp / self.n - self._slope() * row / self.n)
+        return self._start_s + self._fit()[1]
 
 
 def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
@@ -304,6 +323,14 @@ def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
             f"{check.repeated} time stamp(s){of_track} stand twice in a row, the first at "
             f"{check.first_repeated_s:.9g} s: remove the repeated samples, write the time with more digits, or write "
             '`clock = "reconstructed"` in [log] if the rows are equally spaced',
+        )
+    if stalls := check.stalls():
+        _, begin, end = max(stalls, key=lambda each: each[2] - each[1])
+        yield Finding(
+            "note",
+            "",
+            f"the stamps{of_track} stand still {len(stalls)} time(s), the longest for {end - begin:.3g} s "
+            f"at {begin:.6g} s, and the rows catch up behind it: the host stalled, no sample is taken for lost",
         )
     if health.n_gaps:
         gap = health.gaps[0]
