@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_logs import log_of, messages, noise
-from scipy import signal
+from scipy import signal, stats
 
 from opid.signals import spectra
 from opid.signals.health.chunks import rows_of_a_bin
 from opid.signals.health.inspection import inspect
-from opid.signals.health.lines import names_of_lines
+from opid.signals.health.lines import LINE_CHANCE, LINE_RATIO, names_of_lines
 from opid.signals.health.spectrum import OVERLAPPED_BINS
+from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
 
 FS = 1024.0
 N = 60 * 1024
@@ -93,6 +94,49 @@ def test_a_line_that_is_no_supply_has_no_name_and_noise_has_no_lines():
     assert (line.name, line.frequency_hz) == ("", pytest.approx(33.0, abs=0.05))
     for seed in range(10):
         assert lines_of(noise(4096, seed=seed)[:, 0]) == {}
+
+
+def test_clean_taxi_runs_have_hardly_a_line():
+    """Their speed falls, so the first seconds make the spectrum: it is worth fewer blocks than were averaged."""
+    runs = [
+        run.recording
+        for seed in range(100, 108)
+        for test in [taxi_test(LandingGear(), rng=np.random.default_rng(seed))]
+        for run in (test.heavy, test.light)
+    ]
+    with_lines = [channel for run in runs for channel in inspect(run, thorough=False).channels if channel.lines]
+    assert len(with_lines) <= 2  # of 32
+
+
+def falling_noise(seed, n=40 * 512, fs=512.0):
+    return noise(n, seed=seed)[:, 0] * np.exp(-np.arange(n) / fs / 8.0)
+
+
+def test_noise_that_dies_away_has_lines_as_rarely_as_is_said():
+    found = [bool(lines_of(falling_noise(seed), fs=512.0)) for seed in range(150)]
+    assert sum(found) <= 3  # 6 of 2000 have one
+
+
+def test_tones_three_standard_deviations_above_what_chance_makes_are_found():
+    """The threshold is that of the chi-squared law of as many blocks as the mean is worth, here counted by hand."""
+    n, fs, block = 40 * 512, 512.0, 16 * 512
+    envelope = np.exp(-np.arange(n) / fs / 8.0)
+    window = signal.get_window("hann", block) ** 2
+    starts = range(0, n - block + 1, block // 2)
+    power = np.array([(envelope[at : at + block] ** 2 * window).sum() for at in starts])
+    worth, density = power.sum() ** 2 / (power**2).sum(), 2 * power.mean() / window.sum() / fs
+    usual = density * stats.chi2.ppf(0.5, 2 * worth) / (2 * worth)
+    chance = density * stats.chi2.isf(LINE_CHANCE / 1500, 2 * worth) / (2 * worth)
+    threshold = max(chance, LINE_RATIO * usual)
+    level = threshold + 3 * np.sqrt((2 * threshold * density + density**2) / worth)
+    amplitude = np.sqrt(2 * level * 1.5 * fs / block)  # what a line of this level is under a Hann window
+    tone = amplitude * np.sin(2 * np.pi * 30.0 * np.arange(n) / fs)  # on a line: 480 periods in a block
+    found = [
+        any(abs(line.frequency_hz - 30.0) < 0.1 for line in each)
+        for seed in range(60)
+        for each in [inspect(log_of((falling_noise(seed) + tone)[:, None], fs=fs)).channels[0].lines]
+    ]
+    assert np.mean(found) > 0.95
 
 
 def test_a_damped_resonance_is_no_line():

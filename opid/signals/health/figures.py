@@ -125,8 +125,10 @@ def track_figures(checks: Checks) -> TrackFigures:
     for i, name in enumerate(checks.names):
         usual = (frequency_hz, psd[i], float(averages[i]))
         long = (long_hz, long_psd[i], float(long_averages[i]))
-        for_lines = long if long[2] >= LEAST_LONG_AVERAGES else usual
-        lines = () if checks.runs[i].mute else lines_of(*for_lines, fs=clock.fs)
+        looked_at, (at_hz, density, _) = (
+            (checks.long_blocks, long) if long[2] >= LEAST_LONG_AVERAGES else (checks.spectra, usual)
+        )
+        lines = () if checks.runs[i].mute else lines_of(at_hz, density, looked_at.line_averages(i), fs=clock.fs)
         channel, place, good, whole = _channel(checks, i, clock.fs, bins, usual, lines)
         channels.append(channel)
         places[name] = place

@@ -15,11 +15,15 @@ GROUP_PART = 0.002
 USUAL_GROUPS = 65
 """Groups whose median is what is usual there."""
 
+NEAR_GROUPS = 21
+"""Groups whose median a line exceeds as well: on the flank of a resonance it is the higher one."""
+
 LINE_RATIO = 8.0
 """How far a line stands above the median of its neighbours at least."""
 
-LINE_CHANCE = 1e-6
-"""Probability of such a line in noise: it takes 20 times the median in a single periodogram, less in a mean of many."""
+LINE_CHANCE = 1e-3
+"""Probability that noise makes one such line anywhere in a spectrum, shared by all groups that are looked at.
+It takes 20 times the median in a single periodogram, less in a mean of many."""
 
 LINE_WIDTH = 30.0
 """How far the spectrum has fallen three to five groups off: the window's own width, which a damped resonance exceeds
@@ -38,7 +42,7 @@ MOST_HARMONIC = 13
 _SHARED_BY_LINES = 1.94  # neighbouring lines under a Hann window: 1 + 2 ((2/3)^2 + (1/6)^2)
 
 
-def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: float, *, fs: float) -> tuple[SpectralLine, ...]:
+def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *, fs: float) -> tuple[SpectralLine, ...]:
     """Return the narrow peaks of a spectrum, the strongest first, supplies and their harmonics by name.
 
     The half-width of a resonance is zeta f. Where that of one with 1 % of damping is no wider than the spectrum's
@@ -47,22 +51,24 @@ def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: float, *, fs: 
     Args:
         frequency_hz: (n_lines,) evenly spaced from 0, Hz.
         psd: (n_lines,) under a Hann window, unit^2/Hz.
-        averages: periodograms it is the mean of.
+        averages: (n_lines,) how many periodograms of equal power it is worth.
         fs: rate, Hz.
     """
-    if psd.size < 40 or averages <= 0 or not np.isfinite(psd).all() or psd.max() <= 0:
+    if psd.size < 40 or averages.max() <= 0 or not np.isfinite(psd).all() or psd.max() <= 0:
         return ()
     from scipy.ndimage import median_filter
 
     edges = growing_edges(psd.size, part=GROUP_PART)
     sizes = np.diff(np.append(edges, psd.size))
     level = np.add.reduceat(psd, edges) / sizes
-    usual = median_filter(level, size=USUAL_GROUPS, mode="reflect")
+    usual, near = (median_filter(level, size=size, mode="reflect") for size in (USUAL_GROUPS, NEAR_GROUPS))
     df = float(frequency_hz[1])
     resolved_hz = df / LEAST_DAMPING
     ends = np.append(edges, psd.size)
     found = []
-    for k in _narrow_peaks(level, usual, averages * np.maximum(1.0, sizes / _SHARED_BY_LINES)):
+    for k in _narrow_peaks(
+        level, usual, near, np.maximum(averages[edges], 1.0) * np.maximum(1.0, sizes / _SHARED_BY_LINES)
+    ):
         inside = slice(ends[k - 2], ends[k + 3])
         around = np.maximum(psd[inside] - usual[k], 0.0)
         # centre of the main lobe of the window, which is symmetric about a pure tone
@@ -95,15 +101,17 @@ def growing_edges(n_lines: int, *, part: float) -> np.ndarray:
     return np.array(edges)
 
 
-def _narrow_peaks(level: FloatArray, usual: FloatArray, averages: FloatArray) -> np.ndarray:
+def _narrow_peaks(level: FloatArray, usual: FloatArray, near: FloatArray, averages: FloatArray) -> np.ndarray:
     """Groups that stand out of a spectrum and are no wider than the window makes a line."""
     from scipy import special
     from scipy.ndimage import maximum_filter
 
     inner = slice(5, level.size - 5)
     own, base, n = level[inner], usual[inner], averages[inner]
-    chance = special.gammainccinv(n, LINE_CHANCE) / special.gammaincinv(n, 0.5)
-    peak = (own == maximum_filter(level, size=5)[inner]) & (own > np.maximum(LINE_RATIO, chance) * base)
+    chance = special.gammainccinv(n, LINE_CHANCE / n.size) / special.gammaincinv(n, 0.5)
+    peak = (own == maximum_filter(level, size=5)[inner]) & (
+        own > np.maximum(LINE_RATIO, chance) * np.maximum(base, near[inner])
+    )
     beside = np.convolve(level, np.full(3, 1 / 3), mode="valid")
     scatter = 1 + 3 * np.sqrt(_SHARED_BY_LINES / (3 * n))
     narrow = np.maximum(beside[: own.size], beside[8 : 8 + own.size]) < own / LINE_WIDTH + scatter * base

@@ -33,6 +33,49 @@ LEAST_LONG_AVERAGES = 3.0
 """Long blocks that tell more of lines than the many short ones of the same record."""
 
 
+LINES_A_BAND, EVEN_BAND_PART = 32, 0.1
+"""Least lines, and width over frequency, of the bands whose power is compared from block to block:
+enough lines that chance moves it by a tenth, few enough that the spectrum is one level there."""
+
+
+class BlockPowers:
+    """How many blocks a mean over blocks is worth where their power differs, as on a run-out whose speed falls.
+
+    The mean of n blocks of powers Q_b scatters like that of (sum Q_b)^2 / sum Q_b^2 equal ones.
+
+    Args:
+        n_channels: number of channels.
+        n_lines: of the spectra.
+    """
+
+    def __init__(self, n_channels: int, n_lines: int) -> None:
+        self._edges = LINES_A_BAND * growing_edges(max(1, n_lines // LINES_A_BAND), part=EVEN_BAND_PART)
+        self._sums = np.zeros((2, n_channels, self._edges.size))
+        self._n_lines = n_lines
+
+    def add(self, channel: int, power: FloatArray, weights: FloatArray) -> None:
+        """Take blocks.
+
+        Args:
+            channel: number of their channel.
+            power: (n_blocks, n_lines) of each.
+            weights: (n_blocks,) with which they enter the mean.
+        """
+        own = np.add.reduceat(power, self._edges, axis=1) * weights[:, np.newaxis]
+        self._sums[0, channel] += own.sum(axis=0)
+        self._sums[1, channel] += (own * own).sum(axis=0)
+
+    def averages(self, channel: int) -> FloatArray:
+        """Return what the mean is worth at each line, in blocks of equal power; 0 where there is none.
+
+        Args:
+            channel: its number.
+        """
+        total, squares = self._sums[:, channel]
+        worth = np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)
+        return np.repeat(worth, np.diff(np.append(self._edges, self._n_lines)))
+
+
 class SpectrumCheck:
     """Welch spectra of all channels, cross-spectra of some, block by block of two bins.
 
@@ -46,6 +89,7 @@ class SpectrumCheck:
     def __init__(self, n_channels: int, bin_rows: int, *, crossed: Sequence[int] = (), spectrogram: bool) -> None:
         self._n, self._bin, self.crossed = n_channels, bin_rows, tuple(crossed)
         self._power: FloatArray | None = None
+        self._worth = BlockPowers(n_channels, bin_rows + 1)
         self._weight = np.zeros((2, n_channels))  # sum of the blocks' weights, and of their squares
         self._cross: ComplexArray | None = None
         self.cross_weight = np.zeros(2)
@@ -67,7 +111,7 @@ class SpectrumCheck:
             self._edges = growing_edges(used // 2 + 1, part=BAND_PART)
         if self._power is None:
             n_lines, n_crossed = self._nperseg // 2 + 1, len(self.crossed)
-            self._power = np.zeros((self._n, n_lines))
+            self._power, self._worth = np.zeros((self._n, n_lines)), BlockPowers(self._n, n_lines)
             self._cross = np.zeros((n_crossed, n_crossed, n_lines), dtype=np.complex128)
         before = (chunk.first - chunk.lead) // self._bin
         starts = np.arange(0, max(used - self._nperseg, 0 if used >= self._nperseg else -1) + 1, self._bin)
@@ -108,6 +152,7 @@ class SpectrumCheck:
             power = spectrum.real**2
             power += spectrum.imag**2
             self._power[i] += own @ power
+            self._worth.add(i, power, own)
             self._weight[0, i] += own.sum()
             self._weight[1, i] += own @ own
             if i in self.crossed:
@@ -161,6 +206,14 @@ class SpectrumCheck:
         density[self._weight[0] == 0] = np.nan
         averages = self._weight[0] ** 2 / np.maximum(self._weight[1], 1e-300)
         return frequency_hz, density, averages
+
+    def line_averages(self, channel: int) -> FloatArray:
+        """Return how many blocks of equal power the density of each line is worth, (n_lines,).
+
+        Args:
+            channel: its number.
+        """
+        return self._worth.averages(channel)
 
     def cross(self, fs: float) -> tuple[FloatArray, ComplexArray, float]:
         """Return frequencies, Hz, densities E[conj(X_i) X_j] for i <= j (n, n, n_lines), unit^2/Hz, and the averages.
@@ -218,6 +271,7 @@ class LongBlocks:
         self._missing: np.ndarray = np.zeros(n_channels, dtype=bool)
         self._first, self._filled, self._last_break = 0, 0, 0
         self._power = np.zeros((n_channels, self._nperseg // 2 + 1))
+        self._worth = BlockPowers(n_channels, self._nperseg // 2 + 1)
         self._weight = np.zeros((2, n_channels))
 
     def add(self, chunk: Chunk) -> None:
@@ -252,6 +306,14 @@ class LongBlocks:
         scale = 2 / (fs * np.sum(self._window**2)) / np.maximum(self._weight[0], 1e-300)
         return frequency_hz, self._power * scale[:, np.newaxis], averages
 
+    def line_averages(self, channel: int) -> FloatArray:
+        """Return how many blocks of equal power the density of each line is worth, (n_lines,).
+
+        Args:
+            channel: its number.
+        """
+        return self._worth.averages(channel)
+
     def _take(self) -> None:
         overlapped = self._first // self._bin < OVERLAPPED_BINS
         if self._last_break <= self._first:
@@ -263,7 +325,9 @@ class LongBlocks:
                 block *= self._window
                 spectrum = np.fft.rfft(block[0])
                 weight = 1.0 if overlapped else 2.0
-                self._power[i] += weight * (spectrum.real**2 + spectrum.imag**2)
+                power = spectrum.real**2 + spectrum.imag**2
+                self._power[i] += weight * power
+                self._worth.add(i, power[np.newaxis], np.array([weight]))
                 self._weight[:, i] += (weight, weight**2)
         self._filled = self._nperseg // 2 if overlapped else 0
         self._first += self._nperseg - self._filled
