@@ -24,6 +24,21 @@ def test_the_filter_gives_back_the_modes():
     np.testing.assert_allclose(test.modal_force(3), force_projection(FOUR, "a")[2] * LEVEL)
 
 
+def test_velocities_are_differentiated():
+    """As a laser vibrometer gives them: two of five sensors here."""
+    model = NonlinearModalModel(FOUR)
+    motion = modal_response(model, LEVEL, fs=FS, drive_point="a")
+    rates = motion.velocity @ FOUR.shapes.T
+    accelerations = motion.acceleration @ FOUR.shapes.T
+    samples = np.column_stack([LEVEL, accelerations[:, :3], rates[:, 3:]])
+    units = ("N", *3 * ("m/s^2",), *2 * ("m/s",))
+    channels = tuple(Channel(name, unit) for name, unit in zip(("force", *"abcde"), units, strict=True))
+    test = modal_test(Recording(samples, FS, channels), FOUR, name="t", force="force", drive_point="a")
+    np.testing.assert_allclose(test.acceleration, motion.acceleration, atol=2e-3 * np.abs(motion.acceleration).max())
+    assert {channel.unit for channel in test.recording.channels} == {"N", "m/s^2"}
+    assert test.recording.history[-1] == "d, e: velocities differentiated to accelerations"
+
+
 def test_the_order_of_channels_does_not_matter():
     one = recording()
     turned = Recording(one.samples[:, ::-1], fs=FS, channels=one.channels[::-1])
@@ -44,7 +59,13 @@ def test_a_missing_sensor_is_left_out_while_the_rest_can_tell_the_modes():
     [
         (("lbf",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "a", "is in lbf where N"),
         (("V",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", "a", "is in V where N"),
-        (("N",) + 5 * ("m/s",), ("force", *"abcde"), "force", "a", "'a' of test 't' is in m/s where an acceleration"),
+        (
+            ("N",) + 5 * ("m",),
+            ("force", *"abcde"),
+            "force",
+            "a",
+            "'a' of test 't' is in m where an acceleration or a v",
+        ),
         (("N",) + 5 * ("m/s^2",), ("force", *"vwxyz"), "force", "a", "has none of the sensors 'a'"),
         (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "forse", "a", "there is no channel 'forse'"),
         (("N",) + 5 * ("m/s^2",), ("force", *"abcde"), "force", None, "say at which sensor the force acts"),

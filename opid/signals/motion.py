@@ -99,6 +99,30 @@ def integrate(
     return _integrate_zero_phase(samples, fs=fs, high_pass_hz=high_pass_hz)
 
 
+def differentiate(samples: ArrayLike, *, fs: float) -> FloatArray:
+    """Return the time derivative of a signal, exact for all below half of the rate.
+
+    The straight line through both ends is taken off, what is left is a sine series over the record, and its derivative
+    a cosine series.
+
+    Args:
+        samples: (n,) two or more.
+        fs: sampling rate, Hz.
+
+    >>> t = np.arange(200) / 100
+    >>> bool(np.allclose(differentiate(np.sin(9 * t), fs=100.0)[5:-5], 9 * np.cos(9 * t)[5:-5], atol=0.02))
+    True
+    """
+    values = np.asarray(samples, dtype=np.float64)
+    n = values.size
+    slope = (values[-1] - values[0]) / (n - 1)
+    left = values - values[0] - slope * np.arange(n)
+    odd = np.concatenate([left, -left[-2:0:-1]])
+    omega = 2j * np.pi * np.fft.rfftfreq(odd.size)
+    omega[-1] = 0.0  # the sign of what stands at half of the rate is not known
+    return np.asarray(np.fft.irfft(np.fft.rfft(odd) * omega, odd.size)[:n] + slope) * fs
+
+
 def relative_motion(
     unsprung: ArrayLike,
     sprung: ArrayLike,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from opid.errors import InputError
 from opid.modal.linear.modes import LinearModes, force_projection, modal_filter, with_sensors
-from opid.signals.recording import FloatArray, Recording
+from opid.signals.motion import differentiate
+from opid.signals.recording import Channel, FloatArray, Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +50,16 @@ def modal_test(
     """Return a recording in modal coordinates.
 
     Args:
-        recording: with a channel for each sensor of the modes, in m/s^2; further channels are left aside. Sensors that
-            it lacks are left out of the shapes, too, if those left can still tell the modes apart.
+        recording: with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are left aside.
+            Sensors that it lacks are left out of the shapes, too, if those left can still tell the modes apart.
         modes: linear modes that describe the structure during this test.
         name: of the test.
         force: channel of the force, in N; None for a free decay.
         drive_point: the sensor at whose place and in whose direction it acts; needed with a force.
 
     Raises:
-        InputError: no channel for any sensor, one that is no acceleration, a force that is no force, no drive point, or
-            fewer sensors than modes.
+        InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force that is no
+            force, no drive point, or fewer sensors than modes.
 
     >>> import numpy as np
     >>> from opid.signals.recording import recording_from_arrays
@@ -73,11 +75,12 @@ def modal_test(
             f"{_listed(recording.names)}; call the channels as the shapes call their sensors"
         )
     for sensor in sensors:
-        if recording.unit(sensor) != "m/s^2":
+        if recording.unit(sensor) not in ("m/s^2", "m/s"):
             raise InputError(
                 f"channel {sensor!r} of test {name!r} is in {recording.unit(sensor) or 'no unit'} where an "
-                "acceleration is needed: give its unit in [channels]"
+                "acceleration or a velocity is needed: give its unit in [channels]"
             )
+    recording = _with_accelerations(recording, sensors)
     if force is not None:
         _require_force(recording, modes, name, force, drive_point)
     accelerations = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
@@ -89,6 +92,21 @@ def modal_test(
         modes=modes,
         drive_point=drive_point if force is not None else None,
     )
+
+
+def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
+    """The recording, the velocities among its sensors differentiated, as those of a laser vibrometer."""
+    velocities = [sensor for sensor in sensors if recording.unit(sensor) == "m/s"]
+    if not velocities:
+        return recording
+    samples = recording.samples.copy()
+    channels = list(recording.channels)
+    for sensor in velocities:
+        column = recording.index(sensor)
+        samples[:, column] = differentiate(samples[:, column], fs=recording.fs)
+        channels[column] = Channel(sensor, "m/s^2")
+    history = (*recording.history, f"{', '.join(velocities)}: velocities differentiated to accelerations")
+    return Recording(samples, recording.fs, tuple(channels), recording.start_s, history)
 
 
 def _require_force(recording: Recording, modes: LinearModes, name: str, force: str, drive_point: str | None) -> None:
