@@ -83,9 +83,12 @@ def test_the_result_is_shown_as_asked(field_test, tmp_path):
 
 def test_a_report_has_no_figures_where_none_are_wanted(field_test, tmp_path):
     command = ("identify", field_test / "study.toml", "--law", "arctan_velocity", "--out", tmp_path / "out")
+    (tmp_path / "out").mkdir()
+    for name in ("law_ladder.png", "mine.png"):
+        (tmp_path / "out" / name).write_bytes(b"older")
     done = opid(*command, "--no-figures")
     assert done.exit_code == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "result.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"mine.png", "report.html", "result.json"}
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "sprung mass" in page
     assert "<img" not in page

@@ -77,7 +77,7 @@ def write_report(
         directory: made if it is not there.
         truth: of a simulation, as in truth.json: shown beside the estimates.
         command: words of the command that gave the result; where left out, of one that gives the same.
-        figures: whether they are drawn.
+        figures: whether they are drawn; where not, those of an older report are deleted.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -85,6 +85,8 @@ def write_report(
             written to.
     """
     page: Page = _made("page_of", result, truth)
+    # a figure of an older report would show another result
+    older = [] if figures else [Path(directory, f"{picture.name}.png") for picture in page.pictures]
     if not figures:
         page = replace(page, pictures=())
     images = drawn(page.pictures, result, truth, progress=progress)
@@ -95,6 +97,8 @@ def write_report(
     # last, so that a result.json is never there without its report
     contents[page.data_file] = json_text(result.to_dict()).encode("utf-8", "backslashreplace")
     write_together(directory, contents)
+    for file in older:
+        file.unlink(missing_ok=True)
     return Path(directory) / "report.html"
 
 
