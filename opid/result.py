@@ -97,7 +97,8 @@ class Result(ABC):
             name, value, std, _, unit = row.cells
             spread = "" if row.std is None else f" ± {std}"
             lines.append(f"  {name.ljust(width)}  {value}{spread}{'' if unit == '1' else f' {unit}'}")
-        more = [f"{len(rows) - MOST_ROWS} more in summary()"] if len(rows) > MOST_ROWS else []
+        more = ["± is one standard deviation"] if any(row.std is not None for row in rows[:MOST_ROWS]) else []
+        more += [f"{len(rows) - MOST_ROWS} more in summary()"] if len(rows) > MOST_ROWS else []
         remarks = "; ".join([*more, *map(_shortened, self._remarks())])
         return "\n".join([*lines, f"  {remarks}"] if remarks else lines)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +77,40 @@ def wrapped(text: str, head: str = "") -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     )
+
+
+def laid_out(*blocks: Sequence[str]) -> str:
+    """Return a text of blocks of lines, with an empty line between them; empty blocks are left out.
+
+    Args:
+        blocks: lines of each.
+
+    >>> laid_out(["a gear"], [], ["mass  1850", "K2    4e5"])
+    'a gear\\n\\nmass  1850\\nK2    4e5\\n'
+    """
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def labelled(head: str, sentences: Iterable[str]) -> list[str]:
+    """Return the lines of some sentences, each behind the same words.
+
+    Args:
+        head: before each, "Warning: " say.
+        sentences: one or more.
+
+    >>> labelled("Law: ", ["linear.", "cubic."])
+    ['Law: linear.', 'Law: cubic.']
+    """
+    return [line for sentence in sentences for line in wrapped(sentence, head)]
+
+
+def refusal(reason: str | None) -> list[str]:
+    """Return why there is no answer, as lines; none where there is one.
+
+    Args:
+        reason: `not_determined` of a result.
+    """
+    return wrapped(f"Not determined: {reason}") if reason else []
 
 
 def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None, with_truth: bool = False) -> Row:

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
+from opid.report.as_text import (
+    Row,
+    columns,
+    estimate_row,
+    formula,
+    labelled,
+    laid_out,
+    parameter_label,
+    refusal,
+    table_lines,
+    wrapped,
+)
 from opid.report.page import Page, Picture
 from opid.suspensions.bench.law import UNITS, BenchLaw
 
@@ -22,15 +33,14 @@ def text_of(result: BenchLaw) -> str:
     Args:
         result: from `law_of_bench`.
     """
-    parts = [f"{result.title or 'Test bench'}: {equation(result)}", ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    parts += [*table_lines(bench_rows(result), columns(None)), "", *wrapped(quality(result))]
-    parts += ["", *wrapped(_sentence(result.memory.statement))]
-    doubts = _doubts(result)
-    if doubts:
-        parts += ["", *(line for doubt in doubts for line in wrapped(doubt, "Warning: "))]
-    return "\n".join(parts) + "\n"
+    return laid_out(
+        [f"{result.title or 'Test bench'}: {equation(result)}"],
+        refusal(result.not_determined),
+        table_lines(bench_rows(result), columns(None)),
+        wrapped(quality(result)),
+        wrapped(_sentence(result.memory.statement)),
+        labelled("Warning: ", _doubts(result)),
+    )
 
 
 def equation(result: BenchLaw) -> str:

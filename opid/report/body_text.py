@@ -15,7 +15,10 @@ from opid.report.as_text import (
     columns,
     estimate_row,
     formula,
+    labelled,
+    laid_out,
     parameter_label,
+    refusal,
     table_lines,
     wrapped,
 )
@@ -48,19 +51,21 @@ def body_text(result: Identification, truth: Truth | None = None) -> str:
         truth: of a simulated aircraft, as in truth.json: shown beside each estimate.
     """
     day = "" if result.date is None else f", {result.date}"
-    parts = [f"{result.title or 'Identification'}{day} ({kind_in_words(result.structure)})", ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    table = [*body_rows(result, truth), *suspension_rows(result, truth)]
-    parts += [*table_lines(table, columns(truth)), "", *wrapped(body_limits(result)), ""]
+    structures: list[str] = []
     if result.candidates:
-        parts += ["Structures: residual over noise of the fit, and of runs left out of it"]
-        parts += [*aligned(_in_width(candidate_table(result)), n_left=1), "", *wrapped(recommendation(result))]
-    for head, sentences in (("Sensors: ", sensor_sentences(result)), ("Law: ", law_sentences(result))):
-        parts += ["", *(line for each in sentences for line in wrapped(each, head))] if sentences else []
-    if result.warnings:
-        parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
-    return "\n".join(parts).rstrip("\n") + "\n"
+        structures = ["Structures: residual over noise of the fit, and of runs left out of it"]
+        structures += aligned(_in_width(candidate_table(result)), n_left=1)
+    return laid_out(
+        [f"{result.title or 'Identification'}{day} ({kind_in_words(result.structure)})"],
+        refusal(result.not_determined),
+        table_lines([*body_rows(result, truth), *suspension_rows(result, truth)], columns(truth)),
+        wrapped(body_limits(result)),
+        structures,
+        wrapped(recommendation(result)) if result.candidates else [],
+        labelled("Sensors: ", sensor_sentences(result)),
+        labelled("Law: ", law_sentences(result)),
+        labelled("Warning: ", result.warnings),
+    )
 
 
 def body_rows(result: Identification, truth: Truth | None = None) -> list[Row]:

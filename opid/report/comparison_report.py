@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import islice
+
 from opid.estimate import rounded
-from opid.report.as_text import aligned, wrapped
+from opid.report.as_text import aligned, labelled, laid_out, wrapped
 from opid.report.page import Page, Picture
 from opid.suspensions.flights.comparison import Comparison
 from opid.suspensions.flights.departures import Point, Series
@@ -18,18 +21,16 @@ def text_of(result: Comparison) -> str:
     Args:
         result: from `compare`.
     """
-    parts = [f"{TITLE}: {span(result)}", ""]
-    parts += [line for sentence in changes(result) for line in wrapped(sentence, "Change: " if result.changes else "")]
     table = comparison_rows(result)
-    gears = dict.fromkeys(heading for heading, _ in table)
     lines = iter(aligned([HEAD, *(row for _, row in table)], n_left=2))
-    parts += ["", next(lines)]
-    for gear in gears:
-        parts += ["", gear, *(next(lines) for heading, _ in table if heading == gear)]
-    parts += ["", *wrapped(basis(result))]
-    if result.warnings:
-        parts += ["", *(line for doubt in result.warnings for line in wrapped(f"{doubt}.", "Warning: "))]
-    return "\n".join(parts) + "\n"
+    return laid_out(
+        [f"{TITLE}: {span(result)}"],
+        labelled("Change: " if result.changes else "", changes(result)),
+        [next(lines)],
+        *([gear, *islice(lines, n)] for gear, n in Counter(heading for heading, _ in table).items()),
+        wrapped(basis(result)),
+        labelled("Warning: ", (f"{doubt}." for doubt in result.warnings)),
+    )
 
 
 def page_of(result: Comparison) -> Page:

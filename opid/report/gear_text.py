@@ -8,7 +8,18 @@ from typing import Any
 
 from opid.mechanics.laws.law import law_from_parameters
 from opid.mechanics.laws.rows import unit_of_parameter
-from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
+from opid.report.as_text import (
+    Row,
+    columns,
+    estimate_row,
+    formula,
+    labelled,
+    laid_out,
+    parameter_label,
+    refusal,
+    table_lines,
+    wrapped,
+)
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import UNITS, Evidence, Identification
@@ -37,18 +48,16 @@ def gear_text(result: AnyIdentification, truth: Truth | None = None) -> str:
         result: the identification.
         truth: of a simulated run, as in truth.json: shown beside each estimate.
     """
-    parts = [f"{result.title or 'Identification'} ({result.method})", ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    parts += [*table_lines(gear_rows(result, truth), columns(truth)), "", *wrapped(gear_limits(result))]
-    if isinstance(result, Identification):
-        sensors = sensors_in_words(result.evidence[0])
-        parts += ["", *wrapped(sensors, "Sensors: ")] if sensors else []
-    for sentence in result.alternative_laws:
-        parts += ["", *wrapped(f"{sentence}.", "Law: ")]
-    if result.warnings:
-        parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
-    return "\n".join(parts) + "\n"
+    sensors = sensors_in_words(result.evidence[0]) if isinstance(result, Identification) else ""
+    return laid_out(
+        [f"{result.title or 'Identification'} ({result.method})"],
+        refusal(result.not_determined),
+        table_lines(gear_rows(result, truth), columns(truth)),
+        wrapped(gear_limits(result)),
+        wrapped(sensors, "Sensors: "),
+        *(wrapped(f"{sentence}.", "Law: ") for sentence in result.alternative_laws),
+        labelled("Warning: ", result.warnings),
+    )
 
 
 def gear_rows(result: AnyIdentification, truth: Truth | None = None) -> list[Row]:

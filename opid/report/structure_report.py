@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from opid.mechanics.laws.rows import unit_of_parameter
-from opid.report.as_text import Row, columns, estimate_row, formula, parameter_label, table_lines, wrapped
+from opid.report.as_text import (
+    Row,
+    columns,
+    estimate_row,
+    formula,
+    labelled,
+    laid_out,
+    parameter_label,
+    refusal,
+    table_lines,
+    wrapped,
+)
 from opid.report.page import Page
 from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.own_structure import StructureIdentification
@@ -20,13 +31,13 @@ def text_of(result: StructureIdentification) -> str:
     Args:
         result: from `identify_structure`.
     """
-    parts = [TITLE, ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    parts += [*table_lines(structure_rows(result), columns(None)), "", *wrapped(structure_limits(result))]
-    if result.warnings:
-        parts += ["", *(line for warning in result.warnings for line in wrapped(warning, "Warning: "))]
-    return "\n".join(parts) + "\n"
+    return laid_out(
+        [TITLE],
+        refusal(result.not_determined),
+        table_lines(structure_rows(result), columns(None)),
+        wrapped(structure_limits(result)),
+        labelled("Warning: ", result.warnings),
+    )
 
 
 def page_of(result: StructureIdentification) -> Page:

@@ -18,7 +18,7 @@ from opid.signals.directory import write_together
 
 
 @dataclass(frozen=True)
-class Kind:
+class KindOfResult:
     """One kind of result.
 
     Args:
@@ -33,15 +33,15 @@ class Kind:
 
 
 KINDS = (
-    Kind("suspensions.result.Identification", "identification_report", has_truth=True),
-    Kind("suspensions.paper.result.PaperIdentification", "identification_report", has_truth=True),
-    Kind("suspensions.own_structure.StructureIdentification", "structure_report"),
-    Kind("suspensions.bench.law.BenchLaw", "bench_report"),
-    Kind("suspensions.flights.comparison.Comparison", "comparison_report"),
-    Kind("signals.health.result.Health", "health_report"),
-    Kind("modal.decay.free_decay.Decay", "modal.decay_report"),
-    Kind("modal.result.ModalIdentification", "modal.report", has_truth=True),
-    Kind("updating.result.Updating", "updating.report", has_truth=True),
+    KindOfResult("suspensions.result.Identification", "identification_report", has_truth=True),
+    KindOfResult("suspensions.paper.result.PaperIdentification", "identification_report", has_truth=True),
+    KindOfResult("suspensions.own_structure.StructureIdentification", "structure_report"),
+    KindOfResult("suspensions.bench.law.BenchLaw", "bench_report"),
+    KindOfResult("suspensions.flights.comparison.Comparison", "comparison_report"),
+    KindOfResult("signals.health.result.Health", "health_report"),
+    KindOfResult("modal.decay.free_decay.Decay", "modal.decay_report"),
+    KindOfResult("modal.result.ModalIdentification", "modal.report", has_truth=True),
+    KindOfResult("updating.result.Updating", "updating.report", has_truth=True),
 )
 
 
@@ -112,7 +112,7 @@ def _made(what: str, result: Result, truth: Truth | None) -> Any:
     return make(result)
 
 
-def _kind_of(result: Result) -> Kind:
+def _kind_of(result: Result) -> KindOfResult:
     names = [f"{each.__module__}.{each.__qualname__}" for each in type(result).__mro__]
     for kind in KINDS:
         if f"opid.{kind.result}" in names:

@@ -464,7 +464,8 @@ class Identification(Result):
         return result_json(self)
 
     def _headline(self) -> str:
-        return f"{self.title or 'without a title'} ({self.structure.replace('_', ' ')}, law {self.law.name})"
+        kind = f"one gear, law {self.law.name}" if self.study.is_one_gear else self.structure.replace("_", " ")
+        return f"{self.title or 'without a title'} ({kind})"
 
     @property
     def frequency_of(self) -> FrequencyOf:

@@ -10,7 +10,7 @@ from opid.estimate import rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, law_of_decays
 from opid.modal.power_law import unit_of, unit_per_mass
-from opid.report.as_text import Row, aligned, table_lines, wrapped
+from opid.report.as_text import Row, aligned, labelled, laid_out, table_lines, wrapped
 from opid.report.modal.units import coefficient_columns, coefficient_row
 from opid.report.page import Page, Picture
 
@@ -23,14 +23,14 @@ def text_of(decay: Decay) -> str:
     Args:
         decay: from `free_decay`.
     """
-    parts = [decay_title(decay), "", *wrapped(decay_basis(decay)), ""]
-    parts += [*aligned(ends_table(decay), n_left=1), ENDS_NOTE]
     rows = decay_rows(decay)
-    if rows:
-        parts += ["", *table_lines(rows, coefficient_columns())]
-    if decay.warnings:
-        parts += ["", *(line for doubt in decay.warnings for line in wrapped(doubt, "Warning: "))]
-    return "\n".join(parts) + "\n"
+    return laid_out(
+        [decay_title(decay)],
+        wrapped(decay_basis(decay)),
+        [*aligned(ends_table(decay), n_left=1), ENDS_NOTE],
+        table_lines(rows, coefficient_columns()) if rows else [],
+        labelled("Warning: ", decay.warnings),
+    )
 
 
 def page_of(decay: Decay) -> Page:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from opid.modal.result import ModalIdentification
+from opid.modal.result import ModalIdentification, TruthTest
 from opid.modal.study import THRESHOLDS, ModalStudy
-from opid.report.as_text import aligned, table_lines, wrapped
+from opid.report.as_text import aligned, labelled, laid_out, refusal, table_lines, wrapped
 from opid.report.modal.pictures import modal_pictures
 from opid.report.modal.tables import (
     MOST_SENSORS,
@@ -30,22 +30,24 @@ def text_of(result: ModalIdentification, truth: Truth | None = None) -> str:
         result: from `identify_modes`.
         truth: of a simulated test, as in truth.json: shown beside each coefficient.
     """
-    parts = [result.title or "Nonlinear modal model", "", *wrapped(basis(result)), ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
-    for table, note in tables(result):
-        parts += [*aligned(table, n_left=1), *wrapped(note), ""]
     known = with_coefficients(truth)
     rows = coefficient_rows(result, known)
-    if rows:
-        parts += [*table_lines(rows, coefficient_columns(known)), ""]
-    for test in result.truth_tests:
-        shown = truth_table(test, most=MOST_SENSORS, first=result.drive_point)
-        parts += [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1)]
-        left = len(test.sensors) - MOST_SENSORS
-        parts += [f"and {left} sensor(s) that fare better"] * (left > 0) + [""]
-    parts += [line for doubt in result.all_warnings for line in wrapped(doubt, "Warning: ")]
-    return "\n".join(parts).rstrip("\n") + "\n"
+    return laid_out(
+        [result.title or "Nonlinear modal model"],
+        wrapped(basis(result)),
+        refusal(result.not_determined),
+        *([*aligned(table, n_left=1), *wrapped(note)] for table, note in tables(result)),
+        table_lines(rows, coefficient_columns(known)) if rows else [],
+        *(_truth_lines(test, first=result.drive_point) for test in result.truth_tests),
+        labelled("Warning: ", result.all_warnings),
+    )
+
+
+def _truth_lines(test: TruthTest, *, first: str | None) -> list[str]:
+    shown = truth_table(test, most=MOST_SENSORS, first=first)
+    left = len(test.sensors) - MOST_SENSORS
+    more = [f"and {left} sensor(s) that fare better"] if left > 0 else []
+    return [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1), *more]
 
 
 def page_of(result: ModalIdentification, truth: Truth | None = None) -> Page:

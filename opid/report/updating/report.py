@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from opid.report.as_text import aligned, columns, table_lines, wrapped
+from opid.report.as_text import aligned, columns, labelled, laid_out, refusal, table_lines, wrapped
 from opid.report.page import Page
 from opid.report.updating.pictures import updating_pictures
 from opid.report.updating.reduction import reduction_sentences
@@ -26,22 +26,24 @@ def text_of(result: Updating, truth: Truth | None = None) -> str:
         result: from `update_study`.
         truth: of a simulated test, as in truth.json: shown beside each estimate.
     """
-    parts = [result.title or "Bayesian updating", "", *wrapped(basis(result)), ""]
-    if result.not_determined:
-        parts += [*wrapped("Not determined: " + result.not_determined), ""]
+    linear: list[list[str]] = []
     if result.linear is not None:
-        parts += ["Linear structure", "", *table_lines(linear_rows(result, truth), columns(truth)), ""]
-        parts += [*aligned(mode_table(result), n_left=1), ""]
-    if result.reductions:
-        sentences = reduction_sentences(result)
-        parts += [*(line for sentence in sentences for line in wrapped(f"{sentence}.", "Reduction: ")), ""]
+        linear = [["Linear structure"], table_lines(linear_rows(result, truth), columns(truth))]
+        linear.append(aligned(mode_table(result), n_left=1))
+    classes: list[list[str]] = []
     if result.classes:
-        parts += ["Model classes", "", *aligned(class_table(result), n_left=2), *wrapped(best_sentence(result)), ""]
-        parts += [*table_lines(coefficient_rows(result, truth), columns(truth)), ""]
-    for table, note in tables(result):
-        parts += [*aligned(table, n_left=1), *wrapped(note), ""]
-    parts += [line for doubt in result.all_warnings for line in wrapped(doubt, "Warning: ")]
-    return "\n".join(parts).rstrip("\n") + "\n"
+        classes = [["Model classes"], [*aligned(class_table(result), n_left=2), *wrapped(best_sentence(result))]]
+        classes.append(table_lines(coefficient_rows(result, truth), columns(truth)))
+    return laid_out(
+        [result.title or "Bayesian updating"],
+        wrapped(basis(result)),
+        refusal(result.not_determined),
+        *linear,
+        labelled("Reduction: ", (f"{sentence}." for sentence in reduction_sentences(result))),
+        *classes,
+        *([*aligned(table, n_left=1), *wrapped(note)] for table, note in tables(result)),
+        labelled("Warning: ", result.all_warnings),
+    )
 
 
 def page_of(result: Updating, truth: Truth | None = None) -> Page:
