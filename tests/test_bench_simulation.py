@@ -117,3 +117,15 @@ def test_a_mass_that_noise_may_have_made_smaller_has_no_interval():
     assert 3 < found.parameters.moving_mass_kg.value < 4
     assert [each.interval95 for _, each in found.parameters.items()] == [None] * 4
     assert any("noise makes it too small" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_motion_that_runs_away_ends_no_search(seed):
+    """Noise is no force of this motion: a part that it would move takes the travel to 1e107 m, or has no bound."""
+    rng, time_s = np.random.default_rng(seed), np.arange(3000) / FS
+    travel = 0.01 * np.sin(9 * time_s) + 0.002 * np.sin(31 * time_s)
+    samples = np.stack([100 * rng.standard_normal(3000), travel], axis=1)
+    recording = Recording(samples, fs=FS, channels=(Channel("pull", "N"), Channel("stroke", "m")))
+    found = law_of_bench(bench_from_recording(recording, force="pull", travel="stroke", moving_mass=True))
+    assert found.not_determined
+    assert found.simulation is None or found.simulation.error_rms_m < travel.std()

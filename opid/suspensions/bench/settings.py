@@ -86,6 +86,8 @@ class SimulationSettings:
         most_evaluations: simulations with other parameters, those for derivatives not counted.
         difference: by which parameters are changed for a derivative, over their size.
         farthest: factor by which a mass or a scale may move away from where the force has it.
+        runaway: largest simulated travel over the largest recorded one; a motion beyond has no bound: its numbers are
+            finite still (1e107 m), but not their squares.
     """
 
     n_laws: int = 4
@@ -95,6 +97,7 @@ class SimulationSettings:
     most_evaluations: int = 40
     difference: float = 1e-4
     farthest: float = 10.0
+    runaway: float = 1e6
 
 
 def _search() -> SearchSettings:

@@ -228,13 +228,11 @@ def _fine_enough(part: MovingPart, bench: Bench, settings: SimulationSettings) -
     """Return the steps per sample with which a part can be simulated, None where no allowed number is enough."""
     steps = settings.steps_per_sample[0]
     while steps <= settings.steps_per_sample[1]:
-        try:
-            part.travel(bench.force, fs=bench.fs, steps_per_sample=steps)
-        except InputError:
-            # too coarse for a memory that turns over fast, or without bound
-            steps *= 2
-        else:
+        search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
+        # else it is too coarse for a memory that turns over fast, or without bound
+        if np.isfinite(search.travel(part)).all():
             return steps
+        steps *= 2
     return None
 
 
@@ -287,11 +285,16 @@ class _Search:
 
     def residual(self, theta: FloatArray) -> FloatArray:
         """Return recorded minus simulated travel, m; infinite where the motion grows without bound."""
+        return self.bench.travel - self.travel(self.decode(theta))
+
+    def travel(self, part: MovingPart) -> FloatArray:
+        """Return the simulated travel, m; infinite where the motion grows without bound."""
         try:
-            travel = self.decode(theta).travel_of_half_steps(self.force, self.bench.fs, self.steps)
+            travel = part.travel_of_half_steps(self.force, self.bench.fs, self.steps)
         except InputError:
-            return np.full(self.bench.travel.size, np.inf)
-        return self.bench.travel - travel
+            return np.full(self.bench.travel.size, -np.inf)
+        is_bound = np.abs(travel).max() <= self.settings.runaway * np.abs(self.bench.travel).max()
+        return travel if is_bound else np.full(travel.size, -np.inf)
 
     def slopes(self, theta: FloatArray) -> FloatArray:
         """Return the derivatives of `residual`, by differences."""
@@ -301,7 +304,9 @@ class _Search:
         for k, width in enumerate(self._widths):
             ahead = theta.copy()
             ahead[k] += width if theta[k] + width <= upper[k] else -width
-            columns.append((self.residual(ahead) - at) / (ahead[k] - theta[k]))
+            column = (self.residual(ahead) - at) / (ahead[k] - theta[k])
+            # where a motion begins to run away nothing is known of the slope
+            columns.append(column if np.isfinite(column).all() else np.zeros_like(column))
         return np.stack(columns, axis=1)
 
     @cached_property
