@@ -23,7 +23,7 @@ from opid.json_values import json_text
 from opid.mechanics.laws.law import law
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
-from opid.studies.suspension_study import read_study
+from opid.studies.study_file import read_study
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.fitting.repeatability import Repeatability
