@@ -24,6 +24,7 @@ from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import law_from_parameters
 from opid.report import identification_report as report_module
 from opid.report.again import command_of, python_of
+from opid.report.as_text import estimate_row, wrapped
 from opid.report.gear_pictures import gear_pictures
 from opid.report.gear_text import gear_rows
 from opid.signals import files
@@ -592,3 +593,24 @@ def test_a_file_that_is_no_truth_is_refused(tmp_path, text, message):
         read_truth(path)
     with pytest.raises(InputError, match=r"cannot read the truth .*missing.json: .*beside the study, or leave it"):
         read_truth(tmp_path / "missing.json")
+
+
+def test_a_constant_is_printed_as_one():
+    """As the samples of a chain that lies at a bound of its prior: their scatter is rounding."""
+    samples = np.full(7, 0.1) + np.array([0, 0, 0, 0, 0, 0, 1e-17])
+    estimate = Estimate(float(samples.mean()), 1.4e-17, (0.1 - 2.8e-17, 0.1))
+    assert estimate_row("share", "1", estimate).cells == ("0.1000", "-", "-", "1")
+    assert estimate_row("share", "1", estimate, 0.1, with_truth=True).cells[:2] == ("0.1000", "-")
+    assert estimate_row("share", "1", Estimate.normal(0.1, 1e-6)).cells[:2] == ("0.1000000", "0.0000010")
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/home/a user/logs of tuesday/run 1.csv", "./the logs/heavy.csv", r"C:\\My Logs\\heavy run.tdms", "~/a b/c.h5"],
+)
+@pytest.mark.parametrize("before", range(20, 81, 6))
+def test_no_path_is_cut_in_two(path, before):
+    text = f"{'x' * (before - 1)} {path} line 7: the cell is empty, m/s of run 2: mend the line, or cut the log there"
+    lines = wrapped(text, "Warning: ")
+    assert any(path in line for line in lines)
+    assert " ".join(line.strip() for line in lines).replace("  ", " ") == f"Warning: {text}"

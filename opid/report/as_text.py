@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,12 @@ from opid.estimate import Estimate, rounded
 from opid.mechanics.laws.kinds import Parameter
 
 WIDTH = 80
+ROUNDING = 1e-12
+"""A standard deviation that is a smaller part of its value is the rounding of numbers: the value is a constant."""
+
+# a path to a file, blanks in it: from a root, a drive, the home or this folder to its ending
+_PATH = re.compile(r"(?<!\S)(?:~|\.{1,2}|[A-Za-z]:)?[/\\][^\n:;,'\"]*?\.\w{1,8}(?!\w)")
+_NO_BREAK = "\ue000"  # of no text
 # what stands in the LaTeX of `opid.mechanics.laws.law`, in plain text
 _PLAIN = (
     (r"\tfrac{2}{\pi}", "(2/pi)"),
@@ -69,14 +76,16 @@ def wrapped(text: str, head: str = "") -> list[str]:
     >>> wrapped("a " * 50, "Note: ")[1][:8]
     '      a '
     """
-    return textwrap.wrap(
-        text,
+    kept = _PATH.sub(lambda path: path[0].replace(" ", _NO_BREAK), text)
+    lines = textwrap.wrap(
+        kept,
         WIDTH,
         initial_indent=head,
         subsequent_indent=" " * len(head),
         break_long_words=False,
         break_on_hyphens=False,
     )
+    return [line.replace(_NO_BREAK, " ") for line in lines]
 
 
 def laid_out(*blocks: Sequence[str]) -> str:
@@ -114,7 +123,7 @@ def refusal(reason: str | None) -> list[str]:
 
 
 def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None, with_truth: bool = False) -> Row:
-    """Return an estimate as a line of the table.
+    """Return an estimate as a line of the table; a constant has neither ± nor interval.
 
     Args:
         label: what it is.
@@ -123,8 +132,9 @@ def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None =
         true: of a simulated run.
         with_truth: whether the table has columns for the truth.
     """
-    std = estimate.std
-    interval = estimate.interval95
+    std, interval = estimate.std, estimate.interval95
+    if std is not None and estimate.value is not None and std <= ROUNDING * abs(estimate.value):
+        std, interval = None, None  # a constant: it stayed at a bound, or was given
     between = f"{rounded(interval[0], std)} .. {rounded(interval[1], std)}" if interval else "-"
     value = rounded(estimate.value, std)
     if not with_truth:
