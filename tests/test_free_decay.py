@@ -231,6 +231,8 @@ def test_a_rigid_body_mode_does_not_ring():
         (np.ones(100), {"quantity": "jerk"}, "there is no quantity"),
         (np.arange(100) % 7, {"start_s": 5.0}, "within the record"),
         (np.arange(100) % 7, {"near_hz": 4000.0}, "below half the rate"),
+        (1e170 * (np.arange(100) % 7), {}, r"reaches 6e\+170, .*check its unit and scale"),
+        (1e-170 * (np.arange(100) % 7), {}, "reaches 6e-170, .*check its unit and scale"),
     ],
 )
 def test_bad_input_is_refused(samples, settings, message):

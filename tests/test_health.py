@@ -254,6 +254,14 @@ def test_the_wheel_side_is_recognised():
     assert inspect(recording_from_arrays([SOUND, SOUND], ["a", "b"], fs=FS, unit="m")).looks_unsprung is None
 
 
+@pytest.mark.parametrize("channel", [0, 1])
+def test_values_that_no_sensor_measures_are_refused_before_they_overflow(channel):
+    pair = [SOUND, airframe(SOUND)]
+    pair[channel] = 1e160 * pair[channel]
+    with pytest.raises(InputError, match=rf"'{NAMES[channel]}' reaches \S+e\+16\d m/s\^2: check its unit and scale"):
+        check_pair(*pair, fs=FS, names=NAMES)
+
+
 def test_a_sound_pair_passes_and_a_swapped_one_is_told():
     assert check_pair(SOUND, airframe(SOUND), fs=FS, names=NAMES) == ()
     (finding,) = check_pair(airframe(SOUND), SOUND, fs=FS, names=NAMES)

@@ -24,6 +24,9 @@ SCHEMA = "opid.decay/1"
 Quantity = Literal["displacement", "velocity", "acceleration"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 """In the order of their derivatives of the displacement."""
+PLAUSIBLE = (1e-30, 1e30)
+"""Peaks of a motion, in SI units, within which its square and the logarithm of its envelope are numbers."""
+
 UNITS = ("m", "m/s", "m/s^2")
 DRAWN_POINTS = 20000
 BEATING = 4.0
@@ -285,6 +288,11 @@ def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
         raise InputError(f"there is no quantity {quantity!r}: {nearest(quantity, QUANTITIES)}")
     if np.ptp(series) == 0.0:
         raise NotDeterminedError("the signal is constant: nothing decays in it")
+    largest = float(np.abs(series).max())
+    if not PLAUSIBLE[0] < largest < PLAUSIBLE[1]:
+        raise InputError(
+            f"the signal reaches {largest:.3g}, which no structure does in SI units: check its unit and scale"
+        )
     return series
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError
 from opid.signals.health.channel import MUTE_VALUES
+from opid.signals.health.chunks import LARGEST
 from opid.signals.health.result import Finding, PairHealth
 from opid.signals.health.spectrum import HIGH_FREQUENCY_HZ
 from opid.signals.health.spikes import without_spikes
@@ -252,7 +253,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         names: of the unsprung and the sprung channel, for the messages.
 
     Raises:
-        InputError: twice the same channel, one in another unit than stated, or a mute one.
+        InputError: twice the same channel, one in another unit than stated, beyond any motion, or a mute one.
 
     >>> rng = np.random.default_rng(0)
     >>> wheel = rng.standard_normal(4096)
@@ -265,6 +266,11 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     lower, upper = np.asarray(unsprung, dtype=np.float64), np.asarray(sprung, dtype=np.float64)
     if np.array_equal(lower, upper):
         raise InputError(f"the channels {names[0]!r} and {names[1]!r} are the same signal: name two sensors")
+    for name, samples in zip(names, (lower, upper), strict=True):
+        if not np.abs(samples).max() <= LARGEST:
+            raise InputError(
+                f"the channel {name!r} reaches {np.abs(samples).max():.3g} m/s^2: check its unit and scale"
+            )
     mistake = _units_told_apart(lower, upper, fs=fs, names=names)
     if mistake:
         raise InputError(mistake)
