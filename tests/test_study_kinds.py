@@ -1,9 +1,12 @@
 """One reader and one writer for every kind of study file: which kind a file is, and which command takes it."""
 
 import shlex
+import tomllib
+from copy import deepcopy
 
 import numpy as np
 import pytest
+import tomli_w
 from cli_runs import opid as run
 from cli_runs import refused
 from made_body import short_test
@@ -149,6 +152,53 @@ def test_every_kind_is_read_as_it_was_written(tmp_path, made):
         assert columns(again / name) == columns(tmp_path / name)
 
 
+ODD = (3, -2.5, "text", True, [], [1, 2], ["a"], {}, {"a": 1}, [[1, 2]], [{"x": 1}], float("nan"))
+
+
+def places(table):
+    """Yield each table and list in a document, with each of its keys or numbers."""
+    for key in table if isinstance(table, dict) else range(len(table)):
+        yield table, key
+        if isinstance(table[key], dict | list):
+            yield from places(table[key])
+
+
+def with_a_slip(document, rng):
+    """Replace, remove, misspell or add an entry anywhere in a document."""
+    found = list(places(document))
+    table, key = found[rng.integers(len(found))]
+    slip = rng.integers(4)
+    if slip == 0 or not isinstance(key, str):
+        table[key] = deepcopy(ODD[rng.integers(len(ODD))])
+    elif slip == 1:
+        table[key[1:]] = table.pop(key)
+    elif slip == 2:
+        del table[key]
+    else:
+        words = ("log", "axis", "name", "loading", "structure", "channels", "sensors", "mode", "shapes")
+        table[words[rng.integers(len(words))]] = deepcopy(ODD[rng.integers(len(ODD))])
+
+
+@pytest.mark.parametrize("made", [gear_study, body_study, small_study, backbone_study])
+def test_a_study_file_with_chance_slips_is_read_or_refused(tmp_path, made):
+    path, rng = tmp_path / "study.toml", np.random.default_rng(7)
+    opid.write_study(made(), path)
+    text = path.read_text(encoding="utf-8")
+    n_read, said = 0, []
+    for n_slips in (1, 1, 2, 3) * 15:
+        document = tomllib.loads(text)
+        for _ in range(n_slips):
+            with_a_slip(document, rng)
+        path.write_text(tomli_w.dumps(document), encoding="utf-8")
+        try:
+            opid.read_study(path)
+            n_read += 1
+        except InputError as error:
+            said.append(str(error))
+    assert len(said) > n_read > 0
+    assert [words for words in said if not words.startswith(str(path))] == []
+
+
 def test_what_is_no_study_is_not_written(tmp_path):
     with pytest.raises(InputError, match="study is of type str: give a Study, a ModalStudy or an UpdatingStudy"):
         opid.write_study("study.toml", tmp_path / "study.toml")
@@ -167,5 +217,5 @@ def test_a_study_of_another_kind_is_named_by_its_type():
 
 def test_logs_are_inspected_by_a_study_of_suspensions(tmp_path):
     path = written(tmp_path, MODAL)
-    with pytest.raises(InputError, match="is a study of modal tests: a log is read as a study of suspensions says"):
+    with pytest.raises(InputError, match="is a study of modal tests: give one of suspensions, or none"):
         log_readings(path, tmp_path / "none.csv")

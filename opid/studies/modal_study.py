@@ -24,13 +24,13 @@ from opid.studies.tables import (
     LOG,
     MAYBE_NUMBER,
     MAYBE_TEXT,
-    MAYBE_WHOLE,
     TEXT,
     Document,
     Key,
     Say,
     channel_settings,
     dict_at,
+    keys_of,
     list_at,
     log_settings,
     maybe,
@@ -45,14 +45,13 @@ from opid.studies.tables import (
 LARGEST_CSV = 3_000_000
 """Values in all logs of a study beyond which they are written as HDF5, where that can be: some 60 MB of text."""
 
-_MODEL = {
-    "drive_point": maybe(str, "the name of a sensor in quotes"),
-    "nonlinear": maybe(list, "a list of modes counted from 1, like [7, 11]"),
-    "stiffness_order": MAYBE_WHOLE,
-    "damping_order": MAYBE_WHOLE,
-    "free_linear": maybe(bool, "true or false"),
+_MODEL = keys_of(
+    ModalStudy,
+    without=["title", "modes", "tests", "source"],
+    drive_point=maybe(str, "the name of a sensor in quotes"),
+    nonlinear=maybe(list, "a list of modes counted from 1, like [7, 11]"),
     **dict.fromkeys(THRESHOLDS, maybe((int, float), "a share, 0.01 for 1 %")),
-}
+)
 """What may stand in [modes] or beside it."""
 # the channels of a test come from one recorder
 _CHANNEL = {name: key for name, key in CHANNEL.items() if name not in ("file", "log", "shift_s")}

@@ -188,7 +188,7 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     source = Path(path)
     document = load(source)
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
-        raise InputError(f"{source} is a study of {kind.subject}: a log is read as a study of suspensions says")
+        raise InputError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
     refuse(list(document_faults(document)), source)
     with prefixed(f"{source}: "):
         settings = log_settings(document.get("log", {}))
