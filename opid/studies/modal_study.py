@@ -38,6 +38,7 @@ from opid.studies.tables import (
     one_of,
     prefixed,
     require_plain,
+    stated,
     table_faults,
     toml_of,
 )
@@ -258,11 +259,6 @@ def _force_channel(test: ModalTest) -> str:
 
 
 def _toml(study: ModalStudy, entries: list[dict[str, Any]]) -> str:
-    modes: dict[str, Any] = {"file": "modes.npz"}
-    if study.nonlinear:
-        modes["nonlinear"] = list(study.nonlinear)
-    for name in ("drive_point", "stiffness_order", "damping_order", "free_linear"):
-        if getattr(study, name) is not None:
-            modes[name] = getattr(study, name)
-    modes |= {name: getattr(study, name) for name in THRESHOLDS if getattr(study, name) != getattr(ModalStudy, name)}
+    modes = {"file": "modes.npz"} | ({"nonlinear": list(study.nonlinear)} if study.nonlinear else {})
+    modes |= stated(study, without=["title", "modes", "nonlinear", "tests", "source"])
     return toml_of({"title": study.title, "modes": modes}, tests=entries)

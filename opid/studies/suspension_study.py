@@ -27,6 +27,7 @@ from opid.studies.tables import (
     noted,
     prefixed,
     require_plain,
+    stated,
     toml_of,
 )
 from opid.suspensions.sensor_facts import SIDES, Leak, SensorFacts, SensorPair, Side
@@ -226,12 +227,16 @@ def _is_told_by_channels(study: Study) -> bool:
 # ---- Study -> text ---------------------------------------------------------------------------------
 
 
+_OF_THE_BODY = ("name", "sprung", "unsprung", "x_m", "y_m", "sensor_x_m", "sensor_y_m", "facts")
+"""Fields of an interface that the study of one gear gives in other words, or not at all."""
+
+
 def _gear_text(study: Study) -> str:
     channels = {"unsprung": study.unsprung, "sprung": study.sprung}
     sensors = _sensor_tables(study.interfaces[0].facts)
     head = (
         _head_of(study)
-        | _strut_of(study.interfaces[0])
+        | stated(study.interfaces[0], without=_OF_THE_BODY)
         | {"channels": channels | _further_of(study, channels.values())}
     )
     runs = [_run_table(run, mass_change_kg=run.mass_change_kg) for run in study.runs]
@@ -253,43 +258,27 @@ def _run_table(run: Run, **more: float) -> dict[str, Any]:
     return {"name": run.name, "log": f"{run.name}.csv", **more, "start_s": run.recording.start_s}
 
 
-def _strut_of(interface: MeasuredInterface) -> dict[str, str | float]:
-    """What is said of an interface beside its channels and its place, where it is not as usual."""
-    axis: dict[str, str | float] = {} if interface.axis == "up" else {"axis": interface.axis}
-    return axis if interface.piston_area_m2 is None else axis | {"piston_area_m2": interface.piston_area_m2}
-
-
 def _body_text(study: Study) -> str:
     head = _head_of(study)
-    facts = {name: _told(known) for name, known in _facts_by_channel(study).items() if _told(known)}
+    facts = {name: stated(known) for name, known in _facts_by_channel(study).items() if stated(known)}
     used = {*study.channels("unsprung"), *study.channels("sprung")}
     channels: dict[str, Any] = _further_of(study, used)
     channels |= {name: {"channel": name, **known} for name, known in facts.items()}
     if channels:
         head["channels"] = channels
-    standard = asdict(StructureSettings())
-    head["structure"] = {
-        name: value
-        for name, value in asdict(study.structure).items()
-        if name == "kind" or (value is not None and value != standard[name])
-    }
+    head["structure"] = stated(study.structure, "kind")
     leaks = [
         {"channel": channel, "into": study.channels(side)[place], "tolerance": tolerance}
         for channel, side, place, tolerance in study.leaks()
     ]
-    interfaces = []
-    for interface in study.interfaces:
-        table = {name: value for name, value in asdict(interface).items() if value is not None and name != "facts"}
-        del table["axis"]
-        interfaces.append(table | _strut_of(interface))
-    sensors = [{"channel": each.channel, "x_m": each.x_m, "y_m": each.y_m} for each in study.sensors]
-    text = toml_of(head | ({"sensors": {"leak": leaks}} if leaks else {}), interfaces=interfaces, body_sensors=sensors)
-    for run in study.runs:
-        text += toml_of({}, runs=[_run_table(run)])
-        if run.masses:
-            rows = ", ".join(f"[{each.mass_kg!r}, {each.x_m!r}, {each.y_m!r}]" for each in run.masses)
-            text += f"loading = [{rows}]\n"
-    return text
+    interfaces = [stated(each, "x_m", "y_m", without=["facts"]) for each in study.interfaces]
+    sensors = [stated(each, without=["facts", "leaks"]) for each in study.sensors]
+    loadings = [[[each.mass_kg, each.x_m, each.y_m] for each in run.masses] for run in study.runs]
+    runs = [
+        _run_table(run) | ({"loading": rows} if rows else {}) for run, rows in zip(study.runs, loadings, strict=True)
+    ]
+    head |= {"sensors": {"leak": leaks}} if leaks else {}
+    return toml_of(head, interfaces=interfaces, body_sensors=sensors, runs=runs)
 
 
 def _facts_by_channel(study: Study) -> dict[str, SensorFacts]:
@@ -298,16 +287,10 @@ def _facts_by_channel(study: Study) -> dict[str, SensorFacts]:
     return known | {sensor.channel: sensor.facts for sensor in study.sensors}
 
 
-def _told(facts: SensorFacts) -> dict[str, float]:
-    """Only what differs from an ideal sensor."""
-    return {name: value for name, value in asdict(facts).items() if value}
-
-
 def _sensor_tables(sensors: SensorPair) -> dict[str, Any]:
-    tables: dict[str, Any] = {side: _told(getattr(sensors, side)) for side in SIDES if _told(getattr(sensors, side))}
-    if sensors.leaks:
-        tables["leak"] = [asdict(leak) for leak in sensors.leaks]
-    return tables
+    tables: dict[str, Any] = {side: stated(getattr(sensors, side)) for side in SIDES}
+    tables["leak"] = [asdict(leak) for leak in sensors.leaks]
+    return {name: table for name, table in tables.items() if table}
 
 
 # ---- tables -> settings ----------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -241,10 +242,26 @@ def channel_settings(key: str, entry: str | int | Mapping[str, Any], *, without:
         return ChannelSettings(**{"channel": key, **{name: entry[name] for name in entry if name not in without}})
 
 
+def stated(record: Any, *always: str, without: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the fields of a record that are not what they are where nothing is said, and some in any case.
+
+    >>> stated(LogSettings(unit="g", skip_lines=2), "clock", without=["skip_lines"])
+    {'clock': 'stamps', 'unit': 'g'}
+    """
+    given = {each.name: getattr(record, each.name) for each in fields(record) if each.name not in without}
+    usual = {each.name: each.default for each in fields(record)}
+    return {name: value for name, value in given.items() if name in always or value not in (None, usual[name])}
+
+
 def toml_of(head: Mapping[str, Any], **lists: Sequence[Mapping[str, Any]]) -> str:
     """Return the text of a study file: what stands before the lists, and one table [[NAME]] for each entry."""
     entries = [f"\n[[{name}]]\n{tomli_w.dumps(table)}" for name, tables in lists.items() for table in tables]
-    return tomli_w.dumps(head) + "".join(entries)
+    # a list of plain values on one line
+    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, tomli_w.dumps(head) + "".join(entries))
+
+
+def _on_one_line(found: re.Match[str]) -> str:
+    return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
 
 
 def require_plain(what: str, name: str) -> None:

@@ -225,10 +225,6 @@ def _settings(document: Document) -> dict[str, Any]:
 # ---- study -> tables -------------------------------------------------------------------------------
 
 
-def _on_one_line(found: re.Match[str]) -> str:
-    return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
-
-
 def _file_of(curve: MeasuredBackbone) -> str:
     """The name of a backbone as that of a file."""
     return "_".join(re.findall(r"[\w.+-]+", curve.name)).lstrip(".") + ".csv"
@@ -259,6 +255,4 @@ def _toml(study: UpdatingStudy) -> str:
     noise = {name: given[name] for name in stated}
     if noise.get("cov"):
         noise["cov"] = {str(mode): value for mode, value in noise["cov"].items()}
-    text += "\n" + toml_of({"sampling": sampling, **({"noise": noise} if noise else {})})
-    # a list of plain values on one line
-    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, text)
+    return text + "\n" + toml_of({"sampling": sampling, **({"noise": noise} if noise else {})})
