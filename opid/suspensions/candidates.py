@@ -442,7 +442,12 @@ def _with_error(part: Fitted) -> Fitted:
     try:
         if is_hopeless(found.fit) and len(part.runs) > 1:
             found = replace(found, fit=balanced(found.fit))
-        is_wrong = part.task.law is not None and asks_for_law(found.fit, part.task.question.kinds)
+        # what both weights leave alike looks like a force, and moves the mass; of one weight there is none to move
+        is_wrong = (
+            part.task.law is not None
+            and found.fit.model.mass_free
+            and asks_for_law(found.fit, part.task.question.kinds)
+        )
         error = measure_model_error(found.fit, is_wrong=is_wrong)
         if error.limit == "unmeasured forces" and stated and not found.fit.model.repeatability and len(part.runs) > 1:
             # the search took the runs as alike, for there seemed to be no number to tell
