@@ -237,7 +237,7 @@ def test_the_levels_are_those_of_pairs_of_seconds_where_a_log_is_very_long(monke
 def test_a_recording_is_inspected_as_its_log_is():
     samples = noise(20_000, 2)
     run = recording_from_arrays(list(samples.T), ["c0", "c1"], fs=FS)
-    assert same(inspect(run), inspect(log_of(samples, fs=FS)))
+    assert same(inspect(run), dataclasses.replace(inspect(log_of(samples, fs=FS)), log=""))
 
 
 @settings(max_examples=30, deadline=None)
