@@ -5,8 +5,7 @@ drawn each time; `benchmarks/fuzz_readers.py` searches for as long as one likes.
 """
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from small_logs import WRITERS, all_of, ended_after, small_log
 
 from opid.errors import InputError

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from opid.errors import InputError
 from opid.signals.motion import METHODS, filter_like, integrate, relative_motion

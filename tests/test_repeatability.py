@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_runs import aircraft
-from body_runs import study as body_study
+from body_runs import aircraft, study as body_study
 from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_study, study_of
 
 from opid.errors import InputError

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from opid.errors import InputError
 from opid.virtual.taxi_tests.road import ROAD_CLASSES, SpeedProfile, iso8608_road, road_psd

@@ -7,8 +7,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 import tomli_w
-from cli_runs import opid as run
-from cli_runs import refused
+from cli_runs import opid as run, refused
 from made_body import short_test
 from made_chain import curve_of, small_chain
 from made_modal import small_study

@@ -9,8 +9,7 @@ from typing import Any
 from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.modal.decay.fit import DecayLaw
-from opid.modal.decay.free_decay import SCHEMA as DECAY_SCHEMA
-from opid.modal.decay.free_decay import Decay
+from opid.modal.decay.free_decay import SCHEMA as DECAY_SCHEMA, Decay
 from opid.modal.power_law import unit_of, unit_per_mass
 from opid.modal.result import SCHEMA, ForceCurve, ModalIdentification, ModeFit, TruthTest
 

@@ -20,8 +20,7 @@ from opid.mechanics.backbones.harmonic_balance import (
     refuse_velocity,
 )
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.kernels import backbones as backbones_kernel
-from opid.mechanics.kernels import code_of, law_arrays
+from opid.mechanics.kernels import backbones as backbones_kernel, code_of, law_arrays
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray, Law, Term
 

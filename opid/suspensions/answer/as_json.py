@@ -19,8 +19,7 @@ from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import Demand
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, chosen
-from opid.suspensions.own_structure import SCHEMA as STRUCTURE_SCHEMA
-from opid.suspensions.own_structure import StructureIdentification
+from opid.suspensions.own_structure import SCHEMA as STRUCTURE_SCHEMA, StructureIdentification
 from opid.suspensions.paper.chain import PaperChain, PeakPair, RunEvidence
 from opid.suspensions.paper.direct_parameters import DirectParameters
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
