@@ -60,6 +60,15 @@ def test_every_law_is_found_at_the_noise_with_its_slow_motion(truth):
     assert fit.n_data == 2 * lines.size
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_errors_are_those_of_the_vector_also_where_the_last_step_was_not_looked_at(seed):
+    fit = fitted(runs_of(DEFAULT_LAW, seed), DEFAULT_LAW)
+    again = fit.model.evaluate(fit.theta)
+    difference = float(fit.errors.stacked @ fit.errors.stacked) - float(again.stacked @ again.stacked)
+    assert abs(difference) < 2 * fit.model.settings.fit.negligible_promise * fit.variance
+    np.testing.assert_allclose(fit.errors.stacked, again.stacked, atol=0.05)
+
+
 def test_a_ground_spring_is_found():
     runs = runs_of(gear=LandingGear(ground_stiffness_n_per_m=1.67e5))
     fit = fitted(runs, DEFAULT_LAW, ground=True, start={"ground_stiffness_per_mass": 70.0})

@@ -134,3 +134,22 @@ def test_what_is_wrong_is_said(change, message):
     with pytest.raises(InputError, match=message):
         register_kind(replace(KIND, **change))
     assert "softening" not in LAWS
+
+
+def stiffening(z, v, s, _):
+    """Another force under the same name."""
+    ratio = (z / s) ** 2
+    return z * ratio, 3.0 * ratio, 0.0, -2.0 * ratio * z / s, 0.0
+
+
+def test_a_name_that_now_means_another_force_moves_a_body_otherwise():
+    drive = np.random.default_rng(1).standard_normal((2 * 500 - 1, 1))
+    moved = []
+    for function in (softening, stiffening):
+        register_kind(replace(KIND, function=function))
+        try:
+            gear = Interface(4e5, 6e3, law=default_law("softening"))
+            moved.append(driven_response([gear], [[1 / 1800]], drive, fs=FS).travel)
+        finally:
+            unregister_kind("softening")
+    assert np.abs(moved[1] - moved[0]).max() > 0.01 * moved[0].std()

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy import interpolate
 
 from opid.errors import InputError
 from opid.mechanics.driven import half_steps
@@ -254,3 +255,21 @@ def test_a_band_that_ends_low_needs_few_steps():
     slow = driven_run(SIGNALS[:, :1], SIGNALS[:, 1:2], fs=100.0, settings=low)
     assert slow.finer == 1
     assert slow.recorded_fs == 100.0
+
+
+@pytest.mark.parametrize("steps", [0.3, -0.4, 2.6, -3.2])
+def test_a_delay_is_that_of_a_quintic_spline_and_is_held_beyond_the_ends(steps):
+    """Beside scipy's spline through the same samples, whose ends are made in another way."""
+    late = ideal_sensors(1, 1).changed("sprung", 0, lag_tolerance_s=0.1)
+    samples = SIGNALS[:, 3]
+    run = driven_run(SIGNALS[:, 0], samples, fs=FS)
+    corrected = run.corrected("sprung", late, {late.faults[0].name: steps / FS})
+    spline = interpolate.make_interp_spline(np.arange(N), samples, k=5)
+    place = np.arange(N) + steps
+    inner = slice(40, -40)
+    np.testing.assert_allclose(corrected.value[inner, 0], spline(place)[inner], atol=1e-7)
+    np.testing.assert_allclose(corrected.by[0][2][inner], FS * spline(place, 1)[inner], atol=1e-5)
+    outside = (place < 0) | (place > N - 1)
+    assert outside.any()
+    np.testing.assert_allclose(corrected.value[outside, 0], samples[0 if steps < 0 else -1], atol=1e-9)
+    np.testing.assert_array_equal(corrected.by[0][2][outside], 0.0)

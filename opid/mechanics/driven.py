@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -126,7 +125,7 @@ def driven_response(
     states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
     by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
     _, _, changes, motion = predictions(
-        joint_arrays(tuple(interfaces), ground=ground),
+        joint_arrays(interfaces, ground=ground),
         matrix,
         by_accelerance,
         matrix,
@@ -177,9 +176,8 @@ def half_steps(samples: ArrayLike) -> FloatArray:
     return doubled
 
 
-@lru_cache(maxsize=1)
-def joint_arrays(interfaces: tuple[Interface, ...], *, ground: bool) -> tuple[np.ndarray, ...]:
-    """Return interfaces as the compiled functions take them; those of the last call are kept.
+def joint_arrays(interfaces: Sequence[Interface], *, ground: bool) -> tuple[np.ndarray, ...]:
+    """Return interfaces as the compiled functions take them.
 
     Args:
         interfaces: the suspensions.

@@ -249,7 +249,7 @@ def _remembered(terms: Sequence[Term], v: FloatArray, fs: float) -> FloatArray:
     from opid.mechanics.kernels import remembered_along
 
     faint = WithCandidates(tuple(terms), 0.0, len(terms))
-    joints = joint_arrays((Interface(0.0, 0.0, law=faint),), ground=False)
+    joints = joint_arrays([Interface(0.0, 0.0, law=faint)], ground=False)
     return remembered_along(joints, np.ascontiguousarray(v, dtype=np.float64), 1.0 / fs)[:, N_HEAD:]
 
 

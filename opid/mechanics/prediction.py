@@ -171,7 +171,7 @@ def predict(
             f"{', '.join(map(str, needed))} for {n} interface(s)"
         )
     innovation, spread, changes, motion = predictions(
-        joint_arrays(tuple(interfaces), ground=ground),
+        joint_arrays(interfaces, ground=ground),
         matrix,
         by_accelerance,
         seen,

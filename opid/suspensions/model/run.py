@@ -350,7 +350,7 @@ class DrivenRun:
         if (source, integrals) not in self._splines:
             column = self._column(source, integrals)
             self._splines[source, integrals] = ndimage.spline_filter1d(column, 5, mode="mirror")
-        samples = _later(self._splines[source, integrals], lag_s * self.recorded_fs, order)
+        samples = _shift_spline(self._splines[source, integrals], lag_s * self.recorded_fs, order)
         return self._taken(side, samples * self.recorded_fs**order)
 
     def _column(self, source: tuple[str, int], integrals: int) -> FloatArray:
@@ -428,7 +428,7 @@ def driven_run(
     )
 
 
-def _later(coefficients: FloatArray, steps: float, order: int) -> FloatArray:
+def _shift_spline(coefficients: FloatArray, steps: float, order: int) -> FloatArray:
     """A quintic spline, or its derivative, so many steps later; beyond its ends it is held, and its derivative zero."""
     n, piece = coefficients.size, interpolate.BSpline.basis_element(np.arange(-3, 4), extrapolate=False)
     near = np.arange(-2, 4)
