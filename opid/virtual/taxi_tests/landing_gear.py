@@ -91,11 +91,6 @@ class TaxiRun:
     truth: Recording
     speed: SpeedProfile
 
-    @property
-    def levels(self) -> dict[str, float]:
-        """Rms of each channel of `truth`, SI."""
-        return self.truth.levels
-
 
 @dataclass(frozen=True, eq=False)
 class TaxiTest:

@@ -47,11 +47,6 @@ class AircraftRun:
     places_m: dict[str, Place]
     speed: SpeedProfile
 
-    @property
-    def levels(self) -> dict[str, float]:
-        """Rms of each channel of `truth`, SI."""
-        return self.truth.levels
-
 
 @dataclass(frozen=True, eq=False)
 class AircraftTest:
