@@ -175,6 +175,7 @@ from .suspensions.bench.record import (
     Bench as Bench,
     bench_from_recording as bench_from_recording,
 )
+from .suspensions.bench.study import BenchStudy as BenchStudy
 from .suspensions.fitting.fit import (
     Fit as Fit,
     fit_model as fit_model,

@@ -17,6 +17,7 @@ from opid.errors import InputError
 from opid.modal.study import ModalStudy
 from opid.signals.recording import recording_from_arrays
 from opid.studies.suspension_study import log_readings
+from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.study import Run, Study, study_of_gear
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.study import UpdatingStudy
@@ -26,10 +27,11 @@ GEAR = "[channels]\nsprung = 'a'\nunsprung = 'b'\n[[runs]]\nname = 'one'\nlog = 
 BODY = "[[interfaces]]\nname = 'nose'\nx_m = 1\ny_m = 0\n[[runs]]\nname = 'one'\nlog = 'none.csv'\n[structure]\n"
 MODAL = "[modes]\nfile = 'none.npz'\n[channels]\nforce = 'c'\n[[tests]]\nlog = 'none.csv'\n"
 BACKBONES = "[structure]\nmatrices = 'none.npz'\n[[backbones]]\nfile = 'none.csv'\n[[classes]]\nlaw = 'cubic'\n"
-TEXTS = {"gear": GEAR, "body": BODY, "modal": MODAL, "backbones": BACKBONES}
-COMMAND = {"gear": "identify", "body": "identify", "modal": "modal", "backbones": "update"}
-SUBJECT = {"identify": "suspensions", "modal": "modal tests", "update": "backbones"}
-RECORD = {"identify": Study, "modal": ModalStudy, "update": UpdatingStudy}
+BENCH = "[bench]\nlog = 'none.csv'\nforce = 'load'\ntravel = 'stroke'\n[channels]\nload = 1\n"
+TEXTS = {"gear": GEAR, "body": BODY, "bench": BENCH, "modal": MODAL, "backbones": BACKBONES}
+COMMAND = {"gear": "identify", "body": "identify", "bench": "law", "modal": "modal", "backbones": "update"}
+SUBJECT = {"identify": "suspensions", "law": "a test bench", "modal": "modal tests", "update": "backbones"}
+RECORD = {"identify": Study, "law": BenchStudy, "modal": ModalStudy, "update": UpdatingStudy}
 PYPROJECT = "[build-system]\nrequires = []\n[project]\nname = 'x'\n[tool.ruff]\n"
 
 
@@ -51,6 +53,15 @@ def gear_study():
 
 def body_study():
     return study_of_aircraft(short_test(), title="an aircraft")
+
+
+def bench_study():
+    rng = np.random.default_rng(1)
+    samples = [0.01 * rng.standard_normal(512), 100 * rng.standard_normal(512), np.arange(512) % 7 > 0]
+    recording = recording_from_arrays(samples, ("stroke", "load", "held"), fs=512.0, unit=("m", "N", "1"))
+    return BenchStudy(
+        "a damper", recording, "load", "stroke", counted="held", candidates=("dahl_friction",), most_terms=1
+    )
 
 
 def backbone_study():
@@ -97,7 +108,7 @@ def test_a_file_that_is_no_study_is_told_what_each_kind_needs(tmp_path, command,
     assert said.startswith(f"Error: {path} is no study: ")
     assert has in said
     assert "as a study of suspensions it lacks 'channels', give a table [channels]" in said
-    for subject, table in (("modal tests", "modes"), ("backbones", "structure")):
+    for subject, table in (("a test bench", "bench"), ("modal tests", "modes"), ("backbones", "structure")):
         assert f"as a study of {subject} it lacks '{table}', give a table [{table}]" in said
 
 
@@ -108,7 +119,8 @@ def test_what_each_kind_needs_is_said_in_one_sentence(tmp_path):
     assert str(caught.value) == (
         f"{path} is no study: it has 'build-system', 'project', 'tool'; "
         "as a study of suspensions it lacks 'channels', give a table [channels], and lacks 'runs', give one table "
-        "[[runs]] for each log; as a study of modal tests it lacks 'modes', give a table [modes], and lacks 'tests', "
+        "[[runs]] for each log; as a study of a test bench it lacks 'bench', give a table [bench]; "
+        "as a study of modal tests it lacks 'modes', give a table [modes], and lacks 'tests', "
         "give one table [[tests]] for each log; as a study of backbones it lacks 'structure', give a table "
         "[structure], and lacks 'backbones', give one table [[backbones]] for each file, and lacks 'classes', give "
         "one table [[classes]] for each candidate law"
@@ -121,6 +133,9 @@ def test_what_each_kind_needs_is_said_in_one_sentence(tmp_path):
         ("[[run]]\nname = 'x'\n", Study, "unknown key 'run' (did you mean 'runs'?)"),
         ("[mode]\n[[test]]\n", ModalStudy, "unknown key 'test' (did you mean 'tests'?)"),
         ("[structur]\n[[clases]]\n", UpdatingStudy, "unknown key 'clases' (did you mean 'classes'?)"),
+        ("[benc]\nforce = 'x'\n", BenchStudy, "unknown key 'benc' (did you mean 'bench'?)"),
+        ("bench = 3\n", BenchStudy, "'bench' in the study is 3"),
+        ("[bench]\ntime = 3\n", BenchStudy, "[bench] has an unknown key 'time'"),
         ("[structure]\nmatrices = 'x'\n", UpdatingStudy, "lacks 'backbones'"),
         ("[channels]\nsprung = 'a'\n", Study, "lacks 'runs'"),
         ("runs = 3\n", Study, "'runs' in the study is 3"),
@@ -135,7 +150,7 @@ def test_a_study_with_slips_is_of_the_kind_that_is_meant(tmp_path, text, record,
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("made", [gear_study, body_study, small_study, backbone_study])
+@pytest.mark.parametrize("made", [gear_study, body_study, bench_study, small_study, backbone_study])
 def test_every_kind_is_read_as_it_was_written(tmp_path, made):
     study, again = made(), tmp_path / "again"
     again.mkdir()
@@ -178,7 +193,7 @@ def with_a_slip(document, rng):
         table[words[rng.integers(len(words))]] = deepcopy(ODD[rng.integers(len(ODD))])
 
 
-@pytest.mark.parametrize("made", [gear_study, body_study, small_study, backbone_study])
+@pytest.mark.parametrize("made", [gear_study, body_study, bench_study, small_study, backbone_study])
 def test_a_study_file_with_chance_slips_is_read_or_refused(tmp_path, made):
     path, rng = tmp_path / "study.toml", np.random.default_rng(7)
     opid.write_study(made(), path)
@@ -199,7 +214,9 @@ def test_a_study_file_with_chance_slips_is_read_or_refused(tmp_path, made):
 
 
 def test_what_is_no_study_is_not_written(tmp_path):
-    with pytest.raises(InputError, match="study is of type str: give a Study, a ModalStudy or an UpdatingStudy"):
+    with pytest.raises(
+        InputError, match="study is of type str: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
+    ):
         opid.write_study("study.toml", tmp_path / "study.toml")
     assert list(tmp_path.iterdir()) == []
 
@@ -207,6 +224,7 @@ def test_what_is_no_study_is_not_written(tmp_path):
 def test_a_study_of_another_kind_is_named_by_its_type():
     for function, study, words in (
         (opid.identify, small_study(), "of type ModalStudy: give a Study"),
+        (opid.law_of_bench, gear_study(), "of type Study: give a BenchStudy"),
         (opid.identify_modes, gear_study(), "of type Study: give a ModalStudy"),
         (opid.update_study, small_study(), "of type ModalStudy: give an UpdatingStudy"),
     ):

@@ -206,7 +206,9 @@ def _sentence(text: str) -> str:
 
 def _command(result: BenchLaw) -> list[str]:
     bench = result.bench
-    words = ["opid", "law", bench.log or result.title or "BENCH.csv"]
+    if bench.source is not None:
+        return ["opid", "law", str(bench.source)]
+    words = ["opid", "law", str(bench.log or result.title or "BENCH.csv")]
     words += [word for role, name in bench.channels.items() if name is not None for word in (f"--{role}", name)]
     words += ["--moving-mass"] if bench.acceleration is not None else []
     words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]

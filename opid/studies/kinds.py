@@ -38,6 +38,7 @@ SUSPENSIONS = StudyKind(
     {"channels": "a table [channels]", "runs": "one table [[runs]] for each log"},
     ("interfaces", "body_sensors", "structure", "sensors", "log"),
 )
+TEST_BENCH = StudyKind("a test bench", "law", {"bench": "a table [bench]"}, ("channels", "log"))
 MODAL_TESTS = StudyKind(
     "modal tests",
     "modal",
@@ -54,7 +55,7 @@ BACKBONES = StudyKind(
     },
     ("sampling", "noise", "log"),
 )
-KINDS = (SUSPENSIONS, MODAL_TESTS, BACKBONES)
+KINDS = (SUSPENSIONS, TEST_BENCH, MODAL_TESTS, BACKBONES)
 
 MOST_NAMED = 8
 """Keys of a file that is no study that are named."""

@@ -73,12 +73,15 @@ def run_from_files(
     files: RunFiles,
     *,
     fs_hz: float | None = None,
+    is_bench: bool = False,
     settings: RunSettings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Run:
     """Read a run: check its logs, find the sound stretch of sustained motion, and put its channels on one clock.
 
-    Where no rate is given it is the lowest of theirs, reduced if it is above `RunSettings.reduced_above_hz`.
+    Where no rate is given it is the lowest of theirs, reduced if it is above `RunSettings.reduced_above_hz`. Of a test
+    bench all is taken, at the rate at which it was recorded, and nothing is said of single channels: a force and a
+    travel are not judged as accelerations are.
 
     Raises:
         InputError: a log or a channel is at fault, or nothing of it is sound.
@@ -92,7 +95,7 @@ def run_from_files(
     begin, end, reasons = files.start_s, files.stop_s, ""
     for recorder in recorders:
         serious = [finding for finding in recorder.health.findings if finding.severity != "note"]
-        if files.start_s is not None or files.stop_s is not None:
+        if is_bench or files.start_s is not None or files.stop_s is not None:
             # what is wrong with the channels in the stretch that the user chose is found with the recording
             findings += [finding for finding in serious if not finding.channel]
             continue
@@ -112,16 +115,17 @@ def run_from_files(
             f"the sound stretches of its logs share no time: from {begin:g} s on, up to {end:g} s{reasons}"
         )
     parts = [_part(recorder, begin, end, reasons) for recorder in recorders]
-    fs = fs_hz or _reduced(min(part.fs for part in parts), settings or RunSettings())
+    fs = fs_hz or min(part.fs for part in parts)
+    fs = fs if fs_hz or is_bench else _reduced(fs, settings or RunSettings())
     recording, more = _on_one_clock(parts, tuple(files.sources), fs, fs_hz)
     if len({recorder.log.path for recorder in recorders}) > 1:
         words = (
             f"its channels come from {len(parts)} recorders: a wrong shift_s, or clocks that drift apart (20 ppm are "
-            "0.8 ms in 40 s), passes for damping and friction; lag_tolerance_s in [channels.sprung] lets a lag be "
-            "fitted"
+            "0.8 ms in 40 s), passes for damping and friction"
         )
+        words += "; lag_tolerance_s in [channels.sprung] lets a lag be fitted" * (not is_bench)
         more.append(Finding("warning", "", words))
-    if len(parts) > 1:
+    if len(parts) > 1 and not is_bench:
         alone = inspect(recording, thorough=False).findings
         more += [found for found in inspect(recording).findings if found.severity != "note" and found not in alone]
     return Run(files.name, recording, files.mass_change_kg, (*findings, *more))

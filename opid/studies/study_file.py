@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
 from opid.signals.files import written_whole
-from opid.studies.kinds import KINDS, MODAL_TESTS, SUSPENSIONS, StudyKind, kind_of
+from opid.studies.kinds import KINDS, MODAL_TESTS, SUSPENSIONS, TEST_BENCH, StudyKind, kind_of
 from opid.studies.tables import Say, load
 
 if TYPE_CHECKING:
     from opid.modal.study import ModalStudy
+    from opid.suspensions.bench.study import BenchStudy
     from opid.suspensions.study import Study
     from opid.updating.study import UpdatingStudy
 
-    AnyStudy = Study | ModalStudy | UpdatingStudy
+    AnyStudy = Study | BenchStudy | ModalStudy | UpdatingStudy
 
-S = TypeVar("S", "Study", "ModalStudy", "UpdatingStudy")
+S = TypeVar("S", "Study", "BenchStudy", "ModalStudy", "UpdatingStudy")
 
 
 @overload
@@ -58,6 +59,13 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     with these columns. What is known of a sensor stands in the table `[channels.NAME]` of its channel; `into` of a leak
     is the name of a channel.
 
+    **A test bench** (`BenchStudy`): `title` and a table `[bench]`: `log` (path beside the study file), `force` and
+    `travel` (channels), and optionally `velocity` (a channel; differentiated where left out), `mass_kg` (of a body that
+    the specimen alone holds: `force` is then its acceleration), `moving_mass` (true where parts of unknown mass move
+    between force cell and specimen), `quasi_static` (true for a test so slow that time means nothing), `counted` (a
+    channel that is 0 where the law does not hold), `start_s` and `stop_s`, `candidates` (kinds that the law may be made
+    of) and `most_terms`. `[log]` says how logs are to be read, `[channels.NAME]` what a channel means, and its file.
+
     **Modal tests** (`ModalStudy`): `title`, a table `[modes]` and one table `[[tests]]` for each log. `[modes]` gives
     `file` (npz or CSV, see `read_modes`), `drive_point` (the sensor at whose place the force acts), `nonlinear` (modes
     counted from 1; those that the level tests show where left out), `stiffness_order` and `damping_order` (chosen by
@@ -82,7 +90,7 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
 
     Args:
         path: a TOML file.
-        kind: the record that is wanted; any of the three where left out.
+        kind: the record that is wanted; any where left out.
         progress: called with the name of each file as it is read.
 
     Raises:
@@ -102,8 +110,9 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
 def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
     """Write a study so that `read_study` gives it back: its file, and what it is made of beside it.
 
-    Of suspensions that is `NAME.csv` for each run; of modal tests modes.npz and the log of each test, CSV, or HDF5
-    where the logs are large and h5py is installed; of backbones structure.npz and a CSV file for each.
+    Of suspensions that is `NAME.csv` for each run, of a test bench bench.csv; of modal tests modes.npz and the log of
+    each test, CSV, or HDF5 where the logs are large and h5py is installed; of backbones structure.npz and a CSV file
+    for each.
 
     Args:
         study: what to write.
@@ -121,7 +130,9 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
             with written_whole(target) as file:
                 file.write(text)
             return
-    raise InputError(f"study is of type {type(study).__name__}: give a Study, a ModalStudy or an UpdatingStudy")
+    raise InputError(
+        f"study is of type {type(study).__name__}: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
+    )
 
 
 def _room(kind: StudyKind) -> tuple[type[AnyStudy], Callable[..., AnyStudy], Callable[..., str]]:
@@ -134,6 +145,11 @@ def _room(kind: StudyKind) -> tuple[type[AnyStudy], Callable[..., AnyStudy], Cal
         from opid.suspensions.study import Study
 
         return Study, build_suspension_study, write_suspension_logs
+    if kind is TEST_BENCH:
+        from opid.studies.bench_study import build_bench_study, write_bench_log
+        from opid.suspensions.bench.study import BenchStudy
+
+        return BenchStudy, build_bench_study, write_bench_log
     if kind is MODAL_TESTS:
         from opid.modal.study import ModalStudy
         from opid.studies.modal_study import build_modal_study, write_modal_logs

@@ -34,6 +34,7 @@ from opid.suspensions.bench.problem import (
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
+from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
 from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
@@ -132,7 +133,7 @@ class BenchLaw(Result):
 
 
 def law_of_bench(
-    bench: Bench,
+    bench: Bench | BenchStudy,
     *,
     title: str = "",
     candidates: Sequence[str] | None = None,
@@ -143,7 +144,8 @@ def law_of_bench(
     """Find the law of a damper or spring from its measured force and motion.
 
     Args:
-        bench: the record, from `bench_from_recording`.
+        bench: the record, from `bench_from_recording`; or a study, from `read_study`, which says where it is left out
+            here what title, candidates and most terms are.
         title: name of the record.
         candidates: kinds that may be added; None for every kind in `LAWS` that is searched.
         most_terms: terms of f at the most; None for as many as the settings say.
@@ -151,7 +153,7 @@ def law_of_bench(
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: an unknown candidate, or a negative number of terms.
+        InputError: what is no record, an unknown candidate, or a negative number of terms.
 
     >>> rng = np.random.default_rng(0)
     >>> z, v = 0.01 * rng.standard_normal(2000), 0.3 * rng.standard_normal(2000)
@@ -162,6 +164,15 @@ def law_of_bench(
     >>> found.law.name, found.law_estimates["quadratic_damping"]["damping_n_s2_per_m2"].holds(800)
     ('quadratic_damping', True)
     """
+    if isinstance(bench, BenchStudy):
+        title = title or bench.title
+        candidates = bench.candidates if candidates is None else candidates
+        most_terms = bench.most_terms if most_terms is None else most_terms
+        bench = bench.bench
+    if not isinstance(bench, Bench):
+        raise InputError(
+            f"bench is of type {type(bench).__name__}: give a BenchStudy, as read_study makes one, or a Bench"
+        )
     kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
         default_law(name)  # an unknown one is named here

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from numbers import Real
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +38,8 @@ class Bench:
             direction, 1 or -1.
         mass_kg: of the body whose acceleration the channel of the force is, see `bench_from_recording`; None where a
             force was measured.
-        log: path of the file that it was read from; empty where nobody said.
+        log: the file that it was read from without a study file; None where it came otherwise.
+        source: the study file; None where there is none.
     """
 
     travel: FloatArray
@@ -53,7 +55,8 @@ class Bench:
     counted: NDArray[np.bool_] | None = None
     is_quasi_static: bool = False
     mass_kg: float | None = None
-    log: str = ""
+    log: Path | None = None
+    source: Path | None = None
 
     @property
     def samples(self) -> NDArray[np.int64]:
@@ -338,10 +341,14 @@ def _check_channel(
     elif role == "force" and found == _ACCELERATION[0]:
         remedy = "give the mass of the body that it accelerates (--mass), if the specimen alone holds it"
     elif role == "force" and found == "kg":
-        remedy = f"give {usual} in the header (lb is a mass, lbf a force)"
+        remedy = f"give {usual} in the header, or as unit in [channels] of a study (lb is a mass, lbf a force)"
     else:
         fitting = [channel.name for channel in recording.channels if channel.unit == unit]
-        remedy = f"in {unit} there is {', '.join(map(repr, fitting))}" if fitting else f"give {usual} in the header"
+        remedy = (
+            f"in {unit} there is {', '.join(map(repr, fitting))}"
+            if fitting
+            else f"give {usual} in the header, or as unit in [channels] of a study"
+        )
     what = "an acceleration" if is_acceleration else f"a {role}"
     raise InputError(f"the column {name!r} is in {found}, {what} is in {unit}: {remedy}")
 
