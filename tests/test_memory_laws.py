@@ -17,7 +17,7 @@ from opid.mechanics.laws.own_kinds import register_kind
 from opid.mechanics.prediction import Noise, predict
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
-from opid.report.as_text import formula
+from opid.report.estimates import formula
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
 from opid.suspensions.study import Run

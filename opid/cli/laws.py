@@ -28,13 +28,14 @@ def laws(as_json: bool) -> None:
 
 
 def _text(kinds: list[Kind]) -> str:
-    from opid.report.as_text import aligned, formula
+    from opid.report.as_text import aligned
+    from opid.report.estimates import formula
 
     head = ("parameter", "unit", "default", "role")
     cells = [
         (f"  {each.name}", each.unit, f"{each.default:g}", each.role) for kind in kinds for each in kind.parameters
     ]
-    lines = iter(aligned([(f"  {head[0]}", *head[1:]), *cells], n_left=2))
+    lines = iter(aligned([(f"  {head[0]}", *head[1:]), *cells], left=(0, 1)))
     parts = [f"{len(kinds)} laws; the columns of their parameters:", next(lines)]
     for kind in kinds:
         parts += ["", f"{kind.name}: {formula(kind.latex)}", f"  {_search_words(kind)}"]
@@ -51,7 +52,7 @@ def _search_words(kind: Kind) -> str:
 
 
 def _document(kinds: list[Kind]) -> dict[str, Any]:
-    from opid.report.as_text import formula
+    from opid.report.estimates import formula
 
     return {
         "schema": "opid.laws/1",

@@ -4,38 +4,19 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from opid.estimate import Estimate, rounded
-from opid.mechanics.laws.kinds import Parameter
+from opid.estimate import Estimate
+from opid.report import estimates
+from opid.report.document import Block, Column, Document, Paragraph, Remarks, Table, ended
 
 WIDTH = 80
-ROUNDING = 1e-12
-"""A standard deviation that is a smaller part of its value is the rounding of numbers: the value is a constant."""
 
 # a path to a file, blanks in it: from a root, a drive, the home or this folder to its ending
 _PATH = re.compile(r"(?<!\S)(?:~|\.{1,2}|[A-Za-z]:)?[/\\][^\n:;,'\"]*?\.\w{1,8}(?!\w)")
 _NO_BREAK = "\ue000"  # of no text
-# what stands in the LaTeX of `opid.mechanics.laws.law`, in plain text
-_PLAIN = (
-    (r"\tfrac{2}{\pi}", "(2/pi)"),
-    (r"\operatorname{sgn}", "sgn"),
-    (r"\tfrac12", "1/2"),
-    (r"\dot z", "z'"),
-    (r"\dot h_u", "h_u'"),
-    (r"\dot h", "h'"),
-    (r"\overline{h_u}", "mean(h_u)"),
-    (r"e^{-(z' / w)^2}", "exp(-(z' / w)^2)"),
-    (r"\tau", "tau"),
-    (r"\min", "min"),
-    (r"\le", "<="),
-    ("\\ ", " "),
-    (r"\arctan", "arctan"),
-    (r"\tanh", "tanh"),
-    (r"\,", ""),
-)
 
 
 @dataclass(frozen=True)
@@ -55,15 +36,9 @@ def columns(truth: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Return the heads of the columns of a table of estimates.
 
     Args:
-        truth: as in truth.json, or None.
-
-    >>> columns(None)
-    ('', 'value', '±', '95 % interval', 'unit')
+        truth: of a simulation, or None.
     """
-    if truth is None:
-        return ("", "value", "±", "95 % interval", "unit")
-    # the interval tells the ± too, and 80 characters are few
-    return ("", "value", "95 % interval", "unit", "truth", "error", "inside")
+    return tuple(column.head for column in estimates.estimate_columns(truth))
 
 
 def wrapped(text: str, head: str = "") -> list[str]:
@@ -86,6 +61,71 @@ def wrapped(text: str, head: str = "") -> list[str]:
         break_on_hyphens=False,
     )
     return [line.replace(_NO_BREAK, " ") for line in lines]
+
+
+def as_text(document: Document) -> str:
+    """Return a document for a terminal: paragraphs and aligned tables, without figures.
+
+    Args:
+        document: of any result.
+    """
+    answer = f"Not determined: {ended(document.not_determined)}" if document.not_determined else document.answer
+    title = f"{document.title} ({document.about})" if document.about else document.title
+    return laid_out(wrapped(title), wrapped(answer), *map(_block_lines, document.blocks))
+
+
+def _block_lines(block: Block) -> list[str]:
+    if isinstance(block, Paragraph):
+        return wrapped(block.text)
+    if isinstance(block, Remarks):
+        return labelled(f"{block.label}: " if block.label else "", map(ended, block.sentences))
+    if isinstance(block, Table):
+        return [*wrapped(block.title), *_lines_of_table(block), *wrapped(block.note)]
+    return []
+
+
+def _lines_of_table(table: Table) -> list[str]:
+    """The rows with their heads, the columns aligned, an empty line before each heading."""
+    rows = table.rows[: table.most_in_text]
+    lines = _rows_in_width([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
+    text = next(lines)
+    for row in rows:
+        text += next(lines) if len(row) > 1 else ["", *wrapped(row[0])]
+    more = len(table.rows) - len(rows)
+    return text + [f"and {more} more in the report"] * (more > 0)
+
+
+def _rows_in_width(rows: Sequence[tuple[str, ...]], table: Table) -> Iterator[list[str]]:
+    """Yield the lines of each row, the heads first.
+
+    Where they are too long for the terminal, first what is optional is left out, then elastic cells are cut, then the
+    columns move together, and at last long names stand on lines of their own.
+    """
+    columns, gap = list(table.columns), 2
+
+    def excess() -> int:
+        return max(map(len, _aligned(rows, columns, gap))) - WIDTH
+
+    if excess() > 0:
+        kept = [index for index, column in enumerate(columns) if not column.is_optional]
+        columns, rows = [columns[index] for index in kept], [tuple(row[index] for index in kept) for row in rows]
+    for index in [index for index, column in enumerate(columns) if column.is_elastic and excess() > 0]:
+        room = max(max(len(row[index]) for row in rows) - excess(), 3)
+        rows = [(*row[:index], _cut(row[index], room), *row[index + 1 :]) for row in rows]
+    gap = 2 if excess() <= 0 else 1
+    longest = max(len(row[0]) for row in rows)
+    room = longest if excess() <= 0 else max(12, longest - excess())
+    short = [(row[0] if len(row[0]) <= room else "", *row[1:]) for row in rows]
+    for row, line in zip(rows, _aligned(short, columns, gap), strict=True):
+        yield [row[0], line] if len(row[0]) > room else [line]
+
+
+def _aligned(rows: Sequence[Sequence[str]], columns: Sequence[Column], gap: int) -> list[str]:
+    return aligned(rows, left=[index for index, each in enumerate(columns) if each.align == "left"], gap=gap)
+
+
+def _cut(text: str, room: int) -> str:
+    return text if len(text) <= room else f"{text[: room - 2]}.."
 
 
 def laid_out(*blocks: Sequence[str]) -> str:
@@ -123,7 +163,7 @@ def refusal(reason: str | None) -> list[str]:
 
 
 def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None, with_truth: bool = False) -> Row:
-    """Return an estimate as a line of the table; a constant has neither ± nor interval.
+    """Return an estimate as a line of the table.
 
     Args:
         label: what it is.
@@ -132,46 +172,8 @@ def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None =
         true: of a simulated run.
         with_truth: whether the table has columns for the truth.
     """
-    std, interval = estimate.std, estimate.interval95
-    if std is not None and estimate.value is not None and std <= ROUNDING * abs(estimate.value):
-        std, interval = None, None  # a constant: it stayed at a bound, or was given
-    between = f"{rounded(interval[0], std)} .. {rounded(interval[1], std)}" if interval else "-"
-    value = rounded(estimate.value, std)
-    if not with_truth:
-        return Row(label, (value, rounded(std, std), between, unit))
-    if true is None or estimate.value is None:
-        return Row(label, (value, between, unit, "-" if true is None else f"{true:.6g}", "-", "-"))
-    error = f"{round(100 * (estimate.value / true - 1), 2) + 0.0:+.2f}%" if true else "-"
-    held = "-" if interval is None else "yes" if estimate.holds(true) else "no"
-    return Row(label, (value, between, unit, f"{true:.6g}", error, held))
-
-
-def parameter_label(parameter: Parameter) -> str:
-    """Return the name of a parameter of a law in words, without its unit.
-
-    Args:
-        parameter: of a kind of law.
-
-    >>> from opid.mechanics.laws.law import LAWS
-    >>> [parameter_label(each) for each in LAWS["gas_column"].parameters]
-    ['static force', 'gas length', 'exponent']
-    """
-    name = parameter.name
-    if parameter.role == "amplitude":
-        # amplitude_n, damping_n_s2_per_m2, stiffness_n_per_m3: the word before the unit
-        name = name.split("_n")[0]
-    return name.removesuffix("_m").removesuffix("_s").removesuffix("_m_per").replace("_", " ")
-
-
-def formula(latex: str) -> str:
-    """Return the LaTeX of a law as plain text.
-
-    Args:
-        latex: as in `opid.mechanics.laws.law`.
-    """
-    for written, plain in _PLAIN:
-        latex = latex.replace(written, plain)
-    return latex
+    name, *cells = estimates.estimate_row(label, unit, estimate, true, with_truth)
+    return Row(name, tuple(cells))
 
 
 def table_lines(table: Sequence[Row], head: Sequence[str]) -> list[str]:
@@ -181,28 +183,31 @@ def table_lines(table: Sequence[Row], head: Sequence[str]) -> list[str]:
         table: the rows.
         head: of the columns.
     """
-    lines = iter(aligned([head, *((row.label, *row.cells) for row in table if row.cells)], n_left=1))
+    lines = iter(aligned([head, *((row.label, *row.cells) for row in table if row.cells)]))
     text = [next(lines)]
     for row in table:
         text += [next(lines)] if row.cells else ["", row.label]
     return text
 
 
-def aligned(table: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
+def aligned(table: Sequence[Sequence[str]], *, left: Collection[int] = (0,), gap: int = 2) -> list[str]:
     """Return the rows of a table with aligned columns.
 
     Args:
         table: the rows, of as many cells each.
-        n_left: so many columns to the left, the others to the right.
+        left: indices of the columns that stand to the left, the others to the right.
+        gap: blanks between the columns.
 
-    >>> aligned([("name", "value"), ("mass", "1850")], n_left=1)
+    >>> aligned([("name", "value"), ("mass", "1850")])
     ['name  value', 'mass   1850']
     """
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     return [
-        "  ".join(
-            cell.ljust(width) if i < n_left else cell.rjust(width)
+        (gap * " ")
+        .join(
+            cell.ljust(width) if i in left else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
+        )
+        .rstrip()
         for row in table
     ]

@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from opid.report.as_text import (
-    Row,
-    columns,
-    estimate_row,
-    formula,
-    labelled,
-    laid_out,
-    parameter_label,
-    refusal,
-    table_lines,
-    wrapped,
-)
+from opid.report.as_text import Row, columns, estimate_row, labelled, laid_out, refusal, table_lines, wrapped
+from opid.report.estimates import formula, parameter_label
 from opid.report.page import Page, Picture
 from opid.suspensions.bench.law import UNITS, BenchLaw
 

@@ -14,14 +14,13 @@ from opid.report.as_text import (
     aligned,
     columns,
     estimate_row,
-    formula,
     labelled,
     laid_out,
-    parameter_label,
     refusal,
     table_lines,
     wrapped,
 )
+from opid.report.estimates import formula, parameter_label
 from opid.report.gear_text import sensors_in_words
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.answer.intervals import limits_of_mass
@@ -54,7 +53,7 @@ def body_text(result: Identification, truth: Truth | None = None) -> str:
     structures: list[str] = []
     if result.candidates:
         structures = ["Structures: residual over noise of the fit, and of runs left out of it"]
-        structures += aligned(_in_width(candidate_table(result)), n_left=1)
+        structures += aligned(_in_width(candidate_table(result)))
     return laid_out(
         [f"{result.title or 'Identification'}{day} ({kind_in_words(result.structure)})"],
         refusal(result.not_determined),

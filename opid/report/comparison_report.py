@@ -22,7 +22,7 @@ def text_of(result: Comparison) -> str:
         result: from `compare`.
     """
     table = comparison_rows(result)
-    lines = iter(aligned([HEAD, *(row for _, row in table)], n_left=2))
+    lines = iter(aligned([HEAD, *(row for _, row in table)], left=(0, 1)))
     return laid_out(
         [f"{TITLE}: {span(result)}"],
         labelled("Change: " if result.changes else "", changes(result)),

@@ -8,18 +8,8 @@ from typing import Any
 
 from opid.mechanics.laws.law import law_from_parameters
 from opid.mechanics.laws.rows import unit_of_parameter
-from opid.report.as_text import (
-    Row,
-    columns,
-    estimate_row,
-    formula,
-    labelled,
-    laid_out,
-    parameter_label,
-    refusal,
-    table_lines,
-    wrapped,
-)
+from opid.report.as_text import Row, columns, estimate_row, labelled, laid_out, refusal, table_lines, wrapped
+from opid.report.estimates import formula, parameter_label
 from opid.report.rest_rows import rest_rows
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
 from opid.suspensions.result import UNITS, Evidence, Identification

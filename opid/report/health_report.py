@@ -131,7 +131,7 @@ def _clock_table(clocks: Sequence[ClockHealth]) -> list[str]:
         for clock in clocks
         if clock in most
     ]
-    lines = _table(("clock", "channels", "rate", "samples", "length", "gaps"), rows, n_left=1)
+    lines = _table(("clock", "channels", "rate", "samples", "length", "gaps"), rows)
     more = len(clocks) - len(rows)
     return lines + [f"and {_counted(more, 'clock')} with fewer samples (--json tells all)"] * (more > 0)
 
@@ -192,7 +192,7 @@ def _channel_lines(channels: Sequence[ChannelHealth]) -> list[str]:
         )
         for channel, number in zip(shown, numbers, strict=True)
     ]
-    lines = _table(head, rows, n_left=head.index("unit") + 1)
+    lines = _table(head, rows, left=range(head.index("unit") + 1))
     if len(shown) < len(channels):
         lines += wrapped(
             f"and {len(channels) - len(shown)} channels more, {sum(channel.mute for channel in channels)} of all are "
@@ -200,7 +200,7 @@ def _channel_lines(channels: Sequence[ChannelHealth]) -> list[str]:
         )
     faults = [row for row in ((_shown(channel.name), *_faults(channel)) for channel in shown) if set(row[1:]) != {"-"}]
     if faults:
-        lines += ["", *_table(("channel", "missing", "clipped", "longest held", "spikes"), faults, n_left=1)]
+        lines += ["", *_table(("channel", "missing", "clipped", "longest held", "spikes"), faults)]
     return lines
 
 
@@ -231,14 +231,14 @@ def _faults(channel: ChannelHealth) -> tuple[str, ...]:
     )
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, n_left: int) -> list[str]:
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequence[int] = (0,)) -> list[str]:
     """Aligned columns; names too long for the screen stand on a line of their own."""
-    width = max(map(len, aligned([head, *rows], n_left=n_left)))
+    width = max(map(len, aligned([head, *rows], left=left)))
     if width <= WIDTH:
-        return aligned([head, *rows], n_left=n_left)
+        return aligned([head, *rows], left=left)
     room = max(12, max(map(len, (row[0] for row in rows))) - (width - WIDTH))
     short = [(row[0] if len(row[0]) <= room else "", *row[1:]) for row in rows]
-    lines = aligned([head, *short], n_left=n_left)
+    lines = aligned([head, *short], left=left)
     text = lines[:1]
     for row, line in zip(rows, lines[1:], strict=True):
         text += [row[0], line] if len(row[0]) > room else [line]
@@ -277,7 +277,7 @@ def _pair_lines(pairs: Sequence[PairHealth]) -> list[str]:
     """A table of the pairs that move together."""
     together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
     rows = [(_shown(pair.first), _shown(pair.second), *_pair_words(pair)) for pair in together[:MOST_PAIRS]]
-    lines = _table(("channel", "beside", "comes later by", "coherent band"), rows, n_left=2) if rows else []
+    lines = _table(("channel", "beside", "comes later by", "coherent band"), rows, left=(0, 1)) if rows else []
     more, apart = len(together) - len(rows), len(pairs) - len(together)
     lines += [f"and {_counted(more, 'pair')} more (--json tells all)"] * (more > 0)
     lines += [f"{_counted(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent"] * (apart > 0)

@@ -7,7 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from opid.report.document import Block, Document, Figure, ended
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 Truth = Mapping[str, Any]
 # takes a result, returns Axes
@@ -79,6 +84,23 @@ def drawn(
     return images
 
 
+def pictured(figures: Sequence[Figure], *, progress: Callable[[str], None] | None = None) -> dict[str, bytes]:
+    """Return figures as PNG, by their names.
+
+    Args:
+        figures: to draw.
+        progress: called with the name of each as it is drawn.
+    """
+    from opid.plots.style import figure_of, png
+
+    images: dict[str, bytes] = {}
+    for figure in figures:
+        if progress is not None:
+            progress(f"figure {figure.name}")
+        images[figure.name] = png(figure_of(figure.draw()))
+    return images
+
+
 def rendered(page: Page, images: Mapping[str, bytes], *, command: str | None, **values: Any) -> str:
     """Return a page as HTML, with the figures inside.
 
@@ -88,6 +110,30 @@ def rendered(page: Page, images: Mapping[str, bytes], *, command: str | None, **
         command: the line that gives the result again, or None.
         values: what else every template may name.
     """
+    environment = _environment()
+    source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
+    values |= {"page": page, "source": source, "command": command, "version": version("opid")}
+    return environment.get_template(page.template).render(**values, **page.content)
+
+
+def as_page(document: Document, blocks: Sequence[Block], images: Mapping[str, bytes], command: str | None) -> str:
+    """Return a document as a page that opens offline, with its figures inside.
+
+    Args:
+        document: of any result.
+        blocks: what stands between its answer and how to do it again.
+        images: PNG by the name of the figure.
+        command: the line that gives the result again, or None.
+    """
+    source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
+    return (
+        _environment()
+        .get_template("document.html.jinja")
+        .render(document=document, blocks=blocks, source=source, command=command, version=version("opid"))
+    )
+
+
+def _environment() -> Environment:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     from opid.plots.style import pretty
@@ -98,7 +144,5 @@ def rendered(page: Page, images: Mapping[str, bytes], *, command: str | None, **
     environment = Environment(
         loader=FunctionLoader(text), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["pretty"] = pretty
-    source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
-    values |= {"page": page, "source": source, "command": command, "version": version("opid")}
-    return environment.get_template(page.template).render(**values, **page.content)
+    environment.filters |= {"pretty": pretty, "ended": ended, "kind": lambda block: type(block).__name__}
+    return environment

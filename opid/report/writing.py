@@ -12,7 +12,9 @@ from typing import Any
 
 from opid.errors import InputError
 from opid.json_values import json_text
-from opid.report.page import Page, Truth, drawn, rendered
+from opid.report.as_text import as_text
+from opid.report.document import Document, Figure, Truth
+from opid.report.page import Page, as_page, drawn, pictured, rendered
 from opid.result import Result
 from opid.signals.directory import write_together
 
@@ -35,7 +37,7 @@ class KindOfResult:
 KINDS = (
     KindOfResult("suspensions.result.Identification", "identification_report", has_truth=True),
     KindOfResult("suspensions.paper.result.PaperIdentification", "identification_report", has_truth=True),
-    KindOfResult("suspensions.own_structure.StructureIdentification", "structure_report"),
+    KindOfResult("suspensions.own_structure.StructureIdentification", "structure"),
     KindOfResult("suspensions.bench.law.BenchLaw", "bench_report"),
     KindOfResult("suspensions.flights.comparison.Comparison", "comparison_report"),
     KindOfResult("signals.health.result.Health", "health_report"),
@@ -55,7 +57,23 @@ def text(result: Result, truth: Truth | None = None) -> str:
     Raises:
         InputError: what is no result, or a truth beside a result that is compared with none.
     """
-    return _made("text_of", result, truth)
+    if not _has_document(result):
+        return _made("text_of", result, truth)
+    return as_text(document_of(result, truth))
+
+
+def document_of(result: Result, truth: Truth | None = None) -> Document:
+    """Return what is to be told of a result, from which its text and its page are made.
+
+    Args:
+        result: of any kind.
+        truth: of a simulation, as in truth.json: shown beside each estimate.
+
+    Raises:
+        InputError: what is no result, or a truth beside a result that is compared with none.
+    """
+    document: Document = _made("document_of", result, truth)
+    return document
 
 
 def write_report(
@@ -84,6 +102,8 @@ def write_report(
         InputError: what is no result, a truth beside a result that is compared with none, or a place that cannot be
             written to.
     """
+    if _has_document(result):
+        return _write(document_of(result, truth), result, directory, command, figures, progress)
     page: Page = _made("page_of", result, truth)
     # a figure of an older report would show another result
     older = [] if figures else [Path(directory, f"{picture.name}.png") for picture in page.pictures]
@@ -100,6 +120,35 @@ def write_report(
     for file in older:
         file.unlink(missing_ok=True)
     return Path(directory) / "report.html"
+
+
+def _write(
+    document: Document,
+    result: Result,
+    directory: str | os.PathLike[str],
+    command: Sequence[str] | None,
+    figures: bool,
+    progress: Callable[[str], None] | None,
+) -> Path:
+    every = tuple(document.details())
+    pictures = [block for block in every if isinstance(block, Figure)]
+    images = pictured(pictures if figures else [], progress=progress)
+    shown = [block for block in every if figures or not isinstance(block, Figure)]
+    words = document.command if command is None else command
+    html = as_page(document, (*document.blocks, *shown), images, None if words is None else shlex.join(words))
+    contents = {f"{name}.png": image for name, image in images.items()}
+    contents["report.html"] = html.encode("utf-8", "backslashreplace")
+    # last, so that a result.json is never there without its report
+    contents[document.data_file] = json_text(result.to_dict()).encode("utf-8", "backslashreplace")
+    write_together(directory, contents)
+    # a figure of an older report would show another result
+    for figure in () if figures else pictures:
+        Path(directory, f"{figure.name}.png").unlink(missing_ok=True)
+    return Path(directory) / "report.html"
+
+
+def _has_document(result: Result) -> bool:
+    return hasattr(import_module(f"opid.report.{_kind_of(result).module}"), "document_of")
 
 
 def _made(what: str, result: Result, truth: Truth | None) -> Any:

@@ -27,7 +27,7 @@ def text_of(decay: Decay) -> str:
     return laid_out(
         [decay_title(decay)],
         wrapped(decay_basis(decay)),
-        [*aligned(ends_table(decay), n_left=1), ENDS_NOTE],
+        [*aligned(ends_table(decay)), ENDS_NOTE],
         table_lines(rows, coefficient_columns()) if rows else [],
         labelled("Warning: ", decay.warnings),
     )

@@ -36,7 +36,7 @@ def text_of(result: ModalIdentification, truth: Truth | None = None) -> str:
         [result.title or "Nonlinear modal model"],
         wrapped(basis(result)),
         refusal(result.not_determined),
-        *([*aligned(table, n_left=1), *wrapped(note)] for table, note in tables(result)),
+        *([*aligned(table), *wrapped(note)] for table, note in tables(result)),
         table_lines(rows, coefficient_columns(known)) if rows else [],
         *(_truth_lines(test, first=result.drive_point) for test in result.truth_tests),
         labelled("Warning: ", result.all_warnings),
@@ -47,7 +47,7 @@ def _truth_lines(test: TruthTest, *, first: str | None) -> list[str]:
     shown = truth_table(test, most=MOST_SENSORS, first=first)
     left = len(test.sensors) - MOST_SENSORS
     more = [f"and {left} sensor(s) that fare better"] if left > 0 else []
-    return [*wrapped(truth_test_head(test)), *aligned(shown, n_left=1), *more]
+    return [*wrapped(truth_test_head(test)), *aligned(shown), *more]
 
 
 def page_of(result: ModalIdentification, truth: Truth | None = None) -> Page:

@@ -8,7 +8,7 @@ from typing import Any
 from opid.estimate import Estimate
 from opid.report.as_text import Row, columns, estimate_row
 
-SPREAD = columns(None).index("±")
+SPREAD = columns(None).index("std. dev.")
 """The column of the standard deviation, which the interval beside it tells too."""
 
 

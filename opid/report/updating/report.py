@@ -29,10 +29,10 @@ def text_of(result: Updating, truth: Truth | None = None) -> str:
     linear: list[list[str]] = []
     if result.linear is not None:
         linear = [["Linear structure"], table_lines(linear_rows(result, truth), columns(truth))]
-        linear.append(aligned(mode_table(result), n_left=1))
+        linear.append(aligned(mode_table(result)))
     classes: list[list[str]] = []
     if result.classes:
-        classes = [["Model classes"], [*aligned(class_table(result), n_left=2), *wrapped(best_sentence(result))]]
+        classes = [["Model classes"], [*aligned(class_table(result), left=(0, 1)), *wrapped(best_sentence(result))]]
         classes.append(table_lines(coefficient_rows(result, truth), columns(truth)))
     return laid_out(
         [result.title or "Bayesian updating"],
@@ -41,7 +41,7 @@ def text_of(result: Updating, truth: Truth | None = None) -> str:
         *linear,
         labelled("Reduction: ", (f"{sentence}." for sentence in reduction_sentences(result))),
         *classes,
-        *([*aligned(table, n_left=1), *wrapped(note)] for table, note in tables(result)),
+        *([*aligned(table), *wrapped(note)] for table, note in tables(result)),
         labelled("Warning: ", result.all_warnings),
     )
 

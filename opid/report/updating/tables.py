@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from opid.mechanics.laws.law import LAWS
-from opid.report.as_text import Row, estimate_row, formula
+from opid.report.as_text import Row, estimate_row
+from opid.report.estimates import formula
 from opid.report.updating.coverage import coverage_note, coverage_table
 from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, Diagnostics, Updating

@@ -1,0 +1,66 @@
+"""What is told of a user's own structure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from opid.report.document import Document, Paragraph, Remarks, Table, counted, sentence
+from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
+from opid.suspensions.fitting.noise import over_noise
+from opid.suspensions.own_structure import StructureIdentification
+from opid.suspensions.result import SpringEstimate, units_of_suspensions
+
+
+def document_of(result: StructureIdentification) -> Document:
+    """Return what is told of a structure: masses, suspensions with their laws, joints, and what they rest on.
+
+    Args:
+        result: from `identify_structure`.
+    """
+    springs = [f"the law of {name} is {each.law.name}" for name, each in result.interfaces.items()]
+    return Document(
+        "Own structure",
+        f"{counted(len(result.interfaces), 'measured suspension')}, identified from accelerations alone",
+        sentence(f"{', '.join(springs)}; {over_noise(result.residual_over_noise)} times the sensors' noise is left"),
+        result.not_determined,
+        (
+            Table(
+                estimate_columns(),
+                tuple(_rows(result)),
+                legend="The force of each suspension is K z + C z′ + f(z, z′), z its travel. The interval holds the "
+                "value with 95 % if the model holds.",
+            ),
+            Paragraph(_limits(result)),
+            Remarks("Warning", result.warnings, is_warning=True),
+        ),
+    )
+
+
+def _rows(result: StructureIdentification) -> Iterator[tuple[str, ...]]:
+    unit = "of the first" if result.per_mass else "kg"
+    for name, mass in result.masses.items():
+        yield estimate_row(f"mass of {name}", unit, mass)
+    for name, spring in result.interfaces.items():
+        yield (f"Suspension {name}: {law_in_words(spring.law)}",)
+        yield from _spring_rows(spring, per_mass=result.per_mass)
+    for name, joint in result.joints.items():
+        yield (f"Joint {name}",)
+        yield from _spring_rows(joint, per_mass=result.per_mass)
+
+
+def _spring_rows(spring: SpringEstimate, *, per_mass: bool) -> Iterator[tuple[str, ...]]:
+    stiffness, damping = units_of_suspensions(per_mass=per_mass)
+    yield estimate_row("stiffness", stiffness, spring.stiffness)
+    yield estimate_row("damping", damping, spring.damping)
+    yield from law_rows(spring.law, spring.law_estimates, of=spring.name, per_mass=per_mass)
+
+
+def _limits(result: StructureIdentification) -> str:
+    sensors = ", ".join(f"{name} {over_noise(each)}" for name, each in result.residual_of.items())
+    left_out = result.left_out_over_noise
+    others = "" if left_out is None else f" Runs that the others predict leave {over_noise(left_out)} times."
+    limits = "".join(f" {sentence(each)}" for each in result.limits)
+    return (
+        f"The fit leaves {over_noise(result.residual_over_noise)} times the noise of "
+        f"{1e3 * result.noise_m_per_s2:.2g} mm/s^2 (by sensor: {sensors}).{others}{limits}"
+    )
