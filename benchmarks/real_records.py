@@ -62,7 +62,7 @@ def print_rows(name: str, data: Path) -> None:
                 print(f"| {' | '.join(cells)} |", flush=True)
 
 
-def _errors(found: opid.Identification) -> list:
+def _errors(found: opid.suspensions.Identification) -> list:
     return [each.error for each in found.evidence if each.error is not None]
 
 

@@ -18,7 +18,7 @@ SPRUNG, UNSPRUNG = "upper_z", "lower_z"
 
 def simulated_logs(directory: Path) -> tuple[list[Path], list[float]]:
     """Write two taxi runs of known truth as logs (`time [s],lower_z [m/s^2],upper_z [m/s^2]`)."""
-    test = opid.taxi_test(opid.LandingGear(), rng=np.random.default_rng(0))
+    test = opid.virtual.taxi_test(opid.virtual.LandingGear(), rng=np.random.default_rng(0))
     directory.mkdir(parents=True, exist_ok=True)
     logs = [directory / "heavy.csv", directory / "light.csv"]
     for log, run in zip(logs, (test.heavy, test.light), strict=True):

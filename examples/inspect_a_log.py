@@ -12,17 +12,18 @@ import numpy as np
 
 import opid
 from opid.plots import figure_of, health_picture, png
-from opid.signals.logs import open_log
 
 
 def spoilt_log(directory: Path) -> Path:
     """Write a taxi run whose upper sensor clips and catches the mains."""
-    run = opid.taxi_run(opid.LandingGear(), rng=np.random.default_rng(0)).recording
+    run = opid.virtual.taxi_run(opid.virtual.LandingGear(), rng=np.random.default_rng(0)).recording
     hum = 0.2 * np.sin(2 * np.pi * 50.0 * run.time_s)
     upper = np.clip(run.channel("upper_z") + hum, -3.0, 3.0)
     directory.mkdir(parents=True, exist_ok=True)
     names = ["lower_z", "upper_z"]
-    opid.write_log(opid.recording_from_arrays([run.channel("lower_z"), upper], names, fs=run.fs), directory / "run.csv")
+    opid.write_log(
+        opid.signals.recording_from_arrays([run.channel("lower_z"), upper], names, fs=run.fs), directory / "run.csv"
+    )
     return directory / "run.csv"
 
 
@@ -33,7 +34,7 @@ def main() -> None:
     options = parser.parse_args()
     log = options.log or spoilt_log(options.out)
 
-    health = opid.inspect(open_log(log))
+    health = opid.inspect(opid.open_log(log))
 
     print(opid.text(health))
     options.out.mkdir(parents=True, exist_ok=True)

@@ -14,12 +14,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import opid
-from opid.mechanics.laws.law import law
-from opid.mechanics.response import time_response
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics import Joint, Structure, time_response
 from opid.plots import house_style
-from opid.suspensions.own_structure import StructureIdentification, identify_structure
-from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
+from opid.suspensions import StructureIdentification, identify_structure
+from opid.virtual import Sensor, decimate, measure
 
 FS, SECONDS, STEPS = 256.0, 40.0, 4
 FLOORS = ("base", "floor1", "floor2", "roof")
@@ -60,7 +58,7 @@ def measured(rng: np.random.Generator) -> opid.Recording:
         (1, 0, 0, 0),
         BEARING,
         BEARING_DAMPER,
-        law("coulomb_friction", amplitude_n=FRICTION, scale_m_per_s=SCALE),
+        opid.law("coulomb_friction", amplitude_n=FRICTION, scale_m_per_s=SCALE),
     )
     none = np.zeros((len(FLOORS), len(FLOORS)))
     building = Structure(np.diag(MASS_KG), none, none, (bearing, *storeys(known=True)), FLOORS)
@@ -72,7 +70,7 @@ def measured(rng: np.random.Generator) -> opid.Recording:
     true = decimate(np.hstack([below, motion.acceleration + below]), STEPS)
     sensor = Sensor(noise_m_per_s2=5e-3)
     readings = [measure(column, fs=FS, sensor=sensor, rng=rng) for column in true.T]
-    return opid.recording_from_arrays(readings, ["ground", *FLOORS], fs=FS)
+    return opid.signals.recording_from_arrays(readings, ["ground", *FLOORS], fs=FS)
 
 
 def draw(found: StructureIdentification, path: Path) -> None:

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 import opid
-from opid.virtual.modal_tests.cases import virtual_series
-from opid.virtual.modal_tests.series import virtual_study
+from opid.virtual import virtual_series, virtual_study
 
 
-def measured() -> tuple[opid.LinearModes, dict[str, opid.Recording]]:
+def measured() -> tuple[opid.modal.LinearModes, dict[str, opid.Recording]]:
     """Return linear modes, and recordings by name: m/s^2 at the sensors and a channel "force" in N, decayed to rest."""
     study = virtual_study(virtual_series("cubic"), rng=np.random.default_rng(0))
     return study.modes, {each.test.name: each.test.recording for each in study.tests}
@@ -32,16 +31,16 @@ def main() -> None:
 
     # 1. modal coordinates: the filter pinv(shapes) for the sensors, shapes^T for the force
     tests = {
-        name: opid.modal_test(recording, modes, name=name, force="force", drive_point="case_x")
+        name: opid.modal.modal_test(recording, modes, name=name, force="force", drive_point="case_x")
         for name, recording in recordings.items()
     }
 
     # 2. what each is for: beats to fit mode 3, a sweep as the truth test; orders are searched
-    beats = [opid.StudyTest(test, "fit", mode=3) for name, test in tests.items() if name.startswith("beat")]
-    study = opid.ModalStudy(
-        "Six sensors", modes, (3,), (*beats, opid.StudyTest(tests["sweep"], "truth")), drive_point="case_x"
+    beats = [opid.modal.StudyTest(test, "fit", mode=3) for name, test in tests.items() if name.startswith("beat")]
+    study = opid.modal.ModalStudy(
+        "Six sensors", modes, (3,), (*beats, opid.modal.StudyTest(tests["sweep"], "truth")), drive_point="case_x"
     )
-    result = opid.identify_modes(study)
+    result = opid.identify(study)
     print(opid.text(result))
 
     # 3. the model answers any force: here a blow ten times as short as a period of mode 3, weak and strong
@@ -49,7 +48,7 @@ def main() -> None:
     blow = np.sin(np.pi * np.clip(np.arange(8192) / fs * 1200, 0, 1))
     for newton in (100.0, 2000.0):
         nonlinear, linear = (
-            opid.simulate(model, newton * blow, fs=fs, drive_point="case_x").channel("lid_x")
+            opid.modal.simulate(model, newton * blow, fs=fs, drive_point="case_x").channel("lid_x")
             for model in (result.model, result.model.linear)
         )
         left = [1e3 * np.abs(each[6000:]).max() / newton for each in (nonlinear, linear)]

@@ -13,13 +13,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import opid
-from opid.mechanics.laws.law import law
-from opid.mechanics.response import time_response
-from opid.mechanics.structure import Joint, Structure
+from opid.mechanics import Joint, Structure, time_response
 from opid.plots import house_style
-from opid.suspensions.own_structure import StructureIdentification, identify_structure
-from opid.virtual.taxi_tests.road import iso8608_road
-from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
+from opid.suspensions import StructureIdentification, identify_structure
+from opid.virtual import Sensor, decimate, iso8608_road, measure
 
 FS, SECONDS, LEAD_IN, SPEED = 512.0, 30.0, 5.0, 20.0
 SANDBAGS_KG = 60.0
@@ -30,7 +27,7 @@ TYRE, TYRE_DAMPER = 190e3, 150.0
 
 def drive(loading_kg: float, rng: np.random.Generator) -> opid.Recording:
     """Return what hub and body measure on a road of their own, m/s^2."""
-    strut = Joint("strut", (-1, 1), SPRING, DAMPER, law("asymmetric_damping", damping_n_s_per_m=REBOUND))
+    strut = Joint("strut", (-1, 1), SPRING, DAMPER, opid.law("asymmetric_damping", damping_n_s_per_m=REBOUND))
     car = Structure(
         np.diag([HUB_KG, BODY_KG + loading_kg]),
         np.diag([TYRE_DAMPER, 0.0]),
@@ -48,7 +45,7 @@ def drive(loading_kg: float, rng: np.random.Generator) -> opid.Recording:
     true = decimate(motion.acceleration, 4)[round(LEAD_IN * FS) :]
     sensor = Sensor(noise_m_per_s2=0.01)
     readings = [measure(column, fs=FS, sensor=sensor, rng=rng) for column in true.T]
-    return opid.recording_from_arrays(readings, ["hub", "body"], fs=FS)
+    return opid.signals.recording_from_arrays(readings, ["hub", "body"], fs=FS)
 
 
 def draw(found: StructureIdentification, path: Path) -> None:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy import signal
 
 import opid
-from opid.signals.logs import write_log
 
 STUDIES = Path(__file__).parent / "real_records"
 G = 9.80665
@@ -50,7 +49,7 @@ def isolated_building(folder: Path, record: str) -> opid.Recording:
     """
     data = np.load(folder / f"{record}.npz")
     floors = np.mean([data[f"level{level}_a"] for level in range(6)], axis=0)
-    return opid.recording_from_arrays([data["ground_a"], floors], ["ground", "floors"], fs=float(data["fs_hz"]))
+    return opid.signals.recording_from_arrays([data["ground_a"], floors], ["ground", "floors"], fs=float(data["fs_hz"]))
 
 
 def shake_table_frame(folder: Path, record: str) -> opid.Recording:
@@ -76,7 +75,7 @@ def shake_table_frame(folder: Path, record: str) -> opid.Recording:
         sides.append(np.interp(time_s, clock_s[1:], along))
     if sides[0] @ sides[1] < 0:  # a frame this stiff goes with its ground
         sides[1] = -sides[1]
-    return opid.recording_from_arrays(sides, ["ground", "top"], fs=fs)
+    return opid.signals.recording_from_arrays(sides, ["ground", "top"], fs=fs)
 
 
 def _main_direction(acceleration: FloatArray) -> FloatArray:
@@ -91,7 +90,7 @@ def sliding_isolators(folder: Path, record: str) -> opid.Recording:
         fs = float(data["fs"])
         table = G * data[f"{record}/aextx"]
         path = INCH_M * np.mean([data[f"{record}/s{channel}"] for channel in (2, 3, 4, 5)], axis=0)
-    return opid.recording_from_arrays([table, _twice(path, fs)], ["table", "frame"], fs=fs)
+    return opid.signals.recording_from_arrays([table, _twice(path, fs)], ["table", "frame"], fs=fs)
 
 
 def quarter_car_bench(folder: Path, record: str) -> opid.Recording:
@@ -99,7 +98,7 @@ def quarter_car_bench(folder: Path, record: str) -> opid.Recording:
     data = np.load(folder / f"{record}.npz")
     fs = 1.0 / float(np.median(np.diff(data["time_s"])))
     sides = [_twice(data[f"{plate}_plate_m"], fs) for plate in ("tyre", "body")]
-    return opid.recording_from_arrays(sides, ["tyre", "body"], fs=fs)
+    return opid.signals.recording_from_arrays(sides, ["tyre", "body"], fs=fs)
 
 
 def _twice(path_m: FloatArray, fs: float) -> FloatArray:
@@ -139,7 +138,7 @@ def write_logs(name: str, data: Path, folder: Path, records: Sequence[str] = ())
     else:
         shutil.copy(study, target)
     for each in records or records_of(name):
-        write_log(SETS[name].log(data / name, each), folder / f"{each}.csv")
+        opid.write_log(SETS[name].log(data / name, each), folder / f"{each}.csv")
     return target
 
 

@@ -11,14 +11,17 @@ from pathlib import Path
 import numpy as np
 
 import opid
-from opid.updating.data.backbone_file import read_backbone, write_backbone
-from opid.updating.identification import update_study
-from opid.updating.model_class import ModelClass, Prior
-from opid.updating.structure.matrices_file import read_structure, write_structure
-from opid.updating.structure.reduction import reduce
-from opid.updating.study import UpdatingStudy
-from opid.virtual.backbone_tests.measured import synthetic_backbones
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.updating import (
+    ModelClass,
+    Prior,
+    UpdatingStudy,
+    read_backbone,
+    read_structure,
+    reduce,
+    write_backbone,
+    write_structure,
+)
+from opid.virtual import UPDATED, synthetic_backbones, wing_engine_structure
 
 # f(z) = theta scale z^3, z in m and f in N, the same at all joints; and one with a quintic term beside
 PRIOR = Prior("uniform", 0.0, 10.0)
@@ -61,7 +64,7 @@ def main() -> None:
         "Two pylons", structure, tuple(backbones), (CUBIC, BOTH), n_samples=3300,
         parameters={name: Prior("uniform", 0.05, 5.0) for name in structure.parts},
     )  # fmt: skip
-    result = update_study(study, progress=lambda step: print("...", step))
+    result = opid.identify(study, progress=lambda step: print("...", step))
     print(opid.text(result))
 
     # 4. result.json, the page and its figures

@@ -1,8 +1,9 @@
 """Identify nonlinear mechanical structures from what an accelerometer recorded in operation.
 
-Where to look: `read_study` or `study_from_logs`, then `identify`, then `text` and `write_report`; each step of the
-chain is a function of its own in `opid.suspensions`, virtual test runs are in `opid.virtual`, the signals in
-`opid.signals`. Names load when they are first used, so that `import opid` is quick.
+Where to look: `read_study` or `study_from_logs`, then `identify`, then `text` and `write_report`. The steps of the
+methods are in the namespaces `suspensions`, `modal` and `updating`, what they are made of in `signals`, `laws` and
+`mechanics`, tests with known truth in `virtual`, figures in `plots`; `dir(opid.modal)` lists what is public there.
+Names load when they are first used, so that `import opid` is quick.
 """
 
 import lazy_loader

@@ -10,12 +10,12 @@ from opid.modal.linear.coordinates import modal_test
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance
 from opid.modal.model import NonlinearModalModel, simulate
-from opid.modal.power_law import power_law
+from opid.modal.power_laws import power_law
 from opid.modal.resonance.appropriation import Appropriation, AppropriationLevel
 from opid.modal.resonance.phase_lock import PhaseLock
 from opid.modal.result import ForceCurve, ModalIdentification, ModeFit, OrderRung
 from opid.modal.study import ModalStudy, StudyTest
-from opid.modal.truth_test import truth_test
+from opid.modal.truth_tests import truth_test
 from opid.signals.recording import Channel, Recording
 
 FS = 512.0

@@ -6,7 +6,7 @@ from opid.errors import InputError, NotDeterminedError
 from opid.modal.decay.fit import fit_decays
 from opid.modal.decay.flow import predicted_decay, slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
-from opid.modal.power_law import harmonic_share
+from opid.modal.power_laws import harmonic_share
 
 FS = 2048.0
 OMEGA = 2.0 * np.pi * 60.0

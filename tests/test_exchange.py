@@ -5,7 +5,8 @@ import pandas
 import pytest
 import xarray
 
-from opid import (
+from opid.errors import InputError
+from opid.signals import (
     frame_of,
     recording_from_frame,
     recording_from_sep005,
@@ -13,7 +14,6 @@ from opid import (
     sep005_of,
     xarray_of,
 )
-from opid.errors import InputError
 from opid.signals.recording import Channel, Recording
 
 N = 400

@@ -10,7 +10,7 @@ from opid.modal.linear.fit import linear_fit
 from opid.modal.linear.level_shifts import level_shifts, nonlinear_modes
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, simulate
-from opid.modal.power_law import power_law
+from opid.modal.power_laws import power_law
 from opid.signals.recording import Channel, Recording
 
 FS, N = 1024.0, 4096

@@ -15,7 +15,7 @@ from opid.modal.identification import identify_modes
 from opid.modal.linear.coordinates import modal_test
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, modal_response
-from opid.modal.power_law import power_law
+from opid.modal.power_laws import power_law
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Channel, Recording
 from opid.signals.resampling import resampled

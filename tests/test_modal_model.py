@@ -8,7 +8,7 @@ from opid.errors import InputError
 from opid.mechanics.structure import frequency_response
 from opid.modal.linear.modes import force_projection
 from opid.modal.model import NonlinearModalModel, modal_response, simulate
-from opid.modal.power_law import power_law
+from opid.modal.power_laws import power_law
 
 
 def test_against_another_integrator():

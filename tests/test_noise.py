@@ -116,7 +116,7 @@ def of_filtered_logs(request):
         # the filter was running before the log began
         samples = [signal.sosfilt(low_pass, run.recording.channel(side))[256:] for side in ("lower_z", "upper_z")]
         change_kg = run.gear.sprung_mass_kg - test.heavy.gear.sprung_mass_kg
-        runs.append(Run(name, opid.recording_from_arrays(samples, ["lower_z", "upper_z"], fs=512.0), change_kg))
+        runs.append(Run(name, opid.signals.recording_from_arrays(samples, ["lower_z", "upper_z"], fs=512.0), change_kg))
     return opid.identify(study_of_gear("filtered", sprung="upper_z", unsprung="lower_z", runs=runs))
 
 

@@ -446,7 +446,7 @@ def test_the_lines_name_what_was_given(identified, one_run, by_paper):
 def test_settings_of_a_result_are_in_its_lines(identified):
     result = replace(identified.result, settings=Settings(verdicts=Verdicts(refused=10.0)))
     assert command_of(result) is None
-    assert "from opid.suspensions.settings import Settings, Verdicts" in python_of(result)
+    assert "from opid.suspensions import Settings, Verdicts" in python_of(result)
     assert "    settings=Settings(verdicts=Verdicts(refused=10.0)),\n" in python_of(result)
 
 

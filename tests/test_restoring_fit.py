@@ -10,7 +10,7 @@ from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.restoring_fit import fit_coefficients, fit_unweighted, modal_mass
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.power_law import harmonic_share
+from opid.modal.power_laws import harmonic_share
 
 BAND = (100.0, 140.0)
 CUBIC = {"stiffness_order": 3, "damping_order": 3}

@@ -223,10 +223,11 @@ def test_what_is_no_study_is_not_written(tmp_path):
 
 def test_a_study_of_another_kind_is_named_by_its_type():
     for function, study, words in (
-        (opid.identify, small_study(), "of type ModalStudy: give a Study"),
-        (opid.law_of_bench, gear_study(), "of type Study: give a BenchStudy"),
-        (opid.identify_modes, gear_study(), "of type Study: give a ModalStudy"),
-        (opid.update_study, small_study(), "of type ModalStudy: give an UpdatingStudy"),
+        (opid.identify, "study.toml", "of type str: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"),
+        (opid.suspensions.law_of_bench, gear_study(), "of type Study: give a BenchStudy"),
+        (opid.suspensions.identify, small_study(), "of type ModalStudy: give a Study"),
+        (opid.modal.identify_modes, gear_study(), "of type Study: give a ModalStudy"),
+        (opid.updating.update_study, small_study(), "of type ModalStudy: give an UpdatingStudy"),
     ):
         with pytest.raises(InputError, match=words):
             function(study)

@@ -10,7 +10,7 @@ from opid.estimate import Estimate
 from opid.json_values import plain
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import SCHEMA as DECAY_SCHEMA, Decay
-from opid.modal.power_law import unit_of, unit_per_mass
+from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.modal.result import SCHEMA, ForceCurve, ModalIdentification, ModeFit, TruthTest
 
 FORCED_ONLY = (

@@ -27,7 +27,7 @@ from opid.modal.linear.modes import LinearModes, condition_number, modal_assuran
 from opid.modal.model import NonlinearModalModel
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS, ModalStudy
-from opid.modal.truth_test import truth_test
+from opid.modal.truth_tests import truth_test
 
 Say = Callable[[str], None]
 

@@ -32,7 +32,7 @@ class NonlinearModalModel:
     Raises:
         InputError: a mode that is not there.
 
-    >>> from opid.modal.power_law import power_law
+    >>> from opid.modal.power_laws import power_law
     >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
     >>> NonlinearModalModel(modes, {1: power_law({3: -1e9}, {})}).structure().joints[0].law.name
     'cubic_stiffness'

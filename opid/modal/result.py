@@ -14,7 +14,7 @@ from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.power_law import coefficient_rows, fitted_power_law
+from opid.modal.power_laws import coefficient_rows, fitted_power_law
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray, Recording
 

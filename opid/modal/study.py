@@ -11,7 +11,7 @@ from typing import Literal, get_args
 from opid.errors import refuse
 from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.modes import LinearModes
-from opid.modal.power_law import HIGHEST_ORDER
+from opid.modal.power_laws import HIGHEST_ORDER
 
 Use = Literal["fit", "truth", "level", "decay"]
 USES: tuple[Use, ...] = get_args(Use)

@@ -61,7 +61,7 @@ def health_picture(
     stretch its scale: how far they reach is written beside them.
 
     Args:
-        health: from `opid.signals.health.inspection.inspect`.
+        health: from `opid.inspect`.
         axes: (n_channels, 3) Axes, or None for a new figure.
         channels: names of those to draw; all where left out. Some 12 fit on one figure.
         segment_s: begin and end of the segment that is used, s, to be shaded.

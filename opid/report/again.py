@@ -118,7 +118,7 @@ def _of_model(result: Identification) -> _Asked:
     if changed:
         arguments.append(f"settings=Settings({changed})")
     found = _with_law(asked.law, asked.ground, options, arguments)
-    imports = (f"from opid.suspensions.settings import {', '.join(sorted(names))}",) if changed else ()
+    imports = (f"from opid.suspensions import {', '.join(sorted(names))}",) if changed else ()
     return replace(found, imports=imports, has_command=not changed and not asked.seed)
 
 

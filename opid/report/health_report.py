@@ -29,7 +29,7 @@ def text_of(health: Health) -> str:
     """Return the health of a log as text: its figures, then what is wrong, the worst first, and what to do.
 
     Args:
-        health: from `opid.signals.health.inspection.inspect`.
+        health: from `opid.inspect`.
     """
     parts = [*_clock_lines(_shown(health.log or "a recording"), health), "", *_channel_lines(health.channels), ""]
     of_channels = list(_spectral_lines(_telling(health.channels)))
@@ -47,7 +47,7 @@ def page_of(health: Health) -> Page:
     """Return what the page of a log shows: the text as it is, and the pictures of its channels.
 
     Args:
-        health: from `opid.signals.health.inspection.inspect`.
+        health: from `opid.inspect`.
     """
     return Page(
         "health.html.jinja",

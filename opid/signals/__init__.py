@@ -1,1 +1,5 @@
 """What was measured: recordings, their logs, health, motion and spectra."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

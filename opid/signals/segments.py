@@ -87,7 +87,7 @@ def sound_segments(health: Health, channels: Sequence[str], *, least_s: float = 
     Single spikes do not end a stretch. One that begins (ends) with the log has no start (stop).
 
     Args:
-        health: from `opid.signals.health.inspection.inspect`.
+        health: from `opid.inspect`.
         channels: names of those that must be sound.
         least_s: shortest stretch, s.
 
@@ -106,7 +106,7 @@ def taxi_segment(health: Health, channels: Sequence[str]) -> Segment:
     equal ones the most energetic), and of one longer than five minutes the part with the steadiest motion.
 
     Args:
-        health: from `opid.signals.health.inspection.inspect`.
+        health: from `opid.inspect`.
         channels: names of the channels to identify from.
 
     Raises:

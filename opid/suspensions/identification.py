@@ -64,7 +64,7 @@ def identify(
         study: interfaces, runs, and what is said of the structure and the sensors.
         method: "model"; of one gear also "classical", the chain of Iwaniec & Uhl (2007) with every step mended, or
             "paper", what its printed formula makes of the strongest matched peaks.
-        law: to fit at every interface (`opid.mechanics.laws.law.LAWS`, sums joined by "+"); searched where left out.
+        law: to fit at every interface (`opid.laws.LAWS`, sums joined by "+"); searched where left out.
         band_hz: lines that are compared, Hz; those of the settings where left out (classical chain: 0.5 to 12 Hz).
         high_pass_hz: corner of the integration of the classical chain, Hz.
         ground: whether springs from the body to the ground may be let in, which happens only if the runs demand them;

@@ -132,7 +132,7 @@ def identify_structure(
         unknown: names of joints whose stiffness and damping are to be found.
         unknown_mass: degrees of freedom whose mass is to be found. In kg if another mass or spring is known or the
             loading changes, as ratios to the first of them else.
-        law: of every suspension (`opid.mechanics.laws.law.LAWS`, sums joined by "+"); searched where left out.
+        law: of every suspension (`opid.laws.LAWS`, sums joined by "+"); searched where left out.
         loadings: for each run the masses, kg, that it carries more than the structure, by degree of freedom.
         start: stiffness (N/m) and damping (N s/m) of each suspension, roughly, by degree of freedom: needed where the
             sensors do not see all degrees of freedom.

@@ -86,7 +86,7 @@ class ModelClass:
 
     Args:
         name: of the class.
-        kinds: names of the kinds in `opid.mechanics.laws.law.LAWS`, each with an amplitude alone.
+        kinds: names of the kinds in `opid.laws.LAWS`, each with an amplitude alone.
         scales: what each parameter is multiplied by, in the unit of the kind's amplitude; may be negative.
         priors: one a parameter.
 
@@ -148,7 +148,7 @@ def short_kind(kind: str) -> str:
     """Return the name of a kind of spring without the word for it.
 
     Args:
-        kind: as in `opid.mechanics.laws.law.LAWS`.
+        kind: as in `opid.laws.LAWS`.
 
     >>> short_kind("even_quadratic_stiffness"), short_kind("gas_column")
     ('even quadratic', 'gas column')

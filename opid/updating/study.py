@@ -44,7 +44,7 @@ class UpdatingStudy:
         classes: the laws that are compared; at least one.
         parameters: prior of each stiffness factor that phase I updates, by its name in the structure; none leaves the
             structure as it is.
-        form: of the likelihood, see `opid.updating.likelihood.backbones.backbone_data`.
+        form: of the likelihood, see `opid.updating.backbone_data`.
         sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
             Carlo, or the affine-invariant "ensemble" of emcee.
         n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the

@@ -2,3 +2,7 @@
 
 Nowhere else is a truth.json written.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

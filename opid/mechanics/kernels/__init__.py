@@ -46,7 +46,7 @@ class LawArrays(NamedTuple):
             that stand for them: one for each memory, or one for the mean of those that slip. The first memory is -1
             where there is none, and -2 - q where a faint term's first is that of the place q among those of all faint
             terms, which have no states.
-        elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.mechanics.laws.kind.Kind`; of
+        elements: (n_memories, 7) u of each memory and what it does not pass, see `opid.laws.Kind`; of
             one that slips h' / v and its derivatives by three inner values, else zero; its weight.
         elements_followed: the same of the memories of faint terms.
     """

@@ -27,7 +27,7 @@ def code_of(name: str) -> int:
     """Return the number by which compiled code knows a kind of law.
 
     Args:
-        name: of a kind in `opid.mechanics.laws.kinds.LAWS`.
+        name: of a kind in `opid.laws.LAWS`.
     """
     return _PLACES[name] if name in _PLACES else int(_compile_own(LAWS[name]).address)
 

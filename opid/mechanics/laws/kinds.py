@@ -392,7 +392,7 @@ BUILT_IN = (
 )
 """The kinds that are always there. A new one is one function and one entry above; nothing else changes."""
 
-# what the process knows: the built-in kinds and those registered by `opid.mechanics.laws.own_kinds.register_kind`
+# what the process knows: the built-in kinds and those registered by `opid.register_kind`
 KNOWN = {kind.name: kind for kind in BUILT_IN}
 
 LAWS: Mapping[str, Kind] = MappingProxyType(KNOWN)

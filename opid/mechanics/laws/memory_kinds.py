@@ -1,6 +1,6 @@
 """The kinds of law that remember: friction that bends before it slides, joints that yield, arms of rubber.
 
-Each has a state of its own beside the motion; `opid.mechanics.laws.kind.Kind` says what its functions return.
+Each has a state of its own beside the motion; `opid.laws.Kind` says what its functions return.
 """
 
 from __future__ import annotations

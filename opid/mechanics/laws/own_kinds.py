@@ -17,7 +17,7 @@ TOLERANCE = 1e-4
 
 
 def register_kind(kind: Kind) -> None:
-    """Add a kind of law: from now on it is simulated, fitted and reported like those of `opid.LAWS`.
+    """Add a kind of law: from now on it is simulated, fitted and reported like those of `opid.laws.LAWS`.
 
     Its derivatives are compared with differences at random motions of a landing gear, its inner parameters around
     their defaults. Its function is compiled once in each process that uses the kind, the kernels are not.

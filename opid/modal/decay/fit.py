@@ -16,7 +16,7 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.flow import Flow, predicted_decay, slow_flow
 from opid.modal.decay.track import Track
-from opid.modal.power_law import HIGHEST_ORDER, fitted_power_law, harmonic_share
+from opid.modal.power_laws import HIGHEST_ORDER, fitted_power_law, harmonic_share
 from opid.signals.recording import FloatArray
 
 DRIFT_ERROR = 0.1

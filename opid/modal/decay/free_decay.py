@@ -16,7 +16,7 @@ from opid.modal.decay.fit import DecayLaw, backbone, fit_decays
 from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.linear.coordinates import ModalTest
-from opid.modal.power_law import coefficient_rows
+from opid.modal.power_laws import coefficient_rows
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 

@@ -16,7 +16,7 @@ from scipy.signal.windows import tukey
 
 from opid.errors import InputError
 from opid.modal.linear.coordinates import ModalTest
-from opid.modal.power_law import HIGHEST_ORDER
+from opid.modal.power_laws import HIGHEST_ORDER
 from opid.signals.recording import FloatArray
 
 ComplexArray = NDArray[np.complex128]

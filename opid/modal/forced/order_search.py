@@ -10,7 +10,7 @@ from opid.errors import InputError
 from opid.modal.forced.equation import ComplexArray, ModeLines
 from opid.modal.forced.equation_noise import line_noise
 from opid.modal.forced.restoring_fit import fit_coefficients, powers, solution
-from opid.modal.power_law import HIGHEST_ORDER
+from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.result import OrderRung
 from opid.signals.recording import FloatArray
 

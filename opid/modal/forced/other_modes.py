@@ -24,7 +24,7 @@ def doubts_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, floa
     """Yield the modes that move at twice or three times the band of a mode, more than the force can have moved them.
 
     A modal model takes its modes to be uncoupled; such motion shows that they are not (Pacini, section 4.2.2, where
-    force appropriation gives the proof: `opid.modal.resonance.interaction.modal_interaction`).
+    force appropriation gives the proof: `opid.modal.modal_interaction`).
 
     Args:
         test: with a force, of the mode under test.

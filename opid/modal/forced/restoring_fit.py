@@ -11,7 +11,7 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.modal.forced.equation import ModeLines
 from opid.modal.forced.equation_noise import line_noise, noise_scores
-from opid.modal.power_law import HIGHEST_ORDER, harmonic_share
+from opid.modal.power_laws import HIGHEST_ORDER, harmonic_share
 from opid.signals.recording import FloatArray
 
 N_ROUNDS = 2

@@ -83,7 +83,7 @@ def modal_interaction(
     conditions hold most often is returned, and among equals the one with the largest share.
 
     Args:
-        appropriation: see `opid.modal.resonance.appropriation.appropriate_force`.
+        appropriation: see `opid.modal.appropriate_force`.
         modes: for shapes, frequencies and damping; those of the appropriation where left out.
         least_share: of the target's fundamental; in the paper 0.5.
         least_assurance: least MAC of the deflection shape with the mode's shape; in the paper 0.9.

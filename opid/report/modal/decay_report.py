@@ -9,7 +9,7 @@ from typing import Any
 from opid.estimate import rounded
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, law_of_decays
-from opid.modal.power_law import unit_of, unit_per_mass
+from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.report.as_text import Row, aligned, labelled, laid_out, table_lines, wrapped
 from opid.report.modal.units import coefficient_columns, coefficient_row
 from opid.report.page import Page, Picture

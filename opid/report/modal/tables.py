@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from opid.estimate import Estimate
-from opid.modal.power_law import unit_of
+from opid.modal.power_laws import unit_of
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.report.as_text import Row
 from opid.report.modal.units import coefficient_row

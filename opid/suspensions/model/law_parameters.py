@@ -112,7 +112,7 @@ def faint_terms(
     """Return the terms of `offered_terms` with amplitudes too weak to move anything, without stops beyond the travel.
 
     Args:
-        kind: name in `opid.mechanics.laws.law.LAWS`.
+        kind: name in `opid.laws.LAWS`.
         travel: (n,) z, m.
         velocity: (n,) z', m/s.
         travel_rms: over which scales are laid out, m.
@@ -184,7 +184,7 @@ def offered_terms(
     """Return terms of unit amplitude of a kind, its inner parameters over the range in which this motion shows them.
 
     Args:
-        kind: name in `opid.mechanics.laws.law.LAWS`.
+        kind: name in `opid.laws.LAWS`.
         travel_rms: rms of z, m.
         velocity_rms: rms of z', m/s.
         n_scales: scales that are offered, evenly in their logarithm.

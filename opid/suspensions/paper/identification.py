@@ -50,7 +50,7 @@ def identify_by_paper(
     Args:
         study: the runs; the first one with no mass change is the reference.
         method: "classical" or "paper".
-        law: a law to fit (`opid.mechanics.laws.law.LAWS`, sums joined by "+"); searched when left out.
+        law: a law to fit (`opid.laws.LAWS`, sums joined by "+"); searched when left out.
         band_hz: lines of the equation, Hz; cut at 0.4 of the sampling rate.
         high_pass_hz: corner of the integration that gives the motion inside the law, Hz.
         ground: whether a ground spring K3 is fitted (else it is 0).

@@ -114,7 +114,7 @@ def fit_surface(
 
     Args:
         surface: the points.
-        law_name: any law of `opid.mechanics.laws.law.LAWS` or a sum; "linear" fits the straight terms alone.
+        law_name: any law of `opid.laws.LAWS` or a sum; "linear" fits the straight terms alone.
         settings: what is correlated in time, and from when a term is seen.
 
     Raises:

@@ -112,8 +112,8 @@ def restoring_force(
         unsprung: (n,) acceleration x1'', m/s^2.
         sprung: (n,) acceleration x2'', m/s^2.
         fs: sampling rate, Hz.
-        method: as in `opid.signals.motion.integrate`.
-        high_pass_hz: as in `opid.signals.motion.integrate`.
+        method: as in `opid.signals.integrate`.
+        high_pass_hz: as in `opid.signals.integrate`.
 
     Raises:
         InputError: as `relative_motion`, or a run too short to leave anything once the ends are cut.

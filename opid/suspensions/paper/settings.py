@@ -12,7 +12,7 @@ class PaperSettings:
     """Settings of `opid.suspensions.paper`; each default is the only place where its value stands.
 
     Args:
-        law: the law to fit (`opid.mechanics.laws.law.LAWS`, sums joined by "+"); None searches among `candidates`.
+        law: the law to fit (`opid.laws.LAWS`, sums joined by "+"); None searches among `candidates`.
         band_hz: lines of the equation, Hz. Below, sensors drift; above, a rigid wheel and a point contact end.
         high_pass_hz: corner of the integration, Hz: below it sensor noise, integrated twice, exceeds the motion.
         ground: whether the ground spring K3 is fitted (else it is 0).

@@ -60,7 +60,7 @@ def transmissibility_without_force(
         force_per_mass: (n,) f/M2, m/s^2.
         fs: sampling rate, Hz.
         method: "conditioned" (a second input, right) or "subtracted" (the paper's).
-        window: as in `opid.signals.spectra.cross_spectra`.
+        window: as in `opid.signals.cross_spectra`.
         nperseg: as there.
         noverlap: as there.
 

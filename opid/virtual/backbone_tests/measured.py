@@ -47,7 +47,7 @@ def virtual_backbones(
     """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
 
     A curve that does not reach quadrature at most of its levels is left out, as in the paper, where 14 sensors reach it
-    in the first mode and 5 in the second: `opid.virtual.backbone_tests.control_based_continuation.measured_curve` says
+    in the first mode and 5 in the second: `opid.virtual.measured_curve` says
     why.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 
 from opid.json_values import json_text, plain
 from opid.mechanics.structure import Structure
-from opid.modal.power_law import DAMPING_KINDS, STIFFNESS_KINDS
+from opid.modal.power_laws import DAMPING_KINDS, STIFFNESS_KINDS
 from opid.modal.study import ModalStudy
 from opid.signals.directory import made_directory
 from opid.signals.files import written_whole

@@ -54,7 +54,7 @@ def case_study_2(
     Args:
         ratio: natural frequency of mode 18 over that of mode 10.
         coupling_n_per_m2: the joint's asymmetry, N/m^2; 0 for modes that do not interact, and that of
-            `opid.virtual.modal_tests.bolted_structures.fixture_and_plate` where left out.
+            `opid.virtual.fixture_and_plate` where left out.
         shaker: at the drive point; None where the force itself is given.
 
     Raises:

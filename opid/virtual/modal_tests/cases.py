@@ -8,7 +8,7 @@ from opid.errors import InputError
 from opid.mechanics.rig import Rig
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
-from opid.modal.power_law import power_law
+from opid.modal.power_laws import power_law
 from opid.signals.units import STANDARD_GRAVITY
 from opid.virtual.modal_tests.case_studies import CASE_SHAKER, CaseStudy, case_study_1, case_study_2
 from opid.virtual.modal_tests.series import VirtualSeries

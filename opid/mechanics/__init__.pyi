@@ -1,0 +1,62 @@
+# The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
+from .backbones.continuation import continued_backbone as continued_backbone
+from .backbones.family import (
+    Backbone as Backbone,
+    BackboneFamily as BackboneFamily,
+    backbone as backbone,
+    backbone_family as backbone_family,
+    family_evaluator as family_evaluator,
+    first_harmonic_factor as first_harmonic_factor,
+)
+from .backbones.jointed_modes import (
+    JointedModes as JointedModes,
+    jointed_modes as jointed_modes,
+)
+from .backbones.quadrature_curves import (
+    MeasuredCurve as MeasuredCurve,
+    Specimen as Specimen,
+    quadrature_curve as quadrature_curve,
+)
+from .driven import (
+    DrivenResponse as DrivenResponse,
+    Interface as Interface,
+    driven_response as driven_response,
+    half_steps as half_steps,
+)
+from .hysteresis import (
+    Sliders as Sliders,
+    force_of as force_of,
+    iwan as iwan,
+)
+from .memory import force_along as force_along
+from .prediction import (
+    Noise as Noise,
+    Prediction as Prediction,
+    predict as predict,
+)
+from .repeatability import Departure as Departure
+from .response import (
+    Response as Response,
+    State as State,
+    time_response as time_response,
+)
+from .rig import (
+    Rig as Rig,
+    RigRun as RigRun,
+    free_decay as free_decay,
+    impact as impact,
+    rig_run as rig_run,
+)
+from .shaker import Shaker as Shaker
+from .structure import (
+    Joint as Joint,
+    Modes as Modes,
+    Structure as Structure,
+    frequency_response as frequency_response,
+    linear_transmissibility as linear_transmissibility,
+    natural_frequencies as natural_frequencies,
+)
+from .weight import (
+    ATMOSPHERE_PA as ATMOSPHERE_PA,
+    GRAVITY_M_PER_S2 as GRAVITY_M_PER_S2,
+)

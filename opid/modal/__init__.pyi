@@ -1,0 +1,70 @@
+# The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
+from .decay.free_decay import (
+    Decay as Decay,
+    decay_of as decay_of,
+    free_decay as free_decay,
+    law_of_decays as law_of_decays,
+)
+from .forced.equation import mode_lines as mode_lines
+from .forced.excitation import (
+    SineBeat as SineBeat,
+    beat_between_neighbours as beat_between_neighbours,
+    beat_over_drive_point_peak as beat_over_drive_point_peak,
+    quiet_s as quiet_s,
+    shaped_sweep as shaped_sweep,
+    sine_beat_voltage as sine_beat_voltage,
+)
+from .forced.mode_fit import fit_mode as fit_mode
+from .forced.restoring_fit import (
+    Coefficients as Coefficients,
+    fit_coefficients as fit_coefficients,
+    fit_unweighted as fit_unweighted,
+    linearised as linearised,
+)
+from .identification import identify_modes as identify_modes
+from .linear.coordinates import (
+    ModalTest as ModalTest,
+    modal_test as modal_test,
+)
+from .linear.frequency_response import (
+    cmif as cmif,
+    measured_response as measured_response,
+    resynthesised as resynthesised,
+)
+from .linear.level_shifts import (
+    level_shifts as level_shifts,
+    nonlinear_modes as nonlinear_modes,
+)
+from .linear.modes import (
+    LinearModes as LinearModes,
+    condition_number as condition_number,
+    force_projection as force_projection,
+    modal_assurance as modal_assurance,
+    modal_filter as modal_filter,
+    with_sensors as with_sensors,
+)
+from .linear.modes_file import (
+    read_modes as read_modes,
+    write_modes as write_modes,
+)
+from .model import (
+    NonlinearModalModel as NonlinearModalModel,
+    modal_response as modal_response,
+    simulate as simulate,
+)
+from .power_laws import power_law as power_law
+from .resonance.appropriation import (
+    Appropriation as Appropriation,
+    appropriate_force as appropriate_force,
+    levels_for as levels_for,
+)
+from .resonance.interaction import modal_interaction as modal_interaction
+from .result import (
+    ModalIdentification as ModalIdentification,
+    ModeFit as ModeFit,
+)
+from .study import (
+    ModalStudy as ModalStudy,
+    StudyTest as StudyTest,
+)
+from .truth_tests import truth_test as truth_test

@@ -1,0 +1,106 @@
+# The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
+from .bench.law import (
+    BenchLaw as BenchLaw,
+    law_of_bench as law_of_bench,
+)
+from .bench.record import (
+    Bench as Bench,
+    bench_from_recording as bench_from_recording,
+    quasi_static_bench as quasi_static_bench,
+)
+from .bench.settings import BenchSettings as BenchSettings
+from .bench.simulation import MovingPart as MovingPart
+from .bench.study import BenchStudy as BenchStudy
+from .fitting.fit import (
+    Fit as Fit,
+    fit_model as fit_model,
+)
+from .flights.comparison import (
+    Comparison as Comparison,
+    compare as compare,
+)
+from .flights.results import (
+    Flights as Flights,
+    read_flights as read_flights,
+)
+from .flights.settings import FlightSettings as FlightSettings
+from .identification import identify as identify
+from .law_search.pursuit import search_laws as search_laws
+from .model.run import driven_run as driven_run
+from .own_structure import (
+    StructureIdentification as StructureIdentification,
+    identify_structure as identify_structure,
+)
+from .paper.added_mass import (
+    absolute_parameters as absolute_parameters,
+    match_peaks as match_peaks,
+    two_peak_mass as two_peak_mass,
+)
+from .paper.chain import (
+    PaperChain as PaperChain,
+    compute_chain as compute_chain,
+)
+from .paper.direct_parameters import (
+    complex_least_squares as complex_least_squares,
+    errors_in_variables as errors_in_variables,
+    mass_over_stiffness as mass_over_stiffness,
+)
+from .paper.identification import identify_by_paper as identify_by_paper
+from .paper.joint_fit import JointFit as JointFit
+from .paper.law_search import (
+    fit_law as fit_law,
+    search_law as search_law,
+)
+from .paper.nonlinearity import (
+    fit_slice as fit_slice,
+    fit_surface as fit_surface,
+)
+from .paper.restoring_force import (
+    binned_surface as binned_surface,
+    restoring_force as restoring_force,
+    slice_curve as slice_curve,
+)
+from .paper.result import PaperIdentification as PaperIdentification
+from .paper.settings import PaperSettings as PaperSettings
+from .paper.spectral_equation import (
+    equation_lines as equation_lines,
+    fit_equation as fit_equation,
+)
+from .paper.transmissibility import (
+    Peak as Peak,
+    suspension_transmissibility as suspension_transmissibility,
+    transmissibility_peaks as transmissibility_peaks,
+    transmissibility_without_force as transmissibility_without_force,
+)
+from .result import Identification as Identification
+from .sensor_facts import (
+    Leak as Leak,
+    SensorFacts as SensorFacts,
+    SensorPair as SensorPair,
+)
+from .settings import (
+    FaultSettings as FaultSettings,
+    FitSettings as FitSettings,
+    GasSettings as GasSettings,
+    IntervalSettings as IntervalSettings,
+    OriginSettings as OriginSettings,
+    ProcessSettings as ProcessSettings,
+    RegressionSettings as RegressionSettings,
+    RepeatabilitySettings as RepeatabilitySettings,
+    RunSettings as RunSettings,
+    SearchSettings as SearchSettings,
+    Settings as Settings,
+    StartSettings as StartSettings,
+    SurfaceSettings as SurfaceSettings,
+    Verdicts as Verdicts,
+    WarningSettings as WarningSettings,
+)
+from .study import (
+    BodySensor as BodySensor,
+    MeasuredInterface as MeasuredInterface,
+    PointMass as PointMass,
+    Run as Run,
+    StructureSettings as StructureSettings,
+    Study as Study,
+    study_of_gear as study_of_gear,
+)

@@ -1,0 +1,57 @@
+# The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
+from .data.backbone_file import (
+    read_backbone as read_backbone,
+    write_backbone as write_backbone,
+)
+from .data.curves import (
+    BackboneData as BackboneData,
+    backbone_data as backbone_data,
+)
+from .data.measured import MeasuredBackbone as MeasuredBackbone
+from .data.noise_settings import NoiseSettings as NoiseSettings
+from .identification import update_study as update_study
+from .likelihood.backbones import (
+    likelihood_function as likelihood_function,
+    log_likelihood as log_likelihood,
+)
+from .linear_updating import update_linear as update_linear
+from .model_class import (
+    ModelClass as ModelClass,
+    Prior as Prior,
+)
+from .paper_classes import (
+    PAPER_CLASSES as PAPER_CLASSES,
+    PAPER_THETA as PAPER_THETA,
+)
+from .posterior import (
+    density_of as density_of,
+    update_class as update_class,
+)
+from .prediction import predict as predict
+from .result import (
+    BackboneBand as BackboneBand,
+    ClassPosterior as ClassPosterior,
+    LinearPosterior as LinearPosterior,
+    Updating as Updating,
+)
+from .sampling.arviz_export import to_inference_data as to_inference_data
+from .sampling.evidence import laplace as laplace
+from .sampling.maximum import maximum_a_posteriori as maximum_a_posteriori
+from .structure.affine import AffineStructure as AffineStructure
+from .structure.matrices_file import (
+    read_structure as read_structure,
+    write_structure as write_structure,
+)
+from .structure.reduction import (
+    ReducedStructure as ReducedStructure,
+    craig_bampton as craig_bampton,
+    lowest_modes as lowest_modes,
+    modes_of as modes_of,
+    reduce as reduce,
+    reduction_errors as reduction_errors,
+)
+from .structure.ritz import (
+    ritz_model as ritz_model,
+    ritz_modes as ritz_modes,
+)
+from .study import UpdatingStudy as UpdatingStudy

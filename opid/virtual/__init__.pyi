@@ -1,0 +1,67 @@
+# The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
+from .backbone_tests.control_based_continuation import measured_curve as measured_curve
+from .backbone_tests.measured import (
+    synthetic_backbones as synthetic_backbones,
+    virtual_backbones as virtual_backbones,
+)
+from .backbone_tests.shaker_feedback import ReadingNoise as ReadingNoise
+from .backbone_tests.structure import (
+    UPDATED as UPDATED,
+    wing_engine_structure as wing_engine_structure,
+)
+from .backbone_tests.wing_engine import WingEngine as WingEngine
+from .files.aircraft import body_truth_json as body_truth_json
+from .files.gear import truth_json as truth_json
+from .modal_tests.bolted_structures import (
+    component_assembly as component_assembly,
+    fixture_and_plate as fixture_and_plate,
+    level_dependence as level_dependence,
+)
+from .modal_tests.case_studies import (
+    case_study_1 as case_study_1,
+    case_study_2 as case_study_2,
+)
+from .modal_tests.cases import (
+    CUBIC_DAMPING as CUBIC_DAMPING,
+    CUBIC_STIFFNESS as CUBIC_STIFFNESS,
+    virtual_series as virtual_series,
+)
+from .modal_tests.series import virtual_study as virtual_study
+from .taxi_tests.aircraft import (
+    default_aircraft as default_aircraft,
+    random_aircraft as random_aircraft,
+    with_bending as with_bending,
+)
+from .taxi_tests.airframe import (
+    Airframe as Airframe,
+    BendingMode as BendingMode,
+    Gear as Gear,
+    Loading as Loading,
+    airframe_structure as airframe_structure,
+    loaded as loaded,
+    place_directions as place_directions,
+)
+from .taxi_tests.landing_gear import (
+    LandingGear as LandingGear,
+    TaxiTest as TaxiTest,
+    taxi_run as taxi_run,
+    taxi_test as taxi_test,
+    tyre_force as tyre_force,
+)
+from .taxi_tests.road import (
+    SpeedProfile as SpeedProfile,
+    iso8608_road as iso8608_road,
+)
+from .taxi_tests.sensors import (
+    Sensor as Sensor,
+    decimate as decimate,
+    measure as measure,
+)
+from .taxi_tests.taxiing_aircraft import (
+    aircraft_run as aircraft_run,
+    aircraft_test as aircraft_test,
+)
+from .taxi_tests.wheel_tracks import (
+    iso8608_tracks as iso8608_tracks,
+    track_correlation as track_correlation,
+)
