@@ -125,12 +125,10 @@ def test_a_time_column_without_a_unit_is_told_by_an_option(log, tmp_path):
     )
 
 
-def test_the_half_interval_is_explained_and_stands_once(log):
+def test_the_half_interval_stands_in_the_head_of_its_columns(log):
     done = opid("decay", log, "--channel", "az", *ORDERS)
-    assert done.stdout.count("± is half of the 95 % interval.") == 1
-    ends, law = done.stdout.split("± is half of the 95 % interval.")
-    assert ends.count("±") == 2
-    assert "±" not in law
+    (head,) = (line for line in done.stdout.splitlines() if "±" in line)
+    assert head.split("  ")[-3:] == ["± (95 %)", "damping [%]", "± (95 %)"]
 
 
 def test_bad_input_ends_with_status_2(log, tmp_path):

@@ -164,6 +164,15 @@ def columns(
     )
 
 
+def warnings(sentences: Iterable[str]) -> Remarks:
+    """Return what is to be doubted, one sentence a warning.
+
+    Args:
+        sentences: none where nothing is.
+    """
+    return Remarks("Warning", tuple(sentences), is_warning=True)
+
+
 def ended(text: str) -> str:
     """Return a clause with one full stop.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from opid.report.document import Document, Paragraph, Remarks, Table, counted, sentence
+from opid.report.document import Document, Paragraph, Table, counted, sentence, warnings
 from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
 from opid.suspensions.fitting.noise import over_noise
 from opid.suspensions.own_structure import StructureIdentification
@@ -31,7 +31,7 @@ def document_of(result: StructureIdentification) -> Document:
                 "value with 95 % if the model holds.",
             ),
             Paragraph(_limits(result)),
-            Remarks("Warning", result.warnings, is_warning=True),
+            warnings(result.warnings),
         ),
     )
 

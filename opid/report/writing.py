@@ -38,10 +38,10 @@ KINDS = (
     KindOfResult("suspensions.result.Identification", "identification_report", has_truth=True),
     KindOfResult("suspensions.paper.result.PaperIdentification", "identification_report", has_truth=True),
     KindOfResult("suspensions.own_structure.StructureIdentification", "structure"),
-    KindOfResult("suspensions.bench.law.BenchLaw", "bench_report"),
-    KindOfResult("suspensions.flights.comparison.Comparison", "comparison_report"),
+    KindOfResult("suspensions.bench.law.BenchLaw", "bench"),
+    KindOfResult("suspensions.flights.comparison.Comparison", "comparison"),
     KindOfResult("signals.health.result.Health", "health_report"),
-    KindOfResult("modal.decay.free_decay.Decay", "modal.decay_report"),
+    KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
     KindOfResult("modal.result.ModalIdentification", "modal.report", has_truth=True),
     KindOfResult("updating.result.Updating", "updating.report", has_truth=True),
 )

@@ -1,0 +1,165 @@
+"""What is told of the law of a test bench."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from opid.report.document import Document, Figure, Paragraph, Table, sentence, warnings
+from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
+from opid.suspensions.bench.law import UNITS, BenchLaw
+
+LABELS = {
+    "stiffness_n_per_m": "stiffness K",
+    "damping_n_s_per_m": "damping C",
+    "offset_n": "offset F0",
+    "moving_mass_kg": "moving mass m",
+}
+
+
+def document_of(result: BenchLaw) -> Document:
+    """Return what is told of the law of a test bench: the numbers, how good it is, and what to doubt.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    memory = result.memory.statement
+    # what the paragraph on memory says already is not said again
+    doubts = [warning.removeprefix(memory).lstrip(". ") for warning in result.warnings]
+    return Document(
+        result.title or "Test bench",
+        _equation(result),
+        f"The law is {result.law.name}: with the linear part it explains {100 * result.r2_left_out:.4g} % of the "
+        "variance of the force on stretches of time that were left out.",
+        result.not_determined,
+        (
+            Table(
+                estimate_columns(),
+                tuple(_rows(result)),
+                legend="The interval holds the value with 95 % if the model holds.",
+            ),
+            Paragraph(_quality(result)),
+            Paragraph(sentence(memory)),
+            warnings(doubt for doubt in doubts if doubt),
+        ),
+        lambda: _figures(result),
+        _command(result),
+        source="record",
+    )
+
+
+def _equation(result: BenchLaw) -> str:
+    """Return the law as an equation, with what stands beside f.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    if result.bench.is_quasi_static:
+        return "F = F0 + K z + f(z)"
+    mass = "" if result.bench.acceleration is None else "m z'' + "
+    return f"F = F0 + {mass}K z + C z' + f(z, z')"
+
+
+def _figures(result: BenchLaw) -> Iterable[Figure]:
+    from opid import plots
+
+    yield Figure(
+        "force_against_motion",
+        "Force against motion",
+        "What was measured (grey) and what the law makes of the same motion (in colour). Where grey loops stand "
+        "outside the colour the force depends on more than the law does.",
+        lambda: plots.force_against_motion(result),
+    )
+    if not result.not_determined:
+        yield Figure(
+            "bench_curves",
+            "The law",
+            "Its share of the force over velocity and over travel; grey dots are the measured force less the rest of "
+            "the law. Beyond them the law is an extrapolation. Of a law that remembers a loop is drawn: that of a sine "
+            "as large and as fast as the record.",
+            lambda: plots.bench_curves(result),
+        )
+    yield Figure(
+        "bench_ladder",
+        "Which law",
+        "Share of the force that each law leaves unexplained, on the samples it was fitted to (hollow) and on "
+        "stretches of time that were left out (full): the chosen law in colour, those on the way to it in black. "
+        "No law of travel and velocity predicts better than the dashed line, but for one that remembers.",
+        lambda: plots.bench_ladder(result),
+    )
+    yield Figure(
+        "bench_residual",
+        "What is left over",
+        "Force minus law over time, and over velocity and travel. A pattern is a shape that the library lacks, or "
+        "memory.",
+        lambda: plots.bench_residual(result),
+    )
+
+
+def _rows(result: BenchLaw) -> Iterator[tuple[str, ...]]:
+    for name, estimate in result.parameters.items():
+        if estimate.value is not None:
+            yield estimate_row(LABELS[name], UNITS[name], estimate)
+    if len(result.law.terms) < 2:
+        yield (f"Law: {law_in_words(result.law)}",)
+    yield from law_rows(result.law, result.law_estimates)
+    yield ("Energy a cycle",)
+    yield estimate_row("whole force", "J", result.cycle.area_j)
+    if result.loop is not None:
+        yield estimate_row("loop area", "J", result.loop.area_j)
+
+
+def _quality(result: BenchLaw) -> str:
+    """Return the sentences that say how good the law is and what it rests on.
+
+    Args:
+        result: from `law_of_bench`.
+    """
+    bench = result.bench
+    rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
+    return (
+        f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
+        f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
+        f"samples{rate} ({result.n_independent:.0f} independent ones in the residual); velocity: "
+        f"{bench.velocity_from}.{_mass_words(result)}{_loop_words(result)}{_simulation_words(result)}"
+    )
+
+
+def _mass_words(result: BenchLaw) -> str:
+    mass_kg, name = result.bench.mass_kg, result.bench.channels["force"]
+    return "" if mass_kg is None else f" The force is that of {mass_kg:.6g} kg with the acceleration {name!r}."
+
+
+def _loop_words(result: BenchLaw) -> str:
+    cycle, friction = result.cycle, result.cycle.friction_n
+    of_record = "" if cycle.frequency_hz is None else f" at {cycle.frequency_hz:.3g} Hz"
+    if cycle.area_j.value is None:
+        return " The record does not tell what energy a cycle takes."
+    words = (
+        f" A cycle of {1e3 * cycle.travel_amplitude_m:.3g} mm{of_record}, as large as the record in the mean, takes "
+    )
+    is_friction = friction.value is not None and friction.value > 0
+    words += f"the energy of a dry friction of {friction.value:.3g} N" if is_friction else "no energy"
+    if result.loop is None:
+        return words + "."
+    return f"{words}. The loop area is what the part that remembers takes of it."
+
+
+def _simulation_words(result: BenchLaw) -> str:
+    simulation = result.simulation
+    if simulation is None:
+        return ""
+    return (
+        " The parameters are those with which the motion simulated from the force alone comes nearest to the recorded "
+        f"one: {simulation.error_rms_m:.3g} m rms of {result.bench.travel.std():.3g} m are left."
+    )
+
+
+def _command(result: BenchLaw) -> list[str]:
+    bench = result.bench
+    if bench.source is not None:
+        return ["opid", "law", str(bench.source)]
+    words = ["opid", "law", str(bench.log or result.title or "BENCH.csv")]
+    words += [word for role, name in bench.channels.items() if name is not None for word in (f"--{role}", name)]
+    words += ["--moving-mass"] if bench.acceleration is not None else []
+    words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]
+    return [*words, "--quasi-static"] if bench.is_quasi_static else words

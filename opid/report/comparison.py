@@ -1,0 +1,121 @@
+"""What is told of results of many flights against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from opid.estimate import rounded
+from opid.report.document import (
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Remarks,
+    Table,
+    columns,
+    counted,
+    sentence,
+    warnings,
+)
+from opid.suspensions.flights.comparison import Comparison
+from opid.suspensions.flights.departures import Point, Series
+
+
+def document_of(result: Comparison) -> Document:
+    """Return what is told of a comparison: what changed, the last flight against those before, and what to doubt.
+
+    Args:
+        result: from `compare`.
+    """
+    changes = tuple(sentence(change.statement) for change in result.changes)
+    heads = columns(
+        "", "unit", "expected", "latest", "std. dev.", "departure", "limit", "", left=(0, 1, 7), optional=(6,)
+    )
+    return Document(
+        "Health over time",
+        _span(result),
+        sentence(f"{counted(len(changes), 'change')} flagged" if changes else "no change exceeds its uncertainty"),
+        None,
+        (
+            Remarks("Change", changes, is_warning=True),
+            Table(heads, tuple(_rows(result))),
+            Paragraph(_basis(result)),
+            warnings(result.warnings),
+        ),
+        lambda: _details(result),
+        ["opid", "compare", *(str(flight.path) for flight in result.flights)],
+        source="results",
+        data_file="comparison.json",
+    )
+
+
+def _details(result: Comparison) -> Iterator[Block]:
+    from opid.plots.comparison import compared_quantity
+
+    labels = list(dict.fromkeys(series.quantity.label for series in result.series))
+
+    def figure(number: int, label: str) -> Figure:
+        return Figure(
+            f"compared_{number}_{label.split(' (')[0].replace(' ', '_')}",
+            label[:1].upper() + label[1:],
+            ""
+            if number > 1
+            else "Values with 95 % intervals; dashed, what the flights before let expect; between the thin lines is "
+            "what is not flagged by one flight alone; rings, what is flagged. Hollow values have no interval and are "
+            "not judged.",
+            lambda: compared_quantity(result, label),
+        )
+
+    for number, label in enumerate(labels, start=1):
+        yield figure(number, label)
+    flights = ((flight.name, str(flight.date or "-"), flight.method) for flight in result.flights)
+    yield Table(columns("flight", "date", "method"), tuple(flights), "Flights")
+
+
+def _span(result: Comparison) -> str:
+    first, last = result.flights[0], result.flights[-1]
+    when = f"{first.date} to {last.date}" if result.dated else f"{first.name} to {last.name}"
+    return f"{len(result.flights)} flights, {when}"
+
+
+def _basis(result: Comparison) -> str:
+    return (
+        f"Each flight is compared with the weighted mean of the earlier ones that were not flagged, by itself and with "
+        f"the one before it: {result.n_tests} comparisons. Departures are in standard deviations. If nothing changed, "
+        f"the chance of any flag is {result.false_alarm:g}. To judge by a new state, after a repair, leave out the "
+        "results before it."
+    )
+
+
+def _rows(result: Comparison) -> Iterator[tuple[str, ...]]:
+    """The last judged flight of each series against those before, gear by gear in the order of the flights."""
+    gears = list(dict.fromkeys(series.quantity.gear for series in result.series))
+    for gear in sorted(gears, key=lambda gear: not gear):
+        yield (gear or "whole body",)
+        yield from (_row(series) for series in result.series if series.quantity.gear == gear)
+
+
+def _row(series: Series) -> tuple[str, ...]:
+    quantity = series.quantity
+    # a kind of friction is told where it is looked for, and here there are 80 characters
+    label = quantity.label.split(" (")[0]
+    if not series.judged:
+        return (label, quantity.unit, "-", "-", "-", "-", "-", "not judged")
+    last = series.judged[-1]
+    std = last.estimate.std
+    return (
+        label,
+        quantity.unit,
+        rounded(last.expected, std),
+        rounded(last.estimate.value, std),
+        rounded(std, std),
+        f"{last.departure:+.1f}",
+        f"{series.threshold:.1f}",
+        _flag(series, last),
+    )
+
+
+def _flag(series: Series, last: Point) -> str:
+    if last.flagged:
+        return "flagged"
+    return "flagged before" if any(point.flagged for point in series.points) else ""

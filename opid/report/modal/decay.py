@@ -1,0 +1,119 @@
+"""What is told of a free decay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from opid.estimate import rounded
+from opid.modal.decay.fit import DecayLaw
+from opid.modal.decay.free_decay import Decay, law_of_decays
+from opid.modal.power_laws import unit_of, unit_per_mass
+from opid.report.document import Block, Column, Document, Figure, Paragraph, Table, warnings
+from opid.report.estimates import estimate_columns, estimate_row
+
+
+def document_of(decay: Decay) -> Document:
+    """Return what is told of a free decay: frequency and damping over amplitude, and the law.
+
+    Args:
+        decay: from `free_decay`.
+    """
+    amplitude, hz, damping = decay.amplitude, decay.frequency_hz, 100 * decay.damping_ratio
+    blocks: list[Block] = [Paragraph(_basis(decay)), _ends(decay)]
+    if decay.law is not None:
+        blocks.append(
+            Table(
+                estimate_columns(),
+                tuple(_law_rows(decay)),
+                legend="The interval holds the value with 95 % if the law holds; beyond the amplitudes of the record "
+                "it is an extrapolation.",
+            )
+        )
+    return Document(
+        f"Free decay: {decay.name!r} in {Path(str(decay.settings.get('log', 'a record'))).name}",
+        "frequency and damping over amplitude",
+        f"While the amplitude falls from {amplitude[0]:.3g} to {amplitude[-1]:.3g} {decay.amplitude_unit}, frequency "
+        f"and damping go from {hz[0]:#.4g} Hz and {damping[0]:.2g} % to {hz[-1]:#.4g} Hz and {damping[-1]:.2g} %.",
+        None,
+        (*blocks, warnings(decay.warnings)),
+        lambda: [_figure(decay)],
+        _command(decay.settings),
+        source="record",
+    )
+
+
+def _figure(decay: Decay) -> Figure:
+    def draw() -> Any:
+        from opid import plots
+
+        return plots.free_decay_figure(decay, law=_law(decay))
+
+    return Figure(
+        "decay",
+        "Record, frequency and damping over amplitude",
+        "The record with the amplitude that was followed; natural frequency and damping ratio over it, with 95 % "
+        "bands, and what the law makes of them. Where the band is wide the record says little; wiggles beyond it are a "
+        "second mode.",
+        draw,
+    )
+
+
+def _law(decay: Decay) -> DecayLaw | None:
+    """The law over the amplitude, for the figure."""
+    orders = {name: decay.settings.get(name) for name in ("stiffness_order", "damping_order")}
+    return None if decay.law is None else law_of_decays([decay], **orders)
+
+
+def _basis(decay: Decay) -> str:
+    return (
+        f"From {decay.start_s:.4g} to {decay.stop_s:.4g} s; amplitudes are of displacement. "
+        f"{100 * decay.residual_share:.2g} % of the record (rms) is neither this mode nor what was found beside it."
+    )
+
+
+def _ends(decay: Decay) -> Table:
+    """Frequency and damping at the largest and the smallest amplitude, and in the limit that the law gives."""
+    half = Column("± (95 %)")
+    columns = (
+        Column("", align="left"),
+        Column("amplitude" if decay.mode is None else "q", decay.amplitude_unit),
+        *(Column("frequency", "Hz"), half),
+        *(Column("damping", "%"), half),
+    )
+    rows = [
+        (
+            label,
+            f"{decay.amplitude[index]:.4g}",
+            *_value(decay.frequency_hz[index], decay.frequency_std_hz[index]),
+            *_value(100 * decay.damping_ratio[index], 100 * decay.damping_std[index]),
+        )
+        for label, index in (("largest", 0), ("smallest", -1))
+    ]
+    low, damping = decay.frequency_low_hz, decay.damping_low
+    if low.value is not None and damping.value is not None:
+        percent = _value(100 * damping.value, 100 * (damping.std or 0.0))
+        rows.append(("law, at zero", "0", *_value(low.value, low.std or 0.0), *percent))
+    return Table(columns, tuple(rows))
+
+
+def _law_rows(decay: Decay) -> Iterator[tuple[str, ...]]:
+    unit, per = (unit_per_mass, ", per unit mass") if decay.mode is None else (unit_of, "")
+    yield (f"Law{per}: x'' + sum of k_n x|x|^(n-1) + sum of c_n x'|x'|^(n-1) = 0",)
+    for letter, estimates in (("k", decay.stiffness), ("c", decay.damping)):
+        for power, estimate in sorted(estimates.items()):
+            yield estimate_row(f"{letter}{power}", unit(letter, power), estimate)
+
+
+def _value(value: float, std: float) -> tuple[str, str]:
+    """A value with the digits that its standard deviation leaves, and half of its interval with as many decimals."""
+    shown = rounded(float(value), float(std))
+    return shown, f"{1.96 * float(std):.{len(shown.partition('.')[2])}f}"
+
+
+def _command(settings: Mapping[str, Any]) -> list[str]:
+    """The command that gives this result."""
+    given = {name: value for name, value in settings.items() if name != "log" and value is not None}
+    options = [word for name, value in given.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    return ["opid", "decay", str(settings.get("log", "LOG")), *options]
