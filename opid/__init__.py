@@ -6,8 +6,13 @@ methods are in the namespaces `suspensions`, `modal` and `updating`, what they a
 Names load when they are first used, so that `import opid` is quick.
 """
 
+import logging
+
 import lazy_loader
 
 __version__ = "0.1.0"
+
+# a user who wants to read what happens gives the logger "opid" a handler
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -178,9 +178,13 @@ def printing_or_silencing(path, tree):
                 yield f"line {node.lineno}: {called}"
 
 
+# what the standard library asks of a library that logs
+SILENT = "logging.getLogger(__name__).addHandler(logging.NullHandler())"
+
+
 def done_at_import(_path, tree):
     for node in tree.body:
-        call = isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+        call = isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and ast.unparse(node) != SILENT
         if call or isinstance(node, ast.For | ast.While | ast.With):
             yield f"line {node.lineno}"
 

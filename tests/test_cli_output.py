@@ -78,6 +78,8 @@ def test_the_result_is_shown_as_asked(field_test, tmp_path):
         "intervals",
         "figure law_ladder",
     ]
+    assert f"opened {field_test / 'heavy.csv'}: CSV with " in told.stderr
+    assert any(step.startswith("each gear alone (gear): law arctan_velocity, ") for step in steps)
     refused(opid(*command, "--verbose", "--quiet"), "give one of them")
 
 

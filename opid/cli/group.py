@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -199,7 +200,7 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
         click.option(
             "--no-figures", "figures", flag_value=False, default=True, help="Write the report without figures."
         ),
-        click.option("--verbose", is_flag=True, help="Print every step of the work on stderr."),
+        click.option("--verbose", is_flag=True, help="Print every step of the work on stderr, and what opid logs."),
         click.option("--quiet", is_flag=True, help="Print no progress and no text; files and status tell."),
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
         overwrite_option(option),
@@ -213,11 +214,34 @@ def report_note(page: Path | None) -> tuple[str, ...]:
     return () if page is None else (f"Report: {page} (open it in a browser)",)
 
 
+class _Shown(logging.Handler):
+    """What the library logs, as steps of the work."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__()
+        self.say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a record."""
+        self.say(record.getMessage())
+
+
 @contextmanager
 def steps() -> Iterator[Callable[[str], None]]:
-    """Print each step on a line of its own on stderr, with the seconds that have passed."""
-    start = time.monotonic()
-    yield lambda step: click.echo(f"{time.monotonic() - start:7.1f} s  {step}", err=True)
+    """Print each step and each record of the logger "opid" on a line of its own on stderr, with the seconds passed."""
+    start, logger = time.monotonic(), logging.getLogger("opid")
+
+    def say(step: str) -> None:
+        click.echo(f"{time.monotonic() - start:7.1f} s  {step}", err=True)
+
+    shown, before = _Shown(say), logger.level
+    logger.addHandler(shown)
+    logger.setLevel(logging.DEBUG)
+    try:
+        yield say
+    finally:
+        logger.removeHandler(shown)
+        logger.setLevel(before)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,6 +29,8 @@ from opid.modal.model import NonlinearModalModel
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.modal.truth_tests import truth_test
+
+logger = logging.getLogger(__name__)
 
 Say = Callable[[str], None]
 
@@ -128,7 +131,9 @@ def _fits(
             names = ", ".join(repr(test.name) for test in tests)
             doubts.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
         try:
-            fits.append(fit_mode(tests, mode, **_settings(study)))
+            fits.append(fit := fit_mode(tests, mode, **_settings(study)))
+            told = "mode %d: orders %d and %d, %.3g of the modal force is left on %d lines"
+            logger.info(told, mode, fit.stiffness_order, fit.damping_order, fit.residual_share, fit.n_lines)
         except InputError as error:
             failed = "; ".join(doubt.sentence for doubt in of_failed if doubt.mode == mode)
             faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shlex
 from collections.abc import Callable
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from opid.updating.study import UpdatingStudy
 
     AnyStudy = Study | BenchStudy | ModalStudy | UpdatingStudy
+
+logger = logging.getLogger(__name__)
 
 S = TypeVar("S", "Study", "BenchStudy", "ModalStudy", "UpdatingStudy")
 
@@ -100,6 +103,7 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     source = Path(path)
     document = load(source)
     found = kind_of(document, source)
+    logger.info("read %s: a study of %s", source, found.subject)
     record, build, _ = _room(found)
     if kind is not None and kind is not record:
         command = f"opid {found.command} {shlex.quote(str(source))}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -30,6 +31,8 @@ from opid.suspensions.study import Study, rigid_faults, symmetric_pairs
 
 if TYPE_CHECKING:
     from opid.suspensions.paper.result import PaperIdentification
+
+logger = logging.getLogger(__name__)
 
 METHODS = ("model", "classical", "paper")
 IN_WORDS = {"single": "each gear alone", "pair": "the mean of left and right", "rigid_body": "one rigid body"}
@@ -131,9 +134,24 @@ def identify(
     tried = _tried(task)
     if not any(each.has_fit for each in tried):
         raise NotDeterminedError("no structure can be fitted to these runs: " + "; ".join(e.reason for e in tried))
+    for each in tried:
+        _log_structure(study, each)
     choice = _chosen(study, tried)
+    logger.info("%s", choice.why)
     say("intervals")
     return _answer(task, choice, options, mended)
+
+
+def _log_structure(study: Study, fitted: Fitted) -> None:
+    """Say which structure was fitted, with which laws, and how well."""
+    names = ", ".join(study.names[k] for k in fitted.interfaces)
+    if not fitted.has_fit:
+        logger.info("%s (%s) has no fit: %s", IN_WORDS[fitted.kind], names, fitted.reason)
+        return
+    laws = ", ".join(dict.fromkeys(law.name for law in fitted.fit.laws.values()))
+    over, n = fitted.residual_over_noise, fitted.fit.n_evaluations
+    told = "%s (%s): law %s, %.2f times the sensors' noise, %d evaluations in the last fit"
+    logger.info(told, IN_WORDS[fitted.kind], names, laws, over, n)
 
 
 def _of_the_model_alone(name: str, value: object, method: str) -> str:

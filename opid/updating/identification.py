@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,6 +23,8 @@ from opid.updating.prediction import predict
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
+
+logger = logging.getLogger(__name__)
 
 Say = Callable[[str], None]
 
@@ -168,11 +171,12 @@ def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[C
 
         rng = np.random.default_rng([study.seed, 2, number])
         try:
-            classes.append(
-                update_class(
-                    data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_drawn, progress=say_done
-                )
+            found = update_class(
+                data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_drawn, progress=say_done
             )
+            told = "class %s: log evidence %.2f, %d evaluations"
+            logger.info(told, model_class.name, found.log_evidence, found.diagnostics.n_evaluations)
+            classes.append(found)
         except NotDeterminedError as error:
             lost.append(f"class {model_class.name!r} is left out: {error}")
     if not classes:

@@ -6,6 +6,7 @@ and believes no header that the file's size belies. `read_log` makes a `Recordin
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +22,8 @@ from opid.signals.conversion import recording_of
 from opid.signals.log import Block, Log, Rows, Track
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.recording import Recording
+
+logger = logging.getLogger(__name__)
 
 Opener = Callable[[Path, LogSettings], Log]
 Writer = Callable[[Recording, Path], None]
@@ -139,7 +142,9 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
                 f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
                 "or give `scale` in the channel's table of [channels]"
             )
-        return with_clocks(_guarded(file, form, _opened(file, form, settings)))
+        log = with_clocks(_guarded(file, form, _opened(file, form, settings)))
+        logger.info("opened %s: %s with %d channels", path, form.name, len(log.names))
+        return log
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}: check the file and its rights") from error
 

@@ -8,6 +8,7 @@ correlated over time or not.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -38,6 +39,8 @@ from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
 from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
+
+logger = logging.getLogger(__name__)
 
 SCHEMA = "opid.law/1"
 UNITS = {"stiffness_n_per_m": "N/m", "damping_n_s_per_m": "N s/m", "offset_n": "N", "moving_mass_kg": "kg"}
@@ -196,6 +199,7 @@ def law_of_bench(
         say("the chosen law on all samples")
         bench = _without_beginning(bench, step.fit.separable.law, settings)
         fit = _fit_of_force(bench, step, settings)
+    logger.info("law %s: r2 %.4f, of %d laws that were tried", step.law_name, step.fit.r2, len(ladder))
     say("memory")
     r2_left_out = _r2_left_out(step)
     # a ceiling lies above every law that was tried, also above those that were too rich to keep

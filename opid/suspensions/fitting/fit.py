@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,6 +19,8 @@ from opid.suspensions.model.body import ImpossibleBodyError
 from opid.suspensions.model.driven_model import Errors, Model
 from opid.suspensions.model.law_parameters import to_free
 from opid.suspensions.model.unknowns import Group
+
+logger = logging.getLogger(__name__)
 
 NO_FIT = (UnboundedResponseError, ImpossibleBodyError)
 """What a fit raises where its start values are no body that the runs can drive."""
@@ -214,6 +217,7 @@ def fit_model(
         promise = known.promise_from_afar if factor != 1.0 else least_promise or known.least_promise
         theta, errors, n = _moved(louder, theta, free, most_evaluations or known.most_evaluations, promise)
         spent += n
+    logger.debug("a fit of %d runs took %d evaluations", len(model.runs), spent)
     if not model.carriers and errors is not None:
         return Fit(model, theta, errors, spent)
     fit = Fit(model, theta, model.evaluate(theta), spent + 1)

@@ -8,6 +8,7 @@ information criterion, by the error and by the prediction of what was left out.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +20,8 @@ from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.weight import depends_on_travel
 from opid.suspensions.law_search.dictionary import LawDictionary
 from opid.suspensions.settings import SearchSettings
+
+logger = logging.getLogger(__name__)
 
 Say = Callable[[str], None]
 
@@ -435,6 +438,7 @@ def _fitted(problem: LawProblem[F], current: F, kinds: Sequence[str], tried: set
             tried.add(name)
             say("; ".join(dict.fromkeys(name)))
             fit = problem.refit(current, move.laws)
+            logger.debug("law %s: %s", "; ".join(name), "no fit" if fit is None else f"BIC {fit.bic:.1f}")
             fits += [fit] if fit is not None else []
             n_fitted += not move.always
         if any(_replaces(problem, fit, current) for fit in fits):
