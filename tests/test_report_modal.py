@@ -12,9 +12,10 @@ from opid.errors import InputError
 from opid.json_values import json_text
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.result import Comparison
-from opid.report.modal.pictures import modal_pictures
-from opid.report.modal.report import command_of
-from opid.report.modal.tables import decay_table, tables, truth_table, worst_sensors
+from opid.report.document import Table
+from opid.report.modal.figures import modal_figures, worst_sensors
+from opid.report.modal.modes import command_of
+from opid.report.writing import document_of
 from opid.virtual.files.modal import read_modal_truth
 
 TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
@@ -23,6 +24,10 @@ TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1
 @pytest.fixture(scope="module")
 def result():
     return small_result(shifts=[small_shift(), small_shift(4, determined=False)], decays=[small_decay()])
+
+
+def tables_of(result):
+    return [block for block in document_of(result).blocks if isinstance(block, Table)]
 
 
 def test_the_text_holds_the_numbers_within_eighty_columns(result):
@@ -42,11 +47,11 @@ def test_frequency_and_damping_stand_at_zero_and_at_the_top_amplitude(result):
     zero = next(k for k, line in enumerate(lines) if line.startswith("mode ") and "q [m kg^1/2]" in line) + 1
     assert lines[zero].split()[:4] == ["3", "zero", "60.00", "Hz"]
     assert lines[zero + 1].split()[:2] == ["top,", "0.00025"]
-    table = decay_table(result)
-    assert [row[2].split(",")[0] for row in table[1:]] == ["zero", "top"]
-    heads = [head for shown, _ in tables(result) for head in shown[0]]
-    assert all(len(set(shown[0])) == len(shown[0]) for shown, _ in tables(result)), heads
-    # an interval stands there; what a ± beside it would mean nobody knows
+    heads = [[column.head for column in table.columns] for table in tables_of(result)]
+    (decays,) = (table for table in tables_of(result) if table.columns[0].head == "free decay")
+    assert [row[2].split(",")[0] for row in decays.rows] == ["zero", "top"]
+    assert all(len(set(each)) == len(each) for each in heads), heads
+    # one word for one thing: a ± could be half an interval or a standard deviation
     assert "±" not in opid.text(result)
 
 
@@ -76,7 +81,7 @@ def test_every_warning_stands_once_in_text_page_and_json(result):
 
 def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
-    monkeypatch.setattr("opid.report.modal.report.modal_pictures", lambda *_: ())
+    monkeypatch.setattr("opid.report.modal.modes.modal_figures", lambda *_: ())
 
     def command(settings, **given):
         found = replace(result, settings={"study": "my study.toml", **settings})
@@ -97,7 +102,7 @@ def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
 
 def test_green_dots_are_spoken_of_only_where_they_are(result):
     def words(truth):
-        return next(each.text for each in modal_pictures(result, truth) if each.name.endswith("_force"))
+        return next(each.text for each in modal_figures(result, truth) if each.name.endswith("_force"))
 
     curves = {"amplitude": [1e-4], "frequency_hz": [59.9], "damping_ratio": [0.006]}
     assert "Green dots" not in words(None) + words(TRUTH)
@@ -118,18 +123,19 @@ def test_a_joint_without_powers_gives_no_true_coefficients(result):
     # where another mode has some, the columns stay
     truth = {**TRUTH, "nonlinear": {str(SOFT): joint, "4": {"k": {"3": 1e9}, "c": {}}}}
     cubic = next(line for line in opid.text(result, truth).splitlines() if line.startswith("k3"))
-    assert cubic.split()[-3:] == ["-", "-", "-"]
+    assert cubic.split()[-2:] == ["-", "-"]
 
 
 def test_at_most_eight_sensors_the_worst_first(result):
     test = result.truth_tests[0]
     many = replace(test, sensors={f"s{k}": Comparison(1.0, 2.0, 0.01 * k, 1.0) for k in range(12)})
     assert worst_sensors(many)[:2] == ["s11", "s10"]
-    assert len(truth_table(many)) == 13
-    text = opid.text(replace(result, truth_tests=(many,)))
+    shown = replace(result, truth_tests=(many,))
+    assert len(tables_of(shown)[-1].rows) == 12
+    text = opid.text(shown)
     assert "s4 " in text
     assert "s3 " not in text
-    assert "and 4 sensor(s) that fare better" in text
+    assert "and 4 more in the report" in text
 
 
 def test_what_is_not_determined_is_said(result):
@@ -156,7 +162,7 @@ def test_the_law_of_free_decays_stands_beside_the_fits_or_in_their_place(result)
     assert set(told["c"]["1"]) == {"value", "std", "interval95"}
     assert told["frequency_low_hz"]["value"] == pytest.approx(60.0, abs=0.05)
     alone = replace(both, fits=())
-    assert f"nonlinear: {SOFT} (by free decays)." in opid.text(alone).replace("\n", " ")
+    assert f"nonlinear: {SOFT} (by free decays);" in opid.text(alone).replace("\n", " ")
     entry = json.loads(json_text(alone.to_dict()))["modes"][0]
     assert set(entry) == set(document["modes"][0])
     assert (entry["mode"], entry["known_by"], entry["band_hz"]) == (SOFT, "free decays", None)

@@ -54,7 +54,7 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     from opid.modal.identification import identify_modes
     from opid.modal.study import ModalStudy
     from opid.report import write_report
-    from opid.report.modal.report import command_of
+    from opid.report.modal.modes import command_of
     from opid.studies.study_file import read_study
     from opid.virtual.files.modal import read_modal_truth
 

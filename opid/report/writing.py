@@ -42,7 +42,7 @@ KINDS = (
     KindOfResult("suspensions.flights.comparison.Comparison", "comparison"),
     KindOfResult("signals.health.result.Health", "health_report"),
     KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
-    KindOfResult("modal.result.ModalIdentification", "modal.report", has_truth=True),
+    KindOfResult("modal.result.ModalIdentification", "modal.modes", has_truth=True),
     KindOfResult("updating.result.Updating", "updating.report", has_truth=True),
 )
 

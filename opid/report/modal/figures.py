@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
+from opid import plots
 from opid.modal.decay.free_decay import Decay
 from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS
-from opid.report.modal.tables import Truth, worst_sensors
-from opid.report.page import Draw, Picture
+from opid.report.document import Figure, Truth
 
 N_SENSORS_SHOWN = 3
 """Sensors of a truth test with a row of their own."""
@@ -25,28 +25,22 @@ ABOVE_MODES = 1.15
 """Times the highest natural frequency: so far the mode indicators are shown."""
 
 
-def modal_pictures(result: ModalIdentification, truth: Truth | None = None) -> tuple[Picture, ...]:
-    """Return the figures that a result has something to show in.
+def modal_figures(result: ModalIdentification, truth: Truth | None = None) -> Iterator[Figure]:
+    """Yield the figures that a result has something to show in.
 
     Args:
         result: the identification.
-        truth: of a simulated test, as in truth.json, if the figures will show it.
+        truth: of a simulated test, if the figures will show it.
     """
-    return tuple(_pictures(result, truth))
-
-
-def _pictures(result: ModalIdentification, truth: Truth | None) -> Iterator[Picture]:
-    from opid import plots
-
-    yield Picture(
+    yield Figure(
         "auto_mac",
         "Are the shapes independent?",
         "Modal assurance criterion of the shapes against each other. What is high off the diagonal is told apart by "
         "few sensors only, and mixes in the modal filter.",
-        lambda result, truth: plots.auto_mac(result),
+        lambda: plots.auto_mac(result),
     )
     if result.drive_point is not None:
-        yield Picture(
+        yield Figure(
             "mode_indicators",
             "What the linear modes explain",
             "Complex mode indicator function of the level tests (in colour, the lowest level first) and of the linear "
@@ -54,69 +48,65 @@ def _pictures(result: ModalIdentification, truth: Truth | None) -> Iterator[Pict
             "nonlinear mode."
             if result.shifts
             else "Complex mode indicator function of the linear modes.",
-            _draw_indicators,
+            lambda: _draw_indicators(result),
         )
     if result.shifts:
-        yield Picture(
+        yield Figure(
             "level_shifts",
             "Which modes are nonlinear",
             "Change of natural frequency and damping ratio from the lowest level to the highest, with 95 % intervals. "
             "Beyond the thresholds (dashed), by three standard errors, a mode counts as nonlinear.",
-            lambda result, truth: plots.level_shift_figures(
+            lambda: plots.level_shift_figures(
                 result.shifts, **{name: result.settings[name] for name in THRESHOLDS if name in result.settings}
             ),
         )
     for fit in result.fits:
-        yield from _pictures_of_mode(fit, truth)
+        yield from _figures_of_mode(result, fit, truth)
     for number, decay in enumerate(result.decays, start=1):
-        yield Picture(
+        yield Figure(
             f"decay_{number}",
             f"Free decay {decay.name}",
             "The record with the amplitude that was followed, and natural frequency and damping ratio over it, beside "
             "those of the law that the decays of this mode give together. Wiggles are noise or a second mode.",
-            _draw_decay(decay),
+            _draw_decay(result, decay),
         )
     for number, test in enumerate(result.truth_tests, start=1):
-        yield from _pictures_of_truth_test(number, test)
+        yield from _figures_of_truth_test(result, number, test)
 
 
-def _pictures_of_mode(fit: ModeFit, truth: Truth | None) -> Iterator[Picture]:
-    from opid import plots
-
+def _figures_of_mode(result: ModalIdentification, fit: ModeFit, truth: Truth | None) -> Iterator[Figure]:
     known = (
         " Green dots are the truth of the simulation: frequency and damping of this mode while all others are at rest."
         if _true_mode(fit, truth)
         else ""
     )
 
-    yield Picture(
+    yield Figure(
         f"mode_{fit.mode}_tests",
         f"Mode {fit.mode}: the tests it was fitted to",
         "Its modal acceleration in time and frequency. A good beat has its energy between the neighbouring modes "
         "(dashed) and has decayed at its end.",
-        lambda result, truth: plots.sine_beats(result, fit.mode),
+        lambda: plots.sine_beats(result, fit.mode),
     )
-    yield Picture(
+    yield Figure(
         f"mode_{fit.mode}_force",
         f"Mode {fit.mode}: restoring force, frequency and damping",
         "Stiffness force over displacement and damping force over velocity, whole and nonlinear part alone with its "
         "95 % band, and what they make of natural frequency and damping ratio. Beyond the drawn range the law is an "
         f"extrapolation.{known}",
-        lambda result, truth: plots.mode_restoring_force(fit, truth=_true_mode(fit, truth)),
+        lambda: plots.mode_restoring_force(fit, truth=_true_mode(fit, truth)),
     )
     if fit.orders:
-        yield Picture(
+        yield Figure(
             f"mode_{fit.mode}_orders",
             f"Mode {fit.mode}: how many powers",
             "Misfit on tests that were left out. The fewest powers are chosen that predict as well as the best.",
-            lambda result, truth: plots.modal_orders(fit),
+            lambda: plots.modal_orders(fit),
         )
 
 
-def _pictures_of_truth_test(number: int, test: TruthTest) -> Iterator[Picture]:
-    from opid import plots
-
-    yield Picture(
+def _figures_of_truth_test(result: ModalIdentification, number: int, test: TruthTest) -> Iterator[Figure]:
+    yield Figure(
         f"truth_test_{number}",
         f"Truth test {test.name}",
         "No fit has seen this test. Measured (black, grey), nonlinear model (red), linear model (blue) under the "
@@ -124,31 +114,26 @@ def _pictures_of_truth_test(number: int, test: TruthTest) -> Iterator[Picture]:
         "the measured one as a grey area. Middle: around the largest measured acceleration. Right: over frequency; "
         "where there are too many lines to draw, the largest of each group of neighbouring ones. Dashed lines are the "
         "nonlinear modes.",
-        lambda result, truth: plots.truth_test(
+        lambda: plots.truth_test(
             test,
             sensors=_shown(result, test),
             nonlinear_hz=[result.modes.frequency_hz[mode - 1] for mode in result.model.laws],
         ),
     )
-    yield Picture(
+    yield Figure(
         f"truth_test_{number}_errors",
         f"Truth test {test.name}: every sensor",
         "Rms error of both models over the rms of the measurement.",
-        lambda result, truth: plots.truth_test_figures(test),
+        lambda: plots.truth_test_figures(test),
     )
 
 
-def _draw_decay(decay: Decay) -> Draw:
-    from opid import plots
-
-    return lambda result, truth: plots.free_decay_figure(
-        decay, law=None if decay.mode is None else result.decay_laws.get(decay.mode)
-    )
+def _draw_decay(result: ModalIdentification, decay: Decay) -> Callable[[], Any]:
+    law = None if decay.mode is None else result.decay_laws.get(decay.mode)
+    return lambda: plots.free_decay_figure(decay, law=law)
 
 
-def _draw_indicators(result: ModalIdentification, truth: Truth | None) -> Any:
-    from opid import plots
-
+def _draw_indicators(result: ModalIdentification) -> Any:
     measured = _measured_indicators(result)
     top = ABOVE_MODES * float(result.modes.frequency_hz.max())
     elastic = result.modes.frequency_hz[result.modes.elastic]
@@ -176,6 +161,15 @@ def _shown(result: ModalIdentification, test: TruthTest) -> list[str]:
     moves_most = max(names, key=lambda name: float(np.abs(test.nonlinear.channel(name)).max()))
     drive = [result.drive_point] if result.drive_point in names else []
     return list(dict.fromkeys([*drive, moves_most, worst_sensors(test)[0]]))[:N_SENSORS_SHOWN]
+
+
+def worst_sensors(test: TruthTest) -> list[str]:
+    """Return the sensors of a truth test, the one with the largest error of the nonlinear model first.
+
+    Args:
+        test: the truth test.
+    """
+    return sorted(test.sensors, key=lambda name: -test.sensors[name].nrmse_nonlinear)
 
 
 def _true_mode(fit: ModeFit, truth: Truth | None) -> dict[str, Any] | None:
