@@ -8,7 +8,8 @@ from opid.mechanics.driven import Interface
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.memory import force_along
 from opid.mechanics.prediction import Noise, predict
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 taxi_run(LandingGear(), rng=np.random.default_rng(0), duration_s=2.0)
 one_mass = JointedModes([400.0], [[1.0]], [[1.0]], ("mass",), ("spring",))

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from trials import Case, Trial, trial
 
 from opid.mechanics.laws.law import LINEAR, default_law, law
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
 
 ZETA = (0.05, 0.1, 0.2, 0.3)

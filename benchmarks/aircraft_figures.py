@@ -32,7 +32,7 @@ from opid.suspensions.study import MeasuredInterface, StructureSettings
 from opid.virtual.taxi_tests.aircraft import random_aircraft, with_bending
 from opid.virtual.taxi_tests.airframe import Airframe, Loading
 from opid.virtual.taxi_tests.sensors import Sensor
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 NOISE = 5e-3
 TOLERANCE_M = 0.01
@@ -154,14 +154,15 @@ def study_of(seed: int, row: Row) -> tuple[Airframe, AnyStudy]:
         for gear in aircraft.gears
     }
     loading = Loading(rng.uniform(0.07, 0.13) * aircraft.mass_kg, rng.uniform(-0.5, 2.0), rng.uniform(-0.3, 0.3))
-    test = aircraft_test(
+    test = taxi_test(
         aircraft,
         rng=rng,
         loadings=[[loading]],
         coherent_tracks=row.coherent,
         sprung_sensors=places,
         fs=FS,
-        sensor=Sensor(noise_m_per_s2=NOISE),
+        lower_sensor=Sensor(noise_m_per_s2=NOISE),
+        upper_sensor=Sensor(noise_m_per_s2=NOISE),
         sensors=FAULTS[row.fault].sensors if row.fault else None,
     )
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from opid.mechanics.laws.law import LINEAR, Law, law
 from opid.mechanics.weight import GRAVITY_M_PER_S2
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 # kinds and ranges of their parameters, each drawn evenly on a logarithmic scale
 RANGES = {

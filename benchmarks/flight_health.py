@@ -31,7 +31,7 @@ from opid.suspensions.study import MeasuredInterface, StructureSettings
 from opid.virtual.taxi_tests.aircraft import random_aircraft
 from opid.virtual.taxi_tests.airframe import Loading
 from opid.virtual.taxi_tests.sensors import Sensor
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 LOSS, HARMED = 0.05, 2
 SOONER = (3, 5, 10, 20)
@@ -55,12 +55,13 @@ def flight(job: tuple[int, int, bool, str]) -> None:
             for gear in aircraft.gears
         )
         aircraft = replace(aircraft, gears=gears)
-    test = aircraft_test(
+    test = taxi_test(
         aircraft,
         rng=np.random.default_rng([seed, 12, number]),
         loadings=[[loading]],
         duration_s=20.0,
-        sensor=Sensor(noise_m_per_s2=NOISE),
+        lower_sensor=Sensor(noise_m_per_s2=NOISE),
+        upper_sensor=Sensor(noise_m_per_s2=NOISE),
     )
     interfaces = tuple(
         MeasuredInterface(gear.name, f"{gear.name}_upper_z", f"{gear.name}_lower_z", gear.x_m + dx, gear.y_m + dy)

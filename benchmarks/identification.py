@@ -27,7 +27,7 @@ from tqdm import tqdm
 from trials import Case, Trial, compared, simulated, study_of
 from worlds import WORLDS
 
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 
 N_STUDIES, N_REPEATS = 3, 3
 GEAR = LandingGear()

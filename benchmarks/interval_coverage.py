@@ -20,7 +20,7 @@ from tqdm import tqdm
 from trials import Case, Trial, trial
 
 from opid.suspensions.paper.settings import PaperSettings
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 
 
 def print_coverage(title: str, trials: list[Trial], *, one_truth: bool) -> None:

@@ -41,8 +41,9 @@ BYTES_PER_ROW = {".h5": 48, ".csv": 64}
 
 def taxi_runs(n_taxi: int, seed: int) -> list[np.ndarray]:
     """Simulate the heavy and the light run: (n_taxi, 6) m/s^2 each."""
-    from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+    from opid.virtual.taxi_tests.airframe import LandingGear
     from opid.virtual.taxi_tests.sensors import Sensor
+    from opid.virtual.taxi_tests.taxiing import taxi_run
 
     heavy = LandingGear()
     light = replace(heavy, sprung_mass_kg=heavy.sprung_mass_kg - MASS_REMOVED_KG)

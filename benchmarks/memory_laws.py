@@ -24,7 +24,7 @@ from trials import Case, simulated, study_of
 from opid import identify
 from opid.mechanics.hysteresis import iwan
 from opid.mechanics.laws.law import LINEAR, law
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 
 KINDS = ("dahl_friction", "lugre_friction", "bouc_wen", "iwan_friction")
 

@@ -31,7 +31,7 @@ from opid import identify
 from opid.mechanics.laws.law import LINEAR
 from opid.mechanics.weight import ATMOSPHERE_PA, GRAVITY_M_PER_S2
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 
 LAW = "gas_column+orifice_damping+dahl_friction"
 # to a sample: a seal that is hardly bent is stiff

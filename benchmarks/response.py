@@ -9,14 +9,16 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from opid.mechanics.response import time_response
-from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, tyre_force
+from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.taxiing import tyre_forces
 
 FS, LONG_S, SHORT_S = 4096.0, 40.0, 4.0
 GEAR = LandingGear()
@@ -25,7 +27,7 @@ SPEED = SpeedProfile(18.0, 0.5, LONG_S)
 
 
 def force(time_s):
-    return tyre_force(GEAR, ROAD, SPEED.position_m(time_s), SPEED.speed_m_per_s(time_s))
+    return tyre_forces(GEAR.airframe, [ROAD], SPEED.position_m(time_s), SPEED.speed_m_per_s(time_s))
 
 
 def equations(state, tyre_n):
@@ -75,19 +77,19 @@ def peak_mib():
 
 
 def main():
-    structure = gear_structure(GEAR)
-    first_s, _ = timed(lambda: time_response(structure, force, fs=FS, duration_s=0.01))
+    response = partial(time_response, airframe_structure(GEAR.airframe), fs=FS, loads=np.array([[0.0], [1.0]]))
+    first_s, _ = timed(lambda: response(force, duration_s=0.01))
     before_mib = peak_mib()
     forces = force(np.arange(2 * round(LONG_S * FS) - 1) / (2.0 * FS))
-    long_s, _ = best_of(5, lambda: time_response(structure, forces, fs=FS, duration_s=LONG_S))
-    with_road_s, _ = best_of(5, lambda: time_response(structure, force, fs=FS, duration_s=LONG_S))
+    long_s, _ = best_of(5, lambda: response(forces, duration_s=LONG_S))
+    with_road_s, _ = best_of(5, lambda: response(force, duration_s=LONG_S))
     after_mib = peak_mib()
 
     n_short = round(SHORT_S * FS)
-    short_s, motion = best_of(5, lambda: time_response(structure, forces[: 2 * n_short - 1], fs=FS, duration_s=SHORT_S))
+    short_s, motion = best_of(5, lambda: response(forces[: 2 * n_short - 1], duration_s=SHORT_S))
     python_s, python_state = timed(lambda: plain_runge_kutta(forces[: 2 * n_short - 1, 0].tolist()))
     scipy_s, scipy_state = timed(lambda: reference(motion.time_s))
-    state = np.hstack([motion.displacement, motion.velocity])
+    state = np.hstack([motion.displacement[:, ::-1], motion.velocity[:, ::-1]])
 
     print(f"first call, compiling or loading the kernel   {first_s:8.2f} s")
     print(f"{LONG_S:.0f} s at {FS:.0f} steps/s, force given             {1e3 * long_s:8.1f} ms")

@@ -13,7 +13,7 @@ from trials import Case
 
 from opid.mechanics.laws.law import LINEAR, Law, default_law
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
 
 LawMode = Literal["given", "searched"]

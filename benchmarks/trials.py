@@ -20,7 +20,8 @@ from estimator import (
 from plain_chain import PlainAnswer, least_squares, sparse_regression
 
 from opid.suspensions.sensor_facts import IDEAL_PAIR, SensorPair
-from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import TaxiTest, taxi_test
 
 SHORT = {
     "sprung_mass_kg": "M2",

@@ -22,7 +22,7 @@ from opid import identify
 from opid.mechanics.repeatability import Departure
 from opid.suspensions.settings import RepeatabilitySettings, Settings
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import taxi_test
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 # relative standard deviations of springs, damping and friction of each run
 WORLDS = {

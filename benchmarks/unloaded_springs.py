@@ -21,7 +21,8 @@ from opid import identify
 from opid.mechanics.laws.law import law
 from opid.mechanics.weight import GRAVITY_M_PER_S2
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 KINDS = ("cubic_stiffness", "arctan_displacement")
 

@@ -21,11 +21,10 @@ from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Recording, recording_from_arrays
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import Loading
-from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test, tyre_force
+from opid.virtual.taxi_tests.airframe import LandingGear, Loading
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
 from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.taxiing import TaxiTest, taxi_run, taxi_test, tyre_forces
 
 GEAR = LandingGear()
 REMOVED_KG = 220.0
@@ -154,7 +153,7 @@ def rolled(
     road = iso8608_road("B", length_m=float(speed.position_m(DURATION_S + TAIL_S)) - begin_m, rng=road_rng)
     step_rate_hz = FS * steps
     time = np.arange(2 * round((LEAD_IN_S + DURATION_S + TAIL_S) * step_rate_hz) + 1) / (2.0 * step_rate_hz) - LEAD_IN_S
-    under = tyre_force(gear, road, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))[:, 0]
+    under = tyre_forces(gear.airframe, [road], speed.position_m(time) - begin_m, speed.speed_m_per_s(time))[:, 0]
     aside = following * under
     if aside_n is not None:
         aside = aside + aside_n(push_rng, time.size, 2.0 * step_rate_hz)
@@ -262,8 +261,8 @@ def _bending_run(mass_kg: float, change_kg: float, rng: np.random.Generator) -> 
 
     def force(time_s: FloatArray) -> FloatArray:
         time = time_s - LEAD_IN_S
-        under = tyre_force(GEAR, road, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))
-        return np.pad(under[:, :1], ((0, 0), (0, 2)))
+        under = tyre_forces(GEAR.airframe, [road], speed.position_m(time) - begin_m, speed.speed_m_per_s(time))
+        return np.pad(under, ((0, 0), (0, 2)))
 
     duration_s = LEAD_IN_S + DURATION_S + TAIL_S
     motion = time_response(aircraft, force, fs=STEPS * FS, duration_s=duration_s).acceleration[:, :2]
@@ -333,7 +332,7 @@ def rolling(seed: int) -> tuple[AnyStudy, float]:
     aircraft = default_aircraft()
     load = Loading(500.0, aircraft.x_cg_m, aircraft.y_cg_m)
     rng = np.random.default_rng(seed)
-    test = aircraft_test(aircraft, rng=rng, loadings=[[load]], coherent_tracks=False)
+    test = taxi_test(aircraft, rng=rng, loadings=[[load]], coherent_tracks=False)
     # of what is over the centre of gravity, the nose 5 m before the main gears carries x_cg / 5
     part = 0.5 * (1.0 - aircraft.x_cg_m / 5.0)
     runs = zip(("light", "heavy"), (run.recording for run in test.runs), (0.0, part * load.mass_kg), strict=True)

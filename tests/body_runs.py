@@ -12,12 +12,11 @@ from opid.suspensions.fitting.noise import KnownNoise
 from opid.suspensions.fitting.search import Question
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study
-from opid.virtual.taxi_tests import taxiing_aircraft
+from opid.virtual.taxi_tests import taxiing
 from opid.virtual.taxi_tests.aircraft import default_aircraft, with_bending
-from opid.virtual.taxi_tests.airframe import Loading
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear, Loading
 from opid.virtual.taxi_tests.sensors import Sensor
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
 
 NOISE = 5e-3
@@ -39,14 +38,15 @@ def aircraft(bending_hz=None, ground_n_per_m=0.0):
 @cache
 def short_runs(bending_hz=None, seed=1, loads=LOADS, ground_n_per_m=0.0):
     """The reference and the loaded run of the default aircraft on independent tracks."""
-    test = aircraft_test(
+    test = taxi_test(
         aircraft(bending_hz, ground_n_per_m),
         rng=np.random.default_rng(seed),
         loadings=[loads],
         duration_s=12.0,
         coherent_tracks=False,
         sprung_sensors=PLACES,
-        sensor=Sensor(noise_m_per_s2=NOISE),
+        lower_sensor=Sensor(noise_m_per_s2=NOISE),
+        upper_sensor=Sensor(noise_m_per_s2=NOISE),
         **SHORT,
     )
     return tuple(
@@ -62,7 +62,7 @@ def one_track():
     def same_on_both_sides(*, lateral_m, **settings):
         return iso8608_tracks(lateral_m=[abs(y) for y in lateral_m], **settings)
 
-    with mock.patch.object(taxiing_aircraft, "iso8608_tracks", same_on_both_sides):
+    with mock.patch.object(taxiing, "iso8608_tracks", same_on_both_sides):
         return short_runs(loads=(Loading(500.0, 1.0, 0.0),))
 
 

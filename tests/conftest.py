@@ -7,28 +7,31 @@ import pytest
 
 from opid.studies.study_file import read_study
 from opid.suspensions.identification import identify
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 
 @pytest.fixture(scope="session")
 def field_test(tmp_path_factory):
     """A directory with heavy.csv, light.csv, study.toml and truth.json of 20 s at 256 Hz; not to be changed."""
-    from opid.virtual.files.gear import write_field_test
+    from opid.virtual.files.taxi import taxi_study, taxi_truth
+    from opid.virtual.files.truth import write_field_test
 
     directory = tmp_path_factory.mktemp("field_test")
     test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=20.0, fs=256.0)
-    write_field_test(test, directory, title="A short field test", settings={"seed": 1})
+    study = taxi_study(test, title="A short field test")
+    write_field_test(study, taxi_truth(test, settings={"seed": 1}), directory)
     return directory
 
 
 @pytest.fixture(scope="session")
 def identified(field_test):
     """The identification of the field test, with its truth: `.result`, `.truth`."""
-    from opid.virtual.files.gear import read_truth
+    from opid.virtual.files.taxi import GEAR_TRUTH
+    from opid.virtual.files.truth import read_truth
 
-    return SimpleNamespace(
-        result=identify(read_study(field_test / "study.toml")), truth=read_truth(field_test / "truth.json")
-    )
+    truth = read_truth(field_test / "truth.json", GEAR_TRUTH)
+    return SimpleNamespace(result=identify(read_study(field_test / "study.toml")), truth=truth)
 
 
 @pytest.fixture

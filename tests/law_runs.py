@@ -1,7 +1,5 @@
 """Short taxi runs of known truth, and fits of the driven model to them."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from opid.mechanics.laws.law import LINEAR
@@ -14,18 +12,18 @@ from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import SensorPair, Sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest, taxi_run, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear, Loading, loaded
+from opid.virtual.taxi_tests.taxiing import TaxiTest, taxi_run, taxi_test
 
 MASS_KG, STIFFNESS, DAMPING, NOISE = 1850.0, 3.9e5, 6e3, 5e-3
 
 
 def weightless_test(gear, seed=0, **settings):
     """A taxi test of which both runs rest at one place of the law, as where the motion is horizontal."""
-    gears, streams = (
-        (gear, replace(gear, sprung_mass_kg=gear.sprung_mass_kg - 220)),
-        np.random.default_rng(seed).spawn(2),
-    )
-    return TaxiTest(*(taxi_run(each, rng=rng, **settings) for each, rng in zip(gears, streams, strict=True)))
+    streams, removed = np.random.default_rng(seed).spawn(2), Loading(-220.0, 0.0)
+    gears = (gear.airframe, loaded(gear.airframe, [removed]))
+    runs = (taxi_run(each, rng=rng, **settings) for each, rng in zip(gears, streams, strict=True))
+    return TaxiTest(tuple(runs), ((), (removed,)))
 
 
 def logs_of(gear=None, seed=0, **settings):

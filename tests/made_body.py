@@ -22,7 +22,7 @@ from opid.suspensions.settings import Settings
 from opid.suspensions.study import BodySensor, MeasuredInterface, PointMass, Run, StructureSettings, Study
 from opid.virtual.taxi_tests.aircraft import default_aircraft
 from opid.virtual.taxi_tests.airframe import Loading
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 PLACES = {"nose": (5.3, 0.2), "left": (0.25, 1.4), "right": (0.25, -1.4)}
 """Of the sensors on the airframe, beside the struts."""
@@ -34,7 +34,7 @@ def short_test(**settings):
     """Two runs of 8 s at 128 Hz, with a further sensor at the tail."""
     given = {"duration_s": 8.0, "fs": 128.0, "lowest_step_rate_hz": 1024.0, **settings}
     further = {"tail": (-4.0, 0.0)}
-    return aircraft_test(
+    return taxi_test(
         default_aircraft(),
         rng=np.random.default_rng(3),
         loadings=[LOADING],

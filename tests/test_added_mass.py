@@ -12,7 +12,8 @@ from opid.suspensions.paper.added_mass import absolute_parameters, match_peaks, 
 from opid.suspensions.paper.direct_parameters import complex_least_squares, errors_in_variables, mass_over_stiffness
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
 from opid.suspensions.paper.transmissibility import Peak, suspension_transmissibility
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 # restored peaks of the paper's Table 3: heavy, light, and the mass ratio that they give
 TABLE_3 = [

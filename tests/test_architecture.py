@@ -46,7 +46,6 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "updating.model_class",
     "updating.structure.affine",
     "updating.structure.matrices_file",
-    "updating.study",
 }
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
 ESTIMATOR = {PACKAGE / "studies"} | {
@@ -263,9 +262,9 @@ def test_each_rule_finds_its_fault(rule, code):
         ("modal", "from opid.virtual.modal_tests import series"),
         ("updating", "import opid.virtual.files.truth"),
         ("suspensions", "from opid.studies.study_file import read_study"),
-        ("report", "from opid.virtual.files.gear import write_field_test"),
+        ("report", "from opid.virtual.files.truth import write_field_test"),
         ("virtual", "from opid.report import write_report"),
-        ("studies", "from opid.virtual.files.truth import read_truth_file"),
+        ("studies", "from opid.virtual.files.truth import read_truth"),
     ],
 )
 def test_arrows_that_do_not_exist(room, code):

@@ -7,7 +7,7 @@ from scripts import script
 import opid
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.response import time_response
-from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure
+from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,10 @@ def test_the_integrator_of_the_worlds_agrees_with_the_time_response(worlds):
     under, aside = 1e3 * knots[0], 30.0 * knots[1]
     numbers = (105.0, 1850.0, 6.2e5, 1.5e3, 3.9e5, 6e3)
     own = worlds._integrated(worlds.arctan_friction, (400.0, 0.02), numbers, under, aside, 1.0 / 4096.0)
-    theirs = time_response(gear_structure(gear), np.stack([under, aside], axis=1), fs=4096.0, duration_s=n / 4096.0)
-    np.testing.assert_allclose(own, theirs.acceleration, rtol=1e-9, atol=1e-9 * np.abs(own).max())
+    theirs = time_response(
+        airframe_structure(gear.airframe), np.stack([aside, under], axis=1), fs=4096.0, duration_s=n / 4096.0
+    )
+    np.testing.assert_allclose(own, theirs.acceleration[:, ::-1], rtol=1e-9, atol=1e-9 * np.abs(own).max())
 
 
 def test_a_push_of_three_per_cent_moves_the_airframe_by_about_that(worlds):

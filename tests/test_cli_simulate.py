@@ -6,17 +6,19 @@ from cli_runs import opid, refused
 
 from opid import cli
 from opid.signals.logs import read_log
-from opid.virtual.files.gear import read_truth
-from opid.virtual.taxi_tests import landing_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.files.taxi import GEAR_TRUTH
+from opid.virtual.files.truth import read_truth
+from opid.virtual.taxi_tests import taxiing
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.road import ROAD_CLASSES
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 
 
 @pytest.mark.usefixtures("few_figures")
 def test_demo_shows_truth_beside_estimate(tmp_path, monkeypatch):
     short = {"duration_s": 20.0, "fs": 256.0}
-    monkeypatch.setattr(landing_gear, "taxi_test", lambda gear, **settings: taxi_test(gear, **settings, **short))
+    monkeypatch.setattr(taxiing, "taxi_test", lambda gear, **settings: taxi_test(gear, **settings, **short))
     done = opid("demo", "--out", tmp_path / "demo", "--seed", 2)
     assert done.exit_code == 0
     row = next(line for line in done.output.splitlines() if line.startswith("sprung mass"))
@@ -50,7 +52,7 @@ def test_simulate_does_what_its_options_say(tmp_path):
     sensors = "--gain-error 1 --corner 0.3 --corner-mismatch 10 --cross-axis 3 --bits 12 --range 80"
     done = opid("simulate", "taxi", tmp_path / "a", *options.split(), *sensors.split(), "--mass-removed", 300)
     assert done.exit_code == 0
-    truth = read_truth(tmp_path / "a" / "truth.json")
+    truth = read_truth(tmp_path / "a" / "truth.json", GEAR_TRUTH)
     assert truth["law"]["parameters"]["arctan_velocity"]["amplitude_n"] == 900
     assert truth["law"]["parameters"]["cubic_stiffness"]["stiffness_n_per_m3"] == 3e9
     assert truth["parameters"]["suspension_damping_n_s_per_m"] == pytest.approx(2 * 0.3 * (3.9e5 * 1850) ** 0.5)
@@ -72,7 +74,7 @@ def test_one_seed_gives_one_test_and_another_seed_another(tmp_path):
 
 def test_no_friction_is_no_term(tmp_path):
     opid("simulate", "taxi", tmp_path, "--duration", 2, "--friction", 0)
-    assert read_truth(tmp_path / "truth.json")["law"] == {"name": "linear", "parameters": {}}
+    assert read_truth(tmp_path / "truth.json", GEAR_TRUTH)["law"] == {"name": "linear", "parameters": {}}
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from opid.updating import identification
 from opid.updating.data.backbone_file import write_backbone
 from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.structure.matrices_file import write_structure
-from opid.virtual.files.backbones import read_updating_truth
+from opid.virtual.files.backbones import UPDATING_TRUTH
+from opid.virtual.files.truth import read_truth
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +148,7 @@ def test_a_simulation_writes_a_study_and_its_truth(simulated):
         # the linear structure is off by 0.4 %, a curve by 0.15 %
         assert [curve.frequency_hz[0] for curve in curves] == pytest.approx([lowest_hz] * n, rel=0.02)
         assert max(curve.controlled_amplitude[-1] for curve in curves) == pytest.approx(highest_m, rel=0.05)
-    truth = read_updating_truth(simulated / "truth.json")
+    truth = read_truth(simulated / "truth.json", UPDATING_TRUTH)
     assert truth["linear"] == {"E_aluminium": 0.88, "E_steel": 0.31}
     assert truth["law"] == {"cubic_stiffness": pytest.approx(1.58 * 6.8e7)}
     assert truth["settings"]["curves"] == [4, 3]

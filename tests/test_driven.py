@@ -7,7 +7,8 @@ from scipy.integrate import solve_ivp
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, UnboundedResponseError, driven_response, half_steps
 from opid.mechanics.laws.law import LAWS, default_law
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 FS = 512.0
 

@@ -16,7 +16,7 @@ from opid.suspensions.identification import identify
 from opid.suspensions.model.unknowns import Group
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import FaultSettings
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor, measure
 
 FS, LAW = 256.0, "arctan_velocity"

@@ -29,7 +29,7 @@ from opid.suspensions.model.run import driven_run
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import MeasuredInterface, PointMass
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
 
 FS = 256

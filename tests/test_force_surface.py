@@ -9,7 +9,8 @@ from opid.mechanics.laws.law import LINEAR, law
 from opid.suspensions.fitting.fit import refit
 from opid.suspensions.law_search.force_surface import force_points, force_surface
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,9 @@ from opid.errors import InputError
 from opid.signals.health.inspection import check_levels, check_pair, inspect, looks_unsprung, without_spikes
 from opid.signals.log import Log, LoggedChannel, Track, in_blocks
 from opid.signals.recording import Channel, Recording, recording_from_arrays
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 FS = 512.0
 N = 10240

@@ -13,7 +13,8 @@ from opid.signals.health.chunks import rows_of_a_bin
 from opid.signals.health.inspection import inspect
 from opid.signals.health.lines import LINE_CHANCE, LINE_RATIO, names_of_lines
 from opid.signals.health.spectrum import OVERLAPPED_BINS
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 FS = 1024.0
 N = 60 * 1024

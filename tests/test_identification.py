@@ -16,8 +16,9 @@ from opid.suspensions.identification import METHODS, identify
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 
 TRUTH = LandingGear()
 

@@ -30,8 +30,7 @@ from opid.suspensions.study import (
     Study,
     study_of_gear,
 )
-from opid.virtual.taxi_tests.airframe import Loading
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear, Loading
 
 LAW = "arctan_velocity"
 GEAR = LandingGear()

@@ -14,7 +14,7 @@ from opid.suspensions.answer.intervals import (
 )
 from opid.suspensions.fitting.noise import measure_whiteness
 from opid.suspensions.model.run import driven_run
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW
 from opid.virtual.taxi_tests.sensors import Sensor
 
 

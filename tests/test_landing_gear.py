@@ -4,8 +4,9 @@ import pytest
 from opid.errors import InputError
 from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import natural_frequencies
-from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, taxi_run, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 
 FAULTY = Sensor(noise_m_per_s2=0.02, gain=1.01, corner_hz=0.33, cross_axis=0.03, bits=16, range_m_per_s2=500.0)
 
@@ -15,7 +16,7 @@ def run(gear=None, *, seed=1, duration_s=5.0, **settings):
 
 
 def test_bounce_and_hop_are_where_they_should_be():
-    modes = natural_frequencies(gear_structure(LandingGear()))
+    modes = natural_frequencies(airframe_structure(LandingGear().airframe))
     np.testing.assert_allclose(modes.frequency_hz, [1.8, 15.7], atol=0.05)
     assert 0.05 < modes.zeta[0] < 0.15
 

@@ -26,7 +26,7 @@ from opid.suspensions.law_search.pursuit import (
 from opid.suspensions.model.law_parameters import faint_terms, pulls_at_a_stop
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.settings import SearchSettings
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW
 
 SETTINGS = SearchSettings()
 LAWS_OF_RUNS = DrivenLaws(SETTINGS)

@@ -21,7 +21,8 @@ from opid.report.estimates import formula
 from opid.suspensions.law_search.pursuit import library
 from opid.suspensions.settings import FitSettings, Settings
 from opid.suspensions.study import Run
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 WITH_MEMORY = [kind for kind in BUILT_IN if kind.memory is not None]
 NAMES = [kind.name for kind in WITH_MEMORY]

@@ -22,9 +22,10 @@ from opid.suspensions.model.run import DrivenRun
 from opid.suspensions.result import GearParameters
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
 from opid.virtual.taxi_tests.sensors import Sensor, decimate, measure
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 
 FS, DURATION_S, LEAD_S = 256.0, 20.0, 6.0
 SHORT = {"duration_s": DURATION_S, "fs": FS}

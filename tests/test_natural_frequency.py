@@ -7,7 +7,7 @@ from law_runs import study_of
 from opid.mechanics.laws.law import law
 from opid.report.gear_text import gear_text
 from opid.suspensions.identification import identify
-from opid.virtual.taxi_tests.landing_gear import LandingGear
+from opid.virtual.taxi_tests.airframe import LandingGear
 
 SPRING = law("arctan_displacement", amplitude_n=400.0, scale_m=2e-3)
 FRICTION = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)

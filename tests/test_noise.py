@@ -12,8 +12,9 @@ from opid.suspensions.fitting.noise import known_noise, with_own_noise
 from opid.suspensions.sensor_facts import IDEAL, SensorFacts, SensorPair, ideal_sensors
 from opid.suspensions.settings import RunSettings
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 TWO = ideal_sensors(2, 2)
 

@@ -16,8 +16,9 @@ from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 SPRING = LandingGear(ground_stiffness_n_per_m=1.67e5)
 SHORT = {"duration_s": 20, "fs": 256}

@@ -19,7 +19,8 @@ from opid.suspensions.fitting.repeatability import levels, with_departures
 from opid.suspensions.identification import identify
 from opid.suspensions.settings import RepeatabilitySettings, Settings
 from opid.suspensions.study import Run
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_run, taxi_test
 
 LAW = "arctan_velocity"
 # runs that are stated to be alike are then taken to be, whatever they say

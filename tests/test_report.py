@@ -37,7 +37,8 @@ from opid.suspensions.result import GearParameters, Identification
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import Settings, Verdicts
 from opid.suspensions.study import study_of_gear
-from opid.virtual.files.gear import read_truth
+from opid.virtual.files.taxi import GEAR_TRUTH
+from opid.virtual.files.truth import read_truth
 
 OLD_KEYS = {
     "schema",
@@ -408,7 +409,8 @@ def test_a_report_without_the_steps_of_the_paper_is_written(error, identified, t
 def test_an_identification_alone_does_not_take_the_steps_of_the_paper():
     code = (
         "import sys, opid, numpy as np\n"
-        "from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test\n"
+        "from opid.virtual.taxi_tests.airframe import LandingGear\n"
+        "from opid.virtual.taxi_tests.taxiing import taxi_test\n"
         "from opid.suspensions.study import Run, study_of_gear\n"
         "test = taxi_test(LandingGear(), rng=np.random.default_rng(1), duration_s=12.0, fs=256.0)\n"
         "runs = [Run('heavy', test.heavy.recording), Run('light', test.light.recording, test.mass_change_kg)]\n"
@@ -557,7 +559,7 @@ def test_a_file_in_the_way_is_named(tmp_path, inside):
 
 
 def test_truth_has_the_names_of_the_result(field_test):
-    truth = read_truth(field_test / "truth.json")
+    truth = read_truth(field_test / "truth.json", GEAR_TRUTH)
     assert truth["schema"] == "opid.truth/1"
     assert truth["parameters"] == {
         "sprung_mass_kg": 1850.0,
@@ -589,9 +591,9 @@ def test_a_file_that_is_no_truth_is_refused(tmp_path, text, message):
     path = tmp_path / "truth.json"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
-        read_truth(path)
+        read_truth(path, GEAR_TRUTH)
     with pytest.raises(InputError, match=r"cannot read the truth .*missing.json: .*beside the study, or leave it"):
-        read_truth(tmp_path / "missing.json")
+        read_truth(tmp_path / "missing.json", GEAR_TRUTH)
 
 
 def test_a_constant_is_printed_as_one():

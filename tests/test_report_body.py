@@ -15,13 +15,14 @@ from opid.report.body_pictures import body_pictures
 from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
-from opid.virtual.files.aircraft import body_truth_json, read_body_truth
+from opid.virtual.files.taxi import BODY_TRUTH, taxi_truth
+from opid.virtual.files.truth import read_truth
 from opid.virtual.taxi_tests.aircraft import default_aircraft
 
 
 @pytest.fixture(scope="module")
 def truth():
-    return body_truth_json(short_test(duration_s=0.5), settings={"seed": 3})
+    return taxi_truth(short_test(duration_s=0.5), settings={"seed": 3})
 
 
 @pytest.fixture
@@ -212,17 +213,17 @@ def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypa
 def test_a_truth_is_read_back(tmp_path, truth):
     path = tmp_path / "truth.json"
     path.write_text(json_text(truth), encoding="utf-8")
-    assert read_body_truth(path) == truth
+    assert read_truth(path, BODY_TRUTH) == truth
     airframe = default_aircraft()
     assert truth["parameters"]["pitch_inertia_kg_m2"] == airframe.iyy_kg_m2
     assert truth["interfaces"]["left"]["law"]["parameters"]["arctan_velocity"]["amplitude_n"] == 480.0
     assert truth["loadings"] == {"reference": [], "loaded": [[each.mass_kg, each.x_m, each.y_m] for each in LOADING]}
     path.write_text(json.dumps({**truth, "schema": "opid.truth/1"}), encoding="utf-8")
     with pytest.raises(InputError, match="body-truth/1' is needed"):
-        read_body_truth(path)
+        read_truth(path, BODY_TRUTH)
     path.write_text(json.dumps({**truth, "parameters": {}}), encoding="utf-8")
     with pytest.raises(InputError, match=r"no truth of a simulated aircraft, it has no .*: give the truth"):
-        read_body_truth(path)
+        read_truth(path, BODY_TRUTH)
 
 
 def test_a_true_ratio_that_is_a_parameter_is_that_parameter():

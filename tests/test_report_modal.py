@@ -16,7 +16,8 @@ from opid.report.document import Table
 from opid.report.modal.figures import modal_figures, worst_sensors
 from opid.report.modal.modes import command_of
 from opid.report.writing import document_of
-from opid.virtual.files.modal import read_modal_truth
+from opid.virtual.files.modal import MODAL_TRUTH
+from opid.virtual.files.truth import read_truth
 
 TRUTH = {"schema": "opid.modal-truth/1", "nonlinear": {str(SOFT): {"k": {"3": -1.5e11}, "c": {"2": 30.0}}}}
 
@@ -223,7 +224,7 @@ def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path, monkey
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "truth.json"
     path.write_text(json.dumps(TRUTH), encoding="utf-8")
-    assert read_modal_truth(path)["nonlinear"]["3"]["k"] == {"3": -1.5e11}
+    assert read_truth(path, MODAL_TRUTH)["nonlinear"]["3"]["k"] == {"3": -1.5e11}
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.modal-truth/1' is needed"),
         ('{"schema": "opid.modal-truth/1", "nonlinear": {"3": {"k": {"x": 1}, "c": {}}}}', "no truth of a simulated"),
@@ -232,6 +233,6 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):
-            read_modal_truth(path)
+            read_truth(path, MODAL_TRUTH)
     with pytest.raises(InputError, match="cannot read"):
-        read_modal_truth(tmp_path / "none.json")
+        read_truth(tmp_path / "none.json", MODAL_TRUTH)

@@ -27,7 +27,8 @@ from opid.report.updating.tables import (
 )
 from opid.updating.result import Evidence
 from opid.updating.structure.reduction import ReductionErrors
-from opid.virtual.files.backbones import read_updating_truth
+from opid.virtual.files.backbones import UPDATING_TRUTH
+from opid.virtual.files.truth import read_truth
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +307,7 @@ def test_the_extension_that_was_reached_follows_the_shape_of_the_mode(result):
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     path = tmp_path / "truth.json"
     path.write_text(json.dumps(small_truth()), encoding="utf-8")
-    assert read_updating_truth(path)["law"] == {"cubic_stiffness": CUBIC}
+    assert read_truth(path, UPDATING_TRUTH)["law"] == {"cubic_stiffness": CUBIC}
     for text, words in (
         ('{"schema": "opid.truth/1"}', "where 'opid.updating-truth/1' is needed"),
         ('{"schema": "opid.updating-truth/1", "linear": {}, "law": {"a": "x"}}', "no truth of simulated backbones"),
@@ -315,6 +316,6 @@ def test_a_truth_is_read_and_anything_else_refused(tmp_path):
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):
-            read_updating_truth(path)
+            read_truth(path, UPDATING_TRUTH)
     with pytest.raises(InputError, match="cannot read"):
-        read_updating_truth(tmp_path / "none.json")
+        read_truth(tmp_path / "none.json", UPDATING_TRUTH)

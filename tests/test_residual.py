@@ -10,7 +10,7 @@ from scipy import signal, stats
 from opid.suspensions.fitting.noise import mean_level, measure_whiteness, motion_over_noise, sensor_ratio
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.settings import IntervalSettings, Settings
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW
 
 FS = 256.0
 FREQUENCY_HZ = np.arange(0.3, 40.0, 0.05)

@@ -11,8 +11,9 @@ from opid.mechanics.hysteresis import Sliders, force_of, iwan
 from opid.mechanics.laws.law import LINEAR, default_law, law
 from opid.mechanics.response import advance, assembled, state_at, time_response
 from opid.mechanics.structure import Joint, Structure, frequency_response, linear_matrices, natural_frequencies
-from opid.virtual.taxi_tests.landing_gear import LandingGear, gear_structure, tyre_force
+from opid.virtual.taxi_tests.airframe import LandingGear, airframe_structure
 from opid.virtual.taxi_tests.road import SpeedProfile, iso8608_road
+from opid.virtual.taxi_tests.taxiing import tyre_forces
 
 
 def no_force(n_dof):
@@ -25,21 +26,22 @@ def oscillator(mass_kg=2.0, stiffness_n_per_m=800.0, damping_n_s_per_m=0.0, law=
 
 
 def test_the_nominal_taxi_run_agrees_with_an_independent_integrator():
-    gear = LandingGear()
+    airframe = LandingGear().airframe
     road = iso8608_road("B", length_m=400.0, rng=np.random.default_rng(3))
     speed = SpeedProfile(18.0, 0.5, 40.0)
 
     def force(time_s):
-        return tyre_force(gear, road, speed.position_m(time_s), speed.speed_m_per_s(time_s))
+        return tyre_forces(airframe, [road], speed.position_m(time_s), speed.speed_m_per_s(time_s))
 
-    motion = time_response(gear_structure(gear), force, fs=4096.0, duration_s=0.5)
+    structure = airframe_structure(airframe)
+    motion = time_response(structure, force, fs=4096.0, duration_s=0.5, loads=np.array([[0.0], [1.0]]))
 
     def equations(time_s, state):
-        x1, x2, v1, v2 = state
+        x2, x1, v2, v1 = state
         place = 18.0 * time_s - 17.5 / 80.0 * time_s**2
         xb, xb_rate = float(road.elevation(place)), float(road.slope(place)) * (18.0 - 17.5 / 40.0 * time_s)
         strut = 3.9e5 * (x2 - x1) + 6e3 * (v2 - v1) + 400.0 * 2.0 / math.pi * math.atan((v2 - v1) / 0.02)
-        return [v1, v2, (strut - 6.2e5 * (x1 - xb) - 1.5e3 * (v1 - xb_rate)) / 105.0, -strut / 1850.0]
+        return [v2, v1, -strut / 1850.0, (strut - 6.2e5 * (x1 - xb) - 1.5e3 * (v1 - xb_rate)) / 105.0]
 
     # the spline of the road has a knot each 16 mm: a short longest step keeps the reference from missing them
     reference = solve_ivp(
@@ -85,7 +87,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
 @settings(max_examples=15, deadline=None)
 @given(frequency_hz=st.floats(0.5, 30.0), damping=st.floats(2e3, 2e4))
 def test_the_steady_state_of_a_linear_gear_is_its_frequency_response(frequency_hz, damping):
-    structure = gear_structure(LandingGear(suspension_damping_n_s_per_m=damping, law=LINEAR))
+    structure = airframe_structure(LandingGear(suspension_damping_n_s_per_m=damping, law=LINEAR).airframe)
     omega = 2.0 * np.pi * frequency_hz
     receptance = frequency_response(structure, [frequency_hz])[0, :, 0]
     # begin in the steady state: only the closed form stays in it
@@ -110,7 +112,7 @@ def test_the_steady_state_of_a_linear_gear_is_its_frequency_response(frequency_h
 @settings(max_examples=10, deadline=None)
 @given(first=st.floats(-50.0, 50.0), second=st.floats(-50.0, 50.0), seed=st.integers(0, 100))
 def test_a_linear_structure_superposes(first, second, seed):
-    structure = gear_structure(LandingGear(law=LINEAR))
+    structure = airframe_structure(LandingGear(law=LINEAR).airframe)
     forces = 1e3 * np.random.default_rng(seed).standard_normal((2, 2 * 512 - 1, 2))
 
     def displacement(force):
@@ -122,7 +124,7 @@ def test_a_linear_structure_superposes(first, second, seed):
 
 
 def test_a_nonlinear_structure_does_not_superpose():
-    structure = gear_structure(LandingGear())
+    structure = airframe_structure(LandingGear().airframe)
     force = 1e3 * np.random.default_rng(1).standard_normal((2 * 512 - 1, 2))
     once, twice = (time_response(structure, k * force, fs=512.0, duration_s=1.0).displacement for k in (1, 2))
     assert np.abs(twice - 2.0 * once).max() > 0.01 * np.abs(twice).max()
@@ -141,16 +143,16 @@ def test_a_conservative_law_keeps_the_energy():
 
 def test_the_work_of_the_force_is_stored_or_taken_by_the_dampers():
     gear = LandingGear()
-    structure = gear_structure(gear)
+    structure = airframe_structure(gear.airframe)
 
     def force(time_s):
-        return np.stack([4e3 * np.sin(11.0 * time_s), np.zeros(time_s.size)], axis=1)
+        return np.stack([np.zeros(time_s.size), 4e3 * np.sin(11.0 * time_s)], axis=1)
 
     motion = time_response(structure, force, fs=4096.0, duration_s=3.0)
-    (x1, x2), (v1, v2) = motion.displacement.T, motion.velocity.T
+    (x2, x1), (v2, v1) = motion.displacement.T, motion.velocity.T
     stored = 0.5 * (105.0 * v1**2 + 1850.0 * v2**2 + 6.2e5 * x1**2 + 3.9e5 * (x2 - x1) ** 2)
     friction = gear.law.force(x2 - x1, v2 - v1)
-    power = force(motion.time_s)[:, 0] * v1 - 1.5e3 * v1**2 - 6e3 * (v2 - v1) ** 2 - friction * (v2 - v1)
+    power = force(motion.time_s)[:, 1] * v1 - 1.5e3 * v1**2 - 6e3 * (v2 - v1) ** 2 - friction * (v2 - v1)
     received = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1])) / motion.fs])
     np.testing.assert_allclose(received, stored, atol=1e-4 * stored.max())
 

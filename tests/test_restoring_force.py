@@ -6,7 +6,8 @@ import pytest
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law
 from opid.suspensions.paper.restoring_force import RestoringForce, binned_surface, restoring_force, slice_curve
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 
 @pytest.fixture(scope="module")

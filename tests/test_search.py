@@ -18,9 +18,9 @@ from opid.suspensions.identification import identify
 from opid.suspensions.model.run import driven_run
 from opid.suspensions.model.unknowns import Group
 from opid.suspensions.study import PointMass, Run
-from opid.virtual.taxi_tests.landing_gear import DEFAULT_LAW, LandingGear
+from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 FRICTION = law("arctan_velocity", amplitude_n=1.0, scale_m_per_s=0.02)
 
@@ -91,7 +91,7 @@ def test_where_the_runs_are_only_unlike_no_law_makes_up_for_it(monkeypatch):
 @pytest.fixture(scope="module")
 def fast():
     """Two runs of 12 s at 512 Hz."""
-    test = aircraft_test(
+    test = taxi_test(
         aircraft(),
         rng=np.random.default_rng(3),
         loadings=[LOADS],
@@ -99,7 +99,8 @@ def fast():
         fs=512.0,
         coherent_tracks=False,
         sprung_sensors=PLACES,
-        sensor=Sensor(noise_m_per_s2=NOISE),
+        lower_sensor=Sensor(noise_m_per_s2=NOISE),
+        upper_sensor=Sensor(noise_m_per_s2=NOISE),
         lowest_step_rate_hz=1024.0,
     )
     loads = tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in LOADS)

@@ -11,8 +11,9 @@ from opid.suspensions.paper.law_search import fit_law, search_law
 from opid.suspensions.paper.restoring_force import restoring_force
 from opid.suspensions.paper.settings import PaperSettings
 from opid.suspensions.paper.spectral_equation import equation_lines, fit_equation
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 QUIET = Sensor(noise_m_per_s2=0.0)
 START = {"stiffness_per_mass": 150.0, "damping_per_mass": 1.0}

@@ -9,8 +9,9 @@ from opid.mechanics.laws.law import law
 from opid.signals.health.inspection import inspect
 from opid.signals.health.spikes import SPIKES, without_spikes
 from opid.signals.recording import recording_from_arrays
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 
 def stick_slip(seed, duration_s=8.0):

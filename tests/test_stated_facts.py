@@ -8,8 +8,9 @@ from opid.signals.recording import recording_from_arrays
 from opid.suspensions.identification import identify
 from opid.suspensions.sensor_facts import Leak, SensorFacts, SensorPair
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.sensors import Sensor
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 LAW, NOISE, MASS_KG = "arctan_velocity", 5e-3, LandingGear().sprung_mass_kg
 COUPLED = SensorFacts(corner_hz=0.33, corner_tolerance=0.1)

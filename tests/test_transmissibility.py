@@ -10,7 +10,8 @@ from opid.suspensions.paper.transmissibility import (
     transmissibility_peaks,
     transmissibility_without_force,
 )
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_run
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_run
 
 
 @pytest.fixture(scope="module")

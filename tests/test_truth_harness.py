@@ -12,7 +12,8 @@ from law_runs import weightless_test
 from opid.mechanics.laws.law import default_law
 from opid.suspensions.identification import identify
 from opid.suspensions.study import Run, study_of_gear
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+from opid.virtual.taxi_tests.airframe import LandingGear
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 LAW_NAMES = (
     "linear",

@@ -13,10 +13,8 @@ from opid.mechanics.weight import GRAVITY_M_PER_S2, by_parameters, find_rest, la
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.study import MeasuredInterface, PointMass, Run, StructureSettings, Study, study_of_gear
 from opid.virtual.taxi_tests.aircraft import default_aircraft
-from opid.virtual.taxi_tests.airframe import Loading
-from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
-from opid.virtual.taxi_tests.sensors import Sensor
-from opid.virtual.taxi_tests.taxiing_aircraft import aircraft_test
+from opid.virtual.taxi_tests.airframe import LandingGear, Loading
+from opid.virtual.taxi_tests.taxiing import taxi_test
 
 CHANNELS = ("upper_z", "lower_z")
 LAWS = ("cubic_stiffness", "gas_column", "arctan_displacement", "arctan_velocity+dead_zone_stiffness")
@@ -134,9 +132,7 @@ def test_an_aircraft_on_struts_that_harden_rests_where_its_loading_puts_it():
     airframe, places = replace(plain, gears=gears), {gear.name: (gear.x_m, gear.y_m) for gear in gears}
     loads = (Loading(500.0, 1.0, 0.2),)
     settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
-    test = aircraft_test(
-        airframe, rng=np.random.default_rng(1), loadings=[loads], sensor=Sensor(noise_m_per_s2=5e-3), **settings
-    )
+    test = taxi_test(airframe, rng=np.random.default_rng(1), loadings=[loads], **settings)
     assert max(gear.law.rest_m for gear in test.runs[1].airframe.gears) < -0.002
     runs = [
         Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
@@ -200,9 +196,7 @@ def test_struts_that_harden_hard_begin_with_the_run_without_loading():
     gears = tuple(replace(gear, law=default_law("cubic_stiffness")) for gear in plain.gears)
     airframe, loads = replace(plain, gears=gears), (Loading(500.0, 1.0, 0.2),)
     settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
-    test = aircraft_test(
-        airframe, rng=np.random.default_rng(1), loadings=[loads], sensor=Sensor(noise_m_per_s2=5e-3), **settings
-    )
+    test = taxi_test(airframe, rng=np.random.default_rng(1), loadings=[loads], **settings)
     runs = [
         Run(name, run.recording, tuple(PointMass(each.mass_kg, each.x_m, each.y_m) for each in loading))
         for name, run, loading in zip(("light", "heavy"), test.runs, ((), loads), strict=True)
@@ -224,11 +218,10 @@ def test_a_load_that_is_only_moved_is_fitted_from_the_run_without_it():
     gears = tuple(replace(gear, law=default_law("cubic_stiffness")) for gear in plain.gears)
     loads = (Loading(400.0, 4.0, 0.0), Loading(-400.0, -1.0, 0.0))
     settings = {"duration_s": 12.0, "fs": 256.0, "lowest_step_rate_hz": 1024.0, "coherent_tracks": False}
-    test = aircraft_test(
+    test = taxi_test(
         replace(plain, gears=gears),
         rng=np.random.default_rng(3),
         loadings=[loads],
-        sensor=Sensor(noise_m_per_s2=5e-3),
         **settings,
     )
     runs = [

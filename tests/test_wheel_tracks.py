@@ -124,7 +124,7 @@ def test_the_mean_height_is_zero_and_the_seed_makes_the_tracks():
 
 def test_a_single_track_is_a_road():
     (track,) = tracks((1.6,), seed=5, footprint_m=0.3)
-    road = iso8608_road("B", length_m=500.0, rng=np.random.default_rng(5).spawn(1)[0], footprint_m=0.3)
+    road = iso8608_road("B", length_m=500.0, rng=np.random.default_rng(5), footprint_m=0.3)
     place_m = np.linspace(0.0, 100.0, 500)
     np.testing.assert_array_equal(track.elevation(place_m), road.elevation(place_m))
 

@@ -14,10 +14,9 @@ from opid.cli.logs import inspect
 from opid.cli.modal import modal
 from opid.cli.studies import identify
 from opid.cli.update import update
-from opid.cli.virtual_aircraft import aircraft
 from opid.cli.virtual_backbones import backbones
 from opid.cli.virtual_beats import sine_beats
-from opid.cli.virtual_tests import demo, simulate, taxi
+from opid.cli.virtual_tests import aircraft, demo, simulate, taxi
 
 __all__ = [
     "aircraft",

@@ -56,10 +56,11 @@ def modal(study: Path, out: Path | None, truth: Path | None, output: Output, **s
     from opid.report import write_report
     from opid.report.modal.modes import command_of
     from opid.studies.study_file import read_study
-    from opid.virtual.files.modal import read_modal_truth
+    from opid.virtual.files.modal import MODAL_TRUTH
+    from opid.virtual.files.truth import read_truth
 
     target = output.directory(out or Path(f"{result_name(study)}_result"))
-    known = None if truth is None else read_modal_truth(truth)
+    known = None if truth is None else read_truth(truth, MODAL_TRUTH)
     given = {name: value for name, value in settings.items() if value is not None}
     with output.progress() as say:
         tests = replace(read_study(study, kind=ModalStudy, progress=say), **given)

@@ -132,11 +132,11 @@ def identify(
         raise click.UsageError(f"--method {method} searches the law in one way: leave --method-of-law out")
     from opid.report import write_report
     from opid.suspensions.identification import identify as identify_study
-    from opid.virtual.files.aircraft import read_body_truth
-    from opid.virtual.files.gear import read_truth
+    from opid.virtual.files.taxi import BODY_TRUTH, GEAR_TRUTH
+    from opid.virtual.files.truth import read_truth
 
     target = output.directory(out or Path(f"{result_name(paths[0])}_result"))
-    known = None if truth is None else read_truth(truth) if is_one_gear else read_body_truth(truth)
+    known = None if truth is None else read_truth(truth, GEAR_TRUTH if is_one_gear else BODY_TRUTH)
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground, "method_of_law": method_of_law}
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}

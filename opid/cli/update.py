@@ -52,10 +52,11 @@ def update(study: Path, out: Path | None, truth: Path | None, chains: bool, outp
     from opid.studies.study_file import read_study
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy
-    from opid.virtual.files.backbones import read_updating_truth
+    from opid.virtual.files.backbones import UPDATING_TRUTH
+    from opid.virtual.files.truth import read_truth
 
     target = output.directory(out or Path(f"{result_name(study)}_result"))
-    known = None if truth is None else read_updating_truth(truth)
+    known = None if truth is None else read_truth(truth, UPDATING_TRUTH)
     if chains:
         require_arviz()
     given = {name.replace("samples", "n_samples"): value for name, value in settings.items() if value is not None}

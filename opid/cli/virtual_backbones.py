@@ -88,7 +88,8 @@ def backbones(
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones
     from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
-    from opid.virtual.files.backbones import updating_truth_json, write_updating_field_test
+    from opid.virtual.files.backbones import replace_matrices, updating_truth
+    from opid.virtual.files.truth import write_field_test
 
     if by == "continuation" and points < FEWEST_CONTROLLED:
         raise InputError(
@@ -117,8 +118,10 @@ def backbones(
         )  # fmt: skip
         say("the files")
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
-        truth = updating_truth_json(true.law(theta), UPDATED, structure=description, settings=settings)
-        path = write_updating_field_test(study, out, truth=truth, matrices=matrices)
+        truth = updating_truth(true.law(theta), UPDATED, structure=description, settings=settings)
+        path = write_field_test(study, truth, out)
+        if matrices != "npz":
+            replace_matrices(structure, out, matrices)
     click.echo(f"{counted(len(measured), 'backbone')}: {description}")
     click.echo(f"Next: opid update {path} --truth {out / 'truth.json'}")
 

@@ -46,7 +46,8 @@ def sine_beats(
     """
     import numpy as np
 
-    from opid.virtual.files.modal import write_modal_field_test
+    from opid.virtual.files.modal import modal_truth
+    from opid.virtual.files.truth import write_field_test
     from opid.virtual.modal_tests.cases import virtual_series
     from opid.virtual.modal_tests.series import stated_modes, virtual_study
 
@@ -62,6 +63,6 @@ def sine_beats(
         rng = np.random.default_rng(seed)
         study = virtual_study(series, rng=rng, noise_share=noise, given=stated, progress=say)
         say("the files")
-        path = write_modal_field_test(study, series, out, settings=settings)
+        path = write_field_test(study, modal_truth(series, settings=settings), out)
     click.echo(f"{len(study.tests)} tests: {series.case.text}")
     click.echo(f"Next: opid modal {path} --truth {out / 'truth.json'}")

@@ -1,7 +1,9 @@
-"""Virtual field tests: `opid demo` and `opid simulate taxi`."""
+"""Virtual taxi tests: `opid demo`, `opid simulate taxi` of one gear and `opid simulate aircraft` of a whole one."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +13,14 @@ from opid.cli.group import REPORT, Output, end, example, free_directory, main, p
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law
-    from opid.virtual.taxi_tests.landing_gear import LandingGear, TaxiTest
+    from opid.virtual.taxi_tests.airframe import Airframe, LandingGear
+    from opid.virtual.taxi_tests.taxiing import TaxiTest
 
 ROAD_CLASSES = tuple("ABCDEFGH")
 STUDY_FILES = ("study.toml", "truth.json")
 TAXI_FILES = ("heavy.csv", "light.csv", *STUDY_FILES)
+POSITION_TOLERANCE_M = 0.01
+"""What the study of an aircraft says of its coordinates, as of those of a real drawing."""
 
 
 @main.command(epilog=example("opid demo --out demo_taxi --seed 2"))
@@ -37,17 +42,19 @@ def demo(out: Path, seed: int, output: Output) -> None:
     from opid.studies.study_file import read_study
     from opid.suspensions.identification import identify
     from opid.suspensions.study import Study
-    from opid.virtual.files.gear import read_truth, write_field_test
-    from opid.virtual.taxi_tests.landing_gear import LandingGear, taxi_test
+    from opid.virtual.files.taxi import GEAR_TRUTH, taxi_study, taxi_truth
+    from opid.virtual.files.truth import read_truth, write_field_test
+    from opid.virtual.taxi_tests.airframe import LandingGear
+    from opid.virtual.taxi_tests.taxiing import taxi_test
 
     output.directory(out, (*TAXI_FILES, *(f"report/{name}" for name in REPORT)))
     with output.progress() as say:
         say("two taxi runs")
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
-        title = f"Two virtual taxi runs, seed {seed}"
-        study = write_field_test(test, out, title=title, settings={"seed": seed})
+        runs = taxi_study(test, title=f"Two virtual taxi runs, seed {seed}")
+        study = write_field_test(runs, taxi_truth(test, settings={"seed": seed}), out)
         result = identify(read_study(study, kind=Study), progress=say)
-        truth = read_truth(out / "truth.json")
+        truth = read_truth(out / "truth.json", GEAR_TRUTH)
         page = write_report(result, out / "report", truth, figures=output.figures, progress=say)
     notes = (
         f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}",
@@ -63,12 +70,24 @@ def simulate() -> None:
     """Make a field test with known truth."""
 
 
+def of_runs(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that taxi runs of every aircraft have."""
+    for option in (
+        click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="ISO 8608."),
+        click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise."),
+        click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate."),
+        click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run."),
+        click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise."),
+        click.argument("out", type=click.Path(path_type=Path)),
+        with_force,
+    ):
+        command = option(command)
+    return command
+
+
 # the defaults are those of opid.mechanics (a test compares them), written out so that help needs no heavy import
 @simulate.command(epilog=example("opid simulate taxi runs --law arctan_velocity+cubic_stiffness --noise 0.02"))
-@click.argument("out", type=click.Path(path_type=Path))
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of road and noise.")
-@click.option("--duration", default=40.0, show_default=True, metavar="S", help="Length of each run.")
-@click.option("--fs", default=512.0, show_default=True, metavar="HZ", help="Sampling rate.")
+@of_runs
 @click.option("--sprung-mass", default=1850.0, show_default=True, metavar="KG", help="M2 of the heavy run.")
 @click.option("--mass-removed", default=220.0, show_default=True, metavar="KG", help="Before the light run.")
 @click.option("--stiffness", default=3.9e5, show_default=True, metavar="N/M", help="K2 of the suspension.")
@@ -87,10 +106,8 @@ def simulate() -> None:
     metavar="N",
     help="Amplitude of the law's friction term; 0 leaves it out.",
 )
-@click.option("--road-class", type=click.Choice(ROAD_CLASSES), default="B", show_default=True, help="Of ISO 8608.")
 @click.option("--speed-start", default=18.0, show_default=True, metavar="M/S")
 @click.option("--speed-stop", default=0.5, show_default=True, metavar="M/S")
-@click.option("--noise", default=0.005, show_default=True, metavar="M/S2", help="Rms of each sensor's noise.")
 @click.option("--corner", default=0.0, show_default=True, metavar="HZ", help="Of the AC coupling; 0 for none.")
 @click.option("--corner-mismatch", default=0.0, show_default=True, metavar="%", help="Upper corner above the lower.")
 @click.option("--gain-error", default=0.0, show_default=True, metavar="%", help="Of the upper sensor.")
@@ -99,31 +116,86 @@ def simulate() -> None:
 @click.option(
     "--range", "full_scale", type=float, metavar="M/S2", help="Of the converter, +-.  [default: 50 with --bits]"
 )
-@with_force
 def taxi(out: Path, seed: int, overwrite: bool, **settings: Any) -> None:
     """Write two taxi runs of an aircraft at two masses into the directory OUT.
 
     Makes heavy.csv, light.csv, study.toml for `opid identify`, and truth.json.
     """
-    from opid.virtual.files.gear import write_field_test
-
     free_directory(out, TAXI_FILES, overwrite=overwrite)
+    _simulate(_taxi_test, out, {"seed": seed} | settings, title=f"Two virtual taxi runs, seed {seed}")
+
+
+@simulate.command(epilog=example("opid simulate aircraft plane --seed 2 --loading 500 -1 0.2"))
+@of_runs
+@click.option(
+    "--tracks",
+    type=click.Choice(("independent", "coherent")),
+    default="coherent",
+    show_default=True,
+    help="Of left and right wheels: coherent as on one isotropic runway.",
+)
+@click.option("--random", "is_random", is_flag=True, help="Another aircraft for each seed.  [default: one of 5.4 t]")
+@click.option("--bending", type=float, metavar="HZ", help="A fuselage that bends, at HZ.  [default: rigid]")
+@click.option(
+    "--loading",
+    "loadings",
+    nargs=3,
+    type=float,
+    multiple=True,
+    metavar="KG X Y",
+    help="Put on for the second run; once for each mass.  [default: 500 -1 0.2]",
+)
+@click.option(
+    "--weaken",
+    nargs=2,
+    type=(str, float),
+    multiple=True,
+    metavar="GEAR FACTOR",
+    help="Times FACTOR the stiffness of the strut nose, left or right, as harm would: left 0.95.",
+)
+@click.option("--date", "day", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD", help="Of the runs.")
+def aircraft(out: Path, seed: int, day: datetime | None, overwrite: bool, **settings: Any) -> None:
+    """Write two taxi runs of an aircraft on three gears at two loadings into the directory OUT.
+
+    The sensors on the airframe stand beside the struts, a further one near the tail. Makes reference.csv, loaded.csv,
+    study.toml for `opid identify`, which states the noise and coordinates to 1 cm, and truth.json.
+    """
+    free_directory(out, ("reference.csv", "loaded.csv", *STUDY_FILES), overwrite=overwrite)
+    settings["loadings"] = settings["loadings"] or ((500.0, -1.0, 0.2),)
+    _simulate(
+        _aircraft_test,
+        out,
+        {"seed": seed} | settings,
+        title=f"A virtual aircraft on three gears, seed {seed}",
+        day=None if day is None else day.date(),
+        position_tolerance_m=POSITION_TOLERANCE_M,
+        # noise can be stated only where there is some
+        noise_m_per_s2=settings["noise"] or None,
+    )
+
+
+def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: dict[str, Any], **facts: Any) -> None:
+    """Make a taxi test of the options, write it with what its owner knows, and say what to do with it."""
+    from opid.virtual.files.taxi import taxi_study, taxi_truth
+    from opid.virtual.files.truth import write_field_test
+
     with progress() as say:
         say("two taxi runs")
-        test = _taxi_test(seed, settings)
-        title = f"Two virtual taxi runs, seed {seed}"
-        study = write_field_test(test, out, title=title, settings={"seed": seed} | settings)
-    click.echo(f"{test.heavy.gear.sprung_mass_kg:g} kg: {out / 'heavy.csv'}")
-    click.echo(f"{test.light.gear.sprung_mass_kg:g} kg: {out / 'light.csv'}")
-    click.echo(f"Next: opid identify {study} --truth {out / 'truth.json'}")
+        test = make(settings)
+        say("the files")
+        study = taxi_study(test, **facts)
+        path = write_field_test(study, taxi_truth(test, settings=settings), out)
+    for named, run in zip(study.runs, test.runs, strict=True):
+        click.echo(f"{run.airframe.mass_kg:g} kg: {out / named.name}.csv")
+    click.echo(f"Next: opid identify {path} --truth {out / 'truth.json'}")
 
 
-def _taxi_test(seed: int, settings: dict[str, Any]) -> TaxiTest:
+def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
     """Run the field test that the options of `simulate taxi` describe."""
     import numpy as np
 
-    from opid.virtual.taxi_tests.landing_gear import taxi_test
     from opid.virtual.taxi_tests.sensors import Sensor
+    from opid.virtual.taxi_tests.taxiing import taxi_test
 
     fine = settings["bits"] is None
     lower = {
@@ -139,7 +211,7 @@ def _taxi_test(seed: int, settings: dict[str, Any]) -> TaxiTest:
     }
     return taxi_test(
         _gear(settings),
-        rng=np.random.default_rng(seed),
+        rng=np.random.default_rng(settings["seed"]),
         mass_removed_kg=settings["mass_removed"],
         duration_s=settings["duration"],
         fs=settings["fs"],
@@ -152,7 +224,7 @@ def _taxi_test(seed: int, settings: dict[str, Any]) -> TaxiTest:
 
 def _gear(settings: dict[str, Any]) -> LandingGear:
     from opid.mechanics.laws.law import default_law
-    from opid.virtual.taxi_tests.landing_gear import LandingGear
+    from opid.virtual.taxi_tests.airframe import LandingGear
 
     mass, stiffness, ground = (settings[name] for name in ("sprung_mass", "stiffness", "ground_stiffness"))
     damping, ratio = settings["damping"], settings["damping_ratio"]
@@ -185,3 +257,57 @@ def _with_friction(law: Law, friction_n: float | None) -> Law:
     rest = tuple(term for term in law.terms if term is not rubbing[0])
     rubbed = replace(rubbing[0], values=(friction_n, *rubbing[0].inner))
     return Law((*rest, rubbed) if friction_n else rest)
+
+
+def _aircraft_test(settings: dict[str, Any]) -> TaxiTest:
+    """Run the field test that the options describe."""
+    import numpy as np
+
+    from opid.virtual.taxi_tests.aircraft import default_aircraft, random_aircraft, with_bending
+    from opid.virtual.taxi_tests.airframe import Loading
+    from opid.virtual.taxi_tests.sensors import Sensor
+    from opid.virtual.taxi_tests.taxiing import taxi_test
+
+    sensor = Sensor(noise_m_per_s2=settings["noise"])
+    aircraft_rng, test_rng = np.random.default_rng(settings["seed"]).spawn(2)
+    airframe = random_aircraft(aircraft_rng) if settings["is_random"] else default_aircraft()
+    if settings["bending"] is not None:
+        airframe = with_bending(airframe, frequency_hz=settings["bending"])
+    for name, factor in settings["weaken"]:
+        airframe = _weakened(airframe, name, factor)
+    # ahead of the struts and nearer to the middle, as there is room in a fuselage
+    beside = {gear.name: (gear.x_m + 0.3, round(0.85 * gear.y_m, 2)) for gear in airframe.gears}
+    behind = min(gear.x_m for gear in airframe.gears) - 3.0
+    return taxi_test(
+        airframe,
+        rng=test_rng,
+        loadings=[[Loading(*each) for each in settings["loadings"]]],
+        duration_s=settings["duration"],
+        fs=settings["fs"],
+        road_class=settings["road_class"],
+        coherent_tracks=settings["tracks"] == "coherent",
+        sprung_sensors=beside,
+        further_sensors={"tail_z": (behind, 0.0)},
+        lower_sensor=sensor,
+        upper_sensor=sensor,
+    )
+
+
+def _weakened(airframe: Airframe, name: str, factor: float) -> Airframe:
+    """The aircraft with the stiffness of one strut times `factor`; its law stays."""
+    from dataclasses import replace
+
+    from opid.errors import InputError, nearest
+
+    names = [gear.name for gear in airframe.gears]
+    if name not in names:
+        raise InputError(f"--weaken names the gear {name!r}, which is not there ({nearest(name, names)})")
+    if not 0.0 < factor < float("inf"):
+        raise InputError(f"--weaken {name} has the factor {factor:g}, give a positive one, as 0.95 for 5 % less")
+    gears = tuple(
+        replace(gear, suspension_stiffness_n_per_m=factor * gear.suspension_stiffness_n_per_m)
+        if gear.name == name
+        else gear
+        for gear in airframe.gears
+    )
+    return replace(airframe, gears=gears)

@@ -10,8 +10,7 @@ from .backbone_tests.structure import (
     wing_engine_structure as wing_engine_structure,
 )
 from .backbone_tests.wing_engine import WingEngine as WingEngine
-from .files.aircraft import body_truth_json as body_truth_json
-from .files.gear import truth_json as truth_json
+from .files.taxi import taxi_truth as taxi_truth
 from .modal_tests.bolted_structures import (
     component_assembly as component_assembly,
     fixture_and_plate as fixture_and_plate,
@@ -36,17 +35,11 @@ from .taxi_tests.airframe import (
     Airframe as Airframe,
     BendingMode as BendingMode,
     Gear as Gear,
+    LandingGear as LandingGear,
     Loading as Loading,
     airframe_structure as airframe_structure,
     loaded as loaded,
     place_directions as place_directions,
-)
-from .taxi_tests.landing_gear import (
-    LandingGear as LandingGear,
-    TaxiTest as TaxiTest,
-    taxi_run as taxi_run,
-    taxi_test as taxi_test,
-    tyre_force as tyre_force,
 )
 from .taxi_tests.road import (
     SpeedProfile as SpeedProfile,
@@ -57,9 +50,11 @@ from .taxi_tests.sensors import (
     decimate as decimate,
     measure as measure,
 )
-from .taxi_tests.taxiing_aircraft import (
-    aircraft_run as aircraft_run,
-    aircraft_test as aircraft_test,
+from .taxi_tests.taxiing import (
+    TaxiTest as TaxiTest,
+    taxi_run as taxi_run,
+    taxi_test as taxi_test,
+    tyre_forces as tyre_forces,
 )
 from .taxi_tests.wheel_tracks import (
     iso8608_tracks as iso8608_tracks,

@@ -1,31 +1,32 @@
-"""A virtual series of modal tests on disk: linear modes, logs, the study that names them, and the truth behind them."""
+"""What is true of a virtual series of modal tests."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from opid.json_values import json_text, plain
 from opid.mechanics.structure import Structure
 from opid.modal.power_laws import DAMPING_KINDS, STIFFNESS_KINDS
-from opid.modal.study import ModalStudy
-from opid.signals.directory import made_directory
-from opid.signals.files import written_whole
-from opid.studies.study_file import write_study
-from opid.virtual.files.truth import read_truth_file
+from opid.virtual.files.truth import TruthKind
 from opid.virtual.modal_tests.bolted_structures import level_dependence
 from opid.virtual.modal_tests.series import VirtualSeries, top_displacement
 
-TRUTH_SCHEMA = "opid.modal-truth/1"
 N_AMPLITUDES = 25
 """At which the truth tells frequency and damping of a nonlinear mode, up to 1.5 times its highest level."""
 
 
-def modal_truth_json(series: VirtualSeries, *, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def _check(truth: dict[str, Any]) -> None:
+    for law in truth["nonlinear"].values():
+        for letter in ("k", "c"):
+            law[letter] = {str(int(power)): float(value) for power, value in law[letter].items()}
+
+
+MODAL_TRUTH = TruthKind("opid.modal-truth/1", "a simulated modal test", "opid simulate sine-beats", _check)
+
+
+def modal_truth(series: VirtualSeries, *, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return what is true of a virtual series of modal tests.
 
     Args:
@@ -38,59 +39,11 @@ def modal_truth_json(series: VirtualSeries, *, settings: Mapping[str, Any] | Non
         amplitudes, all other modes at rest)}}, `settings`.
     """
     case = series.case
-    return plain(
-        {
-            "schema": TRUTH_SCHEMA,
-            "structure": case.text,
-            "linear_modes": {"frequency_hz": case.modes.frequency_hz, "damping_ratio": case.modes.damping_ratio},
-            "nonlinear": {str(mode): _true_mode(series, mode) for mode in case.nonlinear_modes},
-            "settings": dict(settings or {}),
-        }
-    )
-
-
-def write_modal_field_test(
-    study: ModalStudy,
-    series: VirtualSeries,
-    directory: str | os.PathLike[str],
-    *,
-    settings: Mapping[str, Any] | None = None,
-) -> Path:
-    """Write modes.npz, the logs, study.toml and truth.json, and return the path of the study.
-
-    Args:
-        study: what was recorded.
-        series: what was tested.
-        directory: made if it is not there.
-        settings: as in `modal_truth_json`.
-
-    Raises:
-        InputError: a place that cannot be written to.
-    """
-    target = made_directory(directory)
-    write_study(study, target / "study.toml")
-    with written_whole(target / "truth.json") as file:
-        file.write(json_text(modal_truth_json(series, settings=settings)))
-    return target / "study.toml"
-
-
-def read_modal_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the truth.json of a simulated modal test.
-
-    Args:
-        path: the file.
-
-    Raises:
-        InputError: no such file, or none of `opid simulate sine-beats`' making.
-    """
-
-    def check(truth: dict[str, Any]) -> None:
-        for law in truth["nonlinear"].values():
-            for letter in ("k", "c"):
-                law[letter] = {str(int(power)): float(value) for power, value in law[letter].items()}
-
-    return read_truth_file(
-        path, schema=TRUTH_SCHEMA, what="a simulated modal test", command="opid simulate sine-beats", check=check
+    return MODAL_TRUTH.content(
+        settings,
+        structure=case.text,
+        linear_modes={"frequency_hz": case.modes.frequency_hz, "damping_ratio": case.modes.damping_ratio},
+        nonlinear={str(mode): _true_mode(series, mode) for mode in case.nonlinear_modes},
     )
 
 

@@ -1,23 +1,27 @@
-"""A rigid airframe on several gears, with one bending mode if wanted: records, loadings and its structure.
+"""A rigid airframe on one gear or several, with one bending mode if wanted: records, loadings and its structure.
 
 Coordinates, with one origin anywhere: x forward, y to the left, z up. The airframe heaves by w, rolls by rx about x and
-pitches by ry about y; at (x, y) it goes up by j . (w, rx, ry), j = (1, y, -x).
+pitches by ry about y; at (x, y) it goes up by j . (w, rx, ry), j = (1, y, -x). A gear alone is an airframe on one gear
+that only heaves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.mechanics.laws.law import LINEAR, FloatArray, Law
+from opid.mechanics.hysteresis import Sliders
+from opid.mechanics.laws.law import LINEAR, FloatArray, Law, law
 from opid.mechanics.structure import Joint, Structure
 
 BODY_MOTIONS = ("heave", "roll", "pitch", "bending")
 """Degrees of freedom of an airframe: m, rad, rad, and m for a unit of the bending shape."""
+
+DEFAULT_LAW = law("arctan_velocity", amplitude_n=400.0, scale_m_per_s=0.02)
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Gear:
     The strut pulls with F = K z + C z' + f(z, z'), z the motion of the airframe at (x, y) less that of the wheel.
 
     Args:
-        name: what its channels begin with.
+        name: what its channels begin with; empty only for a gear alone.
         x_m: where it stands, forward.
         y_m: where it stands, to the left.
         unsprung_mass_kg: wheel and rocker.
@@ -37,10 +41,11 @@ class Gear:
         tyre_damping_n_s_per_m: of the tyre.
         law: f(z, z') of the strut.
         ground_stiffness_n_per_m: of a spring from the airframe at (x, y) to the ground; 0 for a free aircraft.
+        sliders: of the strut, beside the law; None for none.
 
     Raises:
-        InputError: no name, a place that is not finite, a mass or stiffness that is not positive, negative damping or
-            ground stiffness.
+        InputError: the name of a motion of the airframe, a place that is not finite, a mass or tyre stiffness that is
+            not positive, a suspension without any spring, another value that is negative.
     """
 
     name: str
@@ -53,21 +58,66 @@ class Gear:
     tyre_damping_n_s_per_m: float
     law: Law = LINEAR
     ground_stiffness_n_per_m: float = 0.0
+    sliders: Sliders | None = None
 
     def __post_init__(self) -> None:
-        if not self.name or self.name in BODY_MOTIONS:
+        if self.name in BODY_MOTIONS:
             raise InputError(f"a gear is called {self.name!r}: give a name, and none of {', '.join(BODY_MOTIONS)}")
         for field, value in vars(self).items():
-            if field.startswith(("name", "law")):
+            if field in ("name", "law", "sliders"):
                 continue
+            may_be_zero = "damping" in field or field == "ground_stiffness_n_per_m"
+            # gas may carry all of the weight
+            may_be_zero |= field == "suspension_stiffness_n_per_m" and float(self.law.gradient(0.0, 0.0)[0]) > 0.0
             if field in ("x_m", "y_m"):
-                sound, needed = np.isfinite(value), "a finite number"
-            elif "damping" in field or field == "ground_stiffness_n_per_m":
-                sound, needed = 0.0 <= value < np.inf, "zero or more"
+                is_sound, needed = np.isfinite(value), "a finite number"
+            elif may_be_zero:
+                is_sound, needed = 0.0 <= value < np.inf, "zero or more"
             else:
-                sound, needed = 0.0 < value < np.inf, "a positive number"
-            if not sound:
-                raise InputError(f"{field} of the gear {self.name!r} is {value}: give {needed}")
+                is_sound, needed = 0.0 < value < np.inf, "a positive number"
+            if not is_sound:
+                gear = f"gear {self.name!r}" if self.name else "landing gear"
+                raise InputError(f"{field} of the {gear} is {value}: give {needed}")
+
+
+@dataclass(frozen=True)
+class LandingGear(Gear):
+    """A main gear and the mass that it carries: an aircraft with one leg, Iwaniec & Uhl 2007, Fig. 5.
+
+        M2 x2'' = -C2 z' - K2 z - K3 x2 - f(z, z'),   z = x2 - x1
+        M1 x1'' = +C2 z' + K2 z + f(z, z') - K1 (x1 - xb) - C1 (x1' - xb')
+
+    Displacements are upward from static equilibrium; xb is the road under the tyre.
+
+    Args:
+        name: empty, for its channels need none.
+        x_m: where it stands, forward; of no effect.
+        y_m: where it stands, to the left; of no effect.
+        unsprung_mass_kg: M1, wheel and rocker.
+        suspension_stiffness_n_per_m: K2.
+        suspension_damping_n_s_per_m: C2.
+        tyre_stiffness_n_per_m: K1.
+        tyre_damping_n_s_per_m: C1.
+        law: f(z, z') of the strut.
+        sprung_mass_kg: M2.
+    """
+
+    name: str = ""
+    x_m: float = 0.0
+    y_m: float = 0.0
+    unsprung_mass_kg: float = 105.0
+    suspension_stiffness_n_per_m: float = 3.9e5
+    suspension_damping_n_s_per_m: float = 6e3
+    tyre_stiffness_n_per_m: float = 6.2e5
+    tyre_damping_n_s_per_m: float = 1.5e3
+    law: Law = DEFAULT_LAW
+    sprung_mass_kg: float = 1850.0
+
+    @property
+    def airframe(self) -> Airframe:
+        """The airframe on this gear alone."""
+        gear = Gear(**{each.name: getattr(self, each.name) for each in fields(Gear)})
+        return Airframe(self.sprung_mass_kg, None, None, self.x_m, self.y_m, (gear,))
 
 
 @dataclass(frozen=True)
@@ -141,7 +191,8 @@ class Airframe:
 
     Args:
         mass_kg: of all that is sprung.
-        ixx_kg_m2: sum of dm y^2 about the centre of gravity, moment of inertia in roll.
+        ixx_kg_m2: sum of dm y^2 about the centre of gravity, moment of inertia in roll; None, as the next one, for an
+            airframe on one gear that only heaves.
         iyy_kg_m2: sum of dm x^2 about the centre of gravity, moment of inertia in pitch.
         x_cg_m: centre of gravity, forward.
         y_cg_m: centre of gravity, to the left.
@@ -150,13 +201,13 @@ class Airframe:
         ixy_kg_m2: sum of dm x y about the centre of gravity; 0 for a symmetric airframe.
 
     Raises:
-        InputError: values that are not finite, masses and inertias that no body has, no gear or two of one name, a
-            gear beyond the stations of the bending shape.
+        InputError: values that are not finite, masses and inertias that no body has, no inertia of more than one gear,
+            no gear or two of one name, a gear beyond the stations of the bending shape.
     """
 
     mass_kg: float
-    ixx_kg_m2: float
-    iyy_kg_m2: float
+    ixx_kg_m2: float | None
+    iyy_kg_m2: float | None
     x_cg_m: float
     y_cg_m: float
     gears: tuple[Gear, ...]
@@ -165,26 +216,38 @@ class Airframe:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gears", tuple(self.gears))
-        for field, value in vars(self).items():
-            if field not in ("gears", "bending") and not np.isfinite(value):
-                raise InputError(f"{field} of the airframe is {value}: give a finite number")
-        for field in ("mass_kg", "ixx_kg_m2", "iyy_kg_m2"):
-            if not getattr(self, field) > 0.0:
-                raise InputError(f"{field} of the airframe is {getattr(self, field)}: give a positive number")
         names = [gear.name for gear in self.gears]
-        if not names or len(set(names)) != len(names):
+        if self.is_one_gear and (self.iyy_kg_m2 is not None or self.bending or len(names) != 1):
+            raise InputError("an airframe without ixx_kg_m2 only heaves: give it one gear, no iyy_kg_m2 and no bending")
+        for field, value in vars(self).items():
+            if isinstance(value, (int, float)) and not np.isfinite(value):
+                raise InputError(f"{field} of the airframe is {value}: give a finite number")
+        for field in ("mass_kg",) if self.is_one_gear else ("mass_kg", "ixx_kg_m2", "iyy_kg_m2"):
+            if not (getattr(self, field) or 0.0) > 0.0:
+                raise InputError(f"{field} of the airframe is {getattr(self, field)}: give a positive number")
+        if not names or len(set(names)) != len(names) or ("" in names and len(names) > 1):
             raise InputError(f"the gears are called {names}: give one gear or more, each a name of its own")
         if not _is_positive(airframe_mass(self)):
             raise InputError(
                 f"the mass matrix of the airframe is not positive definite: ixy_kg_m2 is {self.ixy_kg_m2}, "
                 "or the coupling of the bending mode is, too large beside masses and inertias"
             )
-        place_directions(self, [(gear.x_m, gear.y_m) for gear in self.gears])
+        _ = self.strut_directions
+
+    @property
+    def is_one_gear(self) -> bool:
+        """Whether it is a gear alone with the mass that it carries, which only heaves."""
+        return self.ixx_kg_m2 is None
 
     @property
     def body_motions(self) -> tuple[str, ...]:
         """The degrees of freedom of the airframe: "heave", "roll", "pitch" and, if it bends, "bending"."""
-        return BODY_MOTIONS if self.bending else BODY_MOTIONS[:3]
+        return BODY_MOTIONS[:1] if self.is_one_gear else BODY_MOTIONS if self.bending else BODY_MOTIONS[:3]
+
+    @property
+    def strut_directions(self) -> FloatArray:
+        """(n_gears, n_body) how far each strut goes up for a unit of each motion, as of `place_directions`."""
+        return place_directions(self, [(gear.x_m, gear.y_m) for gear in self.gears])
 
 
 @dataclass(frozen=True)
@@ -217,7 +280,7 @@ def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
         places_m: (n, 2) x and y of each place, m.
 
     Returns:
-        (n, n_body), n_body 3, or 4 if it bends.
+        (n, n_body), n_body 3, or 4 if it bends, or 1 of a gear alone.
 
     Raises:
         InputError: places of another shape or not finite; one beyond the stations of the bending shape.
@@ -234,7 +297,7 @@ def place_directions(airframe: Airframe, places_m: ArrayLike) -> FloatArray:
         raise InputError(f"the places are {places_m!r}: give a pair of finite numbers, x and y in m, for each")
     x, y = places.T
     bent = [airframe.bending.deflection(x)] if airframe.bending else []
-    return np.stack([np.ones(x.size), y, -x, *bent], axis=1)
+    return np.stack([np.ones(x.size), y, -x, *bent][: len(airframe.body_motions)], axis=1)
 
 
 def airframe_mass(airframe: Airframe) -> FloatArray:
@@ -248,6 +311,8 @@ def airframe_mass(airframe: Airframe) -> FloatArray:
     array([ 5400.,     0., -3240.])
     """
     m, x, y = airframe.mass_kg, airframe.x_cg_m, airframe.y_cg_m
+    if airframe.ixx_kg_m2 is None or airframe.iyy_kg_m2 is None:
+        return np.array([[m]])
     ixy = airframe.ixy_kg_m2 + m * x * y
     mass = np.zeros((len(airframe.body_motions),) * 2)
     mass[:3, :3] = [
@@ -289,6 +354,8 @@ def loaded(airframe: Airframe, loadings: Iterable[Loading]) -> Airframe:
             "definite: less mass or inertia is there to be taken off, check signs and places"
         )
     total = float(mass[0, 0])
+    if airframe.is_one_gear:
+        return replace(airframe, mass_kg=total)
     x, y = -float(mass[0, 2]) / total, float(mass[0, 1]) / total
     return replace(
         airframe,
@@ -306,8 +373,9 @@ def airframe_structure(airframe: Airframe) -> Structure:
     """Return the structure of an airframe on its gears, displacements upward from static equilibrium.
 
     Degrees of freedom: "heave" (m), "roll" and "pitch" (rad) at the origin of coordinates, "bending" if it bends, and
-    the wheel of each gear by its name (m). The struts are joints by the same names. A ground spring K3 pulls the
-    airframe down at its strut by K3 times its upward motion there. The road acts through forces on the wheels.
+    the wheel of each gear by its name (m); "heave" and "wheel" of a gear alone. The struts are joints by the names of
+    their wheels. A ground spring K3 pulls the airframe down at its strut by K3 times its upward motion there. The road
+    acts through forces on the wheels.
 
     Args:
         airframe: the airframe.
@@ -316,30 +384,32 @@ def airframe_structure(airframe: Airframe) -> Structure:
     >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
     >>> natural_frequencies(airframe_structure(default_aircraft())).frequency_hz.round(2)
     array([ 1.36,  1.52,  1.77, 14.86, 16.03, 16.04])
+    >>> natural_frequencies(airframe_structure(LandingGear().airframe)).frequency_hz.round(2)
+    array([ 1.8 , 15.68])
     """
     n_body, n_gears = len(airframe.body_motions), len(airframe.gears)
     mass, damping, stiffness = (np.zeros((n_body + n_gears,) * 2) for _ in range(3))
     mass[:n_body, :n_body] = airframe_mass(airframe)
     if airframe.bending:
         damping[3, 3], stiffness[3, 3] = airframe.bending.damping_n_s_per_m, airframe.bending.stiffness_n_per_m
-    body = place_directions(airframe, [(gear.x_m, gear.y_m) for gear in airframe.gears])
+    names = [gear.name or "wheel" for gear in airframe.gears]
     joints = []
-    for row, (gear, at_strut) in enumerate(zip(airframe.gears, body, strict=True), start=n_body):
+    for row, (gear, at_strut) in enumerate(zip(airframe.gears, airframe.strut_directions, strict=True), start=n_body):
         mass[row, row] = gear.unsprung_mass_kg
         damping[row, row], stiffness[row, row] = gear.tyre_damping_n_s_per_m, gear.tyre_stiffness_n_per_m
         stiffness[:n_body, :n_body] += gear.ground_stiffness_n_per_m * np.outer(at_strut, at_strut)
         wheel = -np.eye(n_gears)[row - n_body]
         joints.append(
             Joint(
-                gear.name,
+                names[row - n_body],
                 np.concatenate([at_strut, wheel]),
                 gear.suspension_stiffness_n_per_m,
                 gear.suspension_damping_n_s_per_m,
                 gear.law,
+                gear.sliders,
             )
         )
-    names = (*airframe.body_motions, *(gear.name for gear in airframe.gears))
-    return Structure(mass, damping, stiffness, tuple(joints), names)
+    return Structure(mass, damping, stiffness, tuple(joints), (*airframe.body_motions, *names))
 
 
 def _loaded_bending(bending: BendingMode, mass: FloatArray) -> BendingMode:

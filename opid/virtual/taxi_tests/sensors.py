@@ -51,6 +51,9 @@ class Sensor:
             raise InputError(f"bits is {self.bits}, range {self.range_m_per_s2}: give two bits or more and the range")
 
 
+DEFAULT_SENSOR = Sensor()
+
+
 def measure(
     acceleration: ArrayLike,
     *,

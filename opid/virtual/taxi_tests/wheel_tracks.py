@@ -58,7 +58,7 @@ def iso8608_tracks(
         road_class: "A" to "H".
         lateral_m: where the wheels stand across the runway; wheels at the same place have the same road.
         length_m: the shortest length before the roads may repeat.
-        rng: source of the phases; each road has a stream of its own.
+        rng: source of the phases; each of several roads has a stream of its own.
         footprint_m: length of the contact patch, m; 0 for a point.
         coherent: whether they lie on one isotropic surface; if not, different places have independent roads.
 
@@ -78,7 +78,7 @@ def iso8608_tracks(
     places, which = np.unique(lateral, return_inverse=True)
     roads = tuple(
         iso8608_road(road_class, length_m=length_m, rng=stream, footprint_m=footprint_m)
-        for stream in rng.spawn(places.size)
+        for stream in (rng.spawn(places.size) if places.size > 1 else [rng])
     )
     if coherent and places.size > 1:
         roads = _mixed(roads, np.abs(places[:, None] - places))

@@ -1,0 +1,373 @@
+"""An aircraft on one gear or several taxiing over a rough runway: a field test with known truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from opid.errors import InputError, nearest
+from opid.mechanics.driven import Interface
+from opid.mechanics.laws.law import FloatArray
+from opid.mechanics.repeatability import Departure
+from opid.mechanics.response import Response, time_response
+from opid.mechanics.weight import GRAVITY_M_PER_S2, laws_at_rest
+from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.virtual.taxi_tests.airframe import (
+    Airframe,
+    LandingGear,
+    Loading,
+    airframe_mass,
+    airframe_structure,
+    loaded,
+    place_directions,
+)
+from opid.virtual.taxi_tests.road import Road, SpeedProfile
+from opid.virtual.taxi_tests.sensors import DEFAULT_SENSOR, Sensor, decimate, measure
+from opid.virtual.taxi_tests.wheel_tracks import iso8608_tracks
+
+Place = tuple[float, float]
+# most of the start from rest has decayed before the record begins: exp(-8) in the bounce of a gear, exp(-2.5) in the
+# least damped mode of a random aircraft; the tail serves the filter
+_LEAD_IN_S, _TAIL_S = 8.0, 0.25
+_FORE_AFT_BAND_HZ = (0.5, 40.0)
+_BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
+
+
+@dataclass(frozen=True, eq=False)
+class TaxiRun:
+    """One taxi run of an aircraft: what the logger wrote, and the truth behind it.
+
+    Attributes:
+        airframe: the aircraft that ran, loadings included.
+        recording: for each gear <gear>_lower_z (wheel), then for each <gear>_upper_z (airframe), then the further
+            channels, m/s^2; with fore_aft also <gear>_lower_x, ... Those of a gear alone are lower_z, upper_z, ...
+        truth: at the same times, the same vertical channels without sensor faults; <gear>_travel z (m) and
+            <gear>_travel_velocity z' (m/s) of each strut; heave (m/s^2), roll and pitch (rad/s^2) of the airframe about
+            the origin, and bending (m/s^2) if it bends. A gear alone has no name before these, and only heaves.
+        places_m: (x, y) of each vertical channel of `recording`, m.
+        speed: the speed over the ground.
+    """
+
+    airframe: Airframe
+    recording: Recording
+    truth: Recording
+    places_m: dict[str, Place]
+    speed: SpeedProfile
+
+    @property
+    def gear(self) -> LandingGear:
+        """The first gear, with all of the mass: what ran, of a gear alone."""
+        return LandingGear(**vars(self.airframe.gears[0]), sprung_mass_kg=self.airframe.mass_kg)
+
+
+@dataclass(frozen=True, eq=False)
+class TaxiTest:
+    """Taxi runs of one aircraft, the first as it stands, the others with loadings.
+
+    Args:
+        runs: the runs.
+        loadings: what was put on the aircraft of the first run, one tuple a run; the first is empty.
+    """
+
+    runs: tuple[TaxiRun, ...]
+    loadings: tuple[tuple[Loading, ...], ...]
+
+    @property
+    def heavy(self) -> TaxiRun:
+        """The reference run of a gear."""
+        return self.runs[0]
+
+    @property
+    def light(self) -> TaxiRun:
+        """The run with less sprung mass."""
+        return self.runs[1]
+
+    @property
+    def mass_change_kg(self) -> float:
+        """Sprung mass of the second run less that of the first, kg: negative where mass was taken off."""
+        return self.light.airframe.mass_kg - self.heavy.airframe.mass_kg
+
+
+def tyre_forces(
+    airframe: Airframe, tracks: Sequence[Road], travelled_m: FloatArray, speed_m_per_s: FloatArray
+) -> FloatArray:
+    """Return the force of the road through each tyre, K1 xb + C1 xb' on its wheel, (n, n_gears) N.
+
+    Args:
+        airframe: the airframe; where its origin is does not matter.
+        tracks: the road under each gear, xb = elevation and xb' = slope times speed.
+        travelled_m: (n,) place of the rearmost gear on its track, m.
+        speed_m_per_s: (n,) speed there, m/s.
+
+    Raises:
+        InputError: not one track a gear.
+    """
+    if len(tracks) != len(airframe.gears):
+        raise InputError(f"there are {len(tracks)} track(s) for {len(airframe.gears)} gear(s): give one road a gear")
+    forces = np.empty((travelled_m.size, len(airframe.gears)))
+    rearmost_m = min(gear.x_m for gear in airframe.gears)
+    for column, (gear, road) in enumerate(zip(airframe.gears, tracks, strict=True)):
+        place_m = travelled_m + (gear.x_m - rearmost_m)
+        forces[:, column] = gear.tyre_stiffness_n_per_m * road.elevation(place_m)
+        forces[:, column] += gear.tyre_damping_n_s_per_m * road.slope(place_m) * speed_m_per_s
+    return forces
+
+
+def taxi_run(
+    aircraft: Airframe | LandingGear,
+    *,
+    rng: np.random.Generator,
+    duration_s: float = 40.0,
+    fs: float = 512.0,
+    speed_m_per_s: tuple[float, float] = (18.0, 0.5),
+    road_class: str = "B",
+    footprint_m: float = 0.3,
+    coherent_tracks: bool = True,
+    sprung_sensors: Mapping[str, Place] | None = None,
+    further_sensors: Mapping[str, Place] | None = None,
+    lower_sensor: Sensor = DEFAULT_SENSOR,
+    upper_sensor: Sensor = DEFAULT_SENSOR,
+    sensors: Mapping[str, Sensor] | None = None,
+    fore_aft: bool = False,
+    fore_aft_ratio: float = 1.0,
+    lowest_step_rate_hz: float = 4096.0,
+) -> TaxiRun:
+    """Return one run over a fresh runway, braking linearly, recorded as a logger would.
+
+    The aircraft rolls for 8 s at the first speed before the record begins: nothing starts from rest in it. Gears with
+    the same y run over the same track one after the other. The response is computed at a whole multiple of fs,
+    low-passed, decimated to fs, and read by the sensors. The fore-aft motion at each sensor, which leaks in through its
+    cross-axis sensitivity, is band-limited (0.5 to 40 Hz) Gaussian noise, independent of the vertical motion, with
+    `fore_aft_ratio` times its rms.
+
+    Args:
+        aircraft: on several gears, or a gear alone.
+        rng: source of the runway, of the noise of each channel and of the fore-aft motion, each with a stream of its
+            own: other sensors do not change the runway.
+        duration_s: length of the record, s.
+        fs: sampling rate of the record, Hz.
+        speed_m_per_s: speed at its begin and at its end.
+        road_class: ISO 8608 class, "A" to "H".
+        footprint_m: length of the contact patch, m.
+        coherent_tracks: whether the tracks lie on one isotropic surface; if not, they are independent.
+        sprung_sensors: (x, y) of the sensor on the airframe that belongs to a gear, m; at the strut where left out.
+        further_sensors: name and (x, y) of further sensors on the airframe.
+        lower_sensor: what every sensor on a wheel is like.
+        upper_sensor: what every sensor on the airframe is like.
+        sensors: other ones, by the name of the vertical channel.
+        fore_aft: whether the fore-aft accelerations are recorded too.
+        fore_aft_ratio: rms of fore-aft over vertical acceleration.
+        lowest_step_rate_hz: the step rate is the lowest multiple of fs that is not below this.
+
+    Raises:
+        InputError: a value that is out of range, a gear or channel that is not there.
+
+    >>> run = taxi_run(LandingGear(), duration_s=4.0, rng=np.random.default_rng(1))
+    >>> run.recording.names, run.recording.n_samples
+    (('lower_z', 'upper_z'), 2048)
+    >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
+    >>> run = taxi_run(default_aircraft(), duration_s=2.0, rng=np.random.default_rng(1),
+    ...                further_sensors={"tail": (-5.0, 0.0)})
+    >>> run.recording.names[:3], run.recording.names[-1], run.recording.n_samples
+    (('nose_lower_z', 'left_lower_z', 'right_lower_z'), 'tail', 1024)
+    """
+    airframe = aircraft.airframe if isinstance(aircraft, LandingGear) else aircraft
+    if not (0.0 < duration_s < np.inf and 0.0 < fs < np.inf and duration_s * fs >= 2.0):
+        raise InputError(f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more")
+    lower, upper = _places(airframe, sprung_sensors or {}, further_sensors or {})
+    fitted = dict.fromkeys(lower, lower_sensor) | dict.fromkeys(upper, upper_sensor)
+    for name in sensors or {}:
+        if name not in fitted:
+            raise InputError(f"sensors has a channel {name!r}: {nearest(name, fitted)}")
+    fitted |= sensors or {}
+    reading = place_directions(airframe, [*upper.values()])
+
+    runway_rng, streams = _streams(rng, len(fitted), is_one_gear=airframe.is_one_gear)
+    speed = SpeedProfile(*speed_m_per_s, duration_s)
+    lead_in = round(_LEAD_IN_S * fs)
+    record = slice(lead_in, lead_in + round(duration_s * fs))
+    track_settings = {"road_class": road_class, "footprint_m": footprint_m, "coherent": coherent_tracks}
+    motion = _roll(airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz)
+    steps = round(motion.fs / fs)
+
+    n_body = len(airframe.body_motions)
+    acceleration = decimate(motion.acceleration, steps)
+    body, wheels = acceleration[:, :n_body], acceleration[:, n_body:]
+    true = np.hstack([wheels, body @ reading.T])
+    along, across = {}, {}
+    for (name, sensor), up, (z_rng, x_rng, motion_rng) in zip(fitted.items(), true.T, streams, strict=True):
+        forward = _fore_aft_noise(up, fore_aft_ratio, fs, motion_rng)
+        along[name] = measure(up, fs=fs, sensor=sensor, rng=z_rng, cross_axis_acceleration=forward)[record]
+        x_name = f"{name.removesuffix('_z')}_x"
+        across[x_name] = measure(forward, fs=fs, sensor=sensor, rng=x_rng, cross_axis_acceleration=up)[record]
+    read = along | (across if fore_aft else {})
+
+    z, rate = (state[::steps][record] for state in (motion.displacement, motion.velocity))
+    travels = [each[:, :n_body] @ airframe.strut_directions.T - each[:, n_body:] for each in (z, rate)]
+    channels = (
+        *(Channel(name, "m/s^2") for name in fitted),
+        *(Channel(f"{_prefix(gear.name)}travel", "m") for gear in airframe.gears),
+        *(Channel(f"{_prefix(gear.name)}travel_velocity", "m/s") for gear in airframe.gears),
+        *(Channel(name, _BODY_UNITS[name]) for name in airframe.body_motions),
+    )
+    truth = Recording(np.hstack([true[record], *travels, body[record]]), fs=fs, channels=channels)
+    recording = recording_from_arrays([*read.values()], [*read], fs=fs)
+    return TaxiRun(airframe, recording, truth, {**lower, **upper}, speed)
+
+
+def taxi_test(
+    aircraft: Airframe | LandingGear,
+    *,
+    rng: np.random.Generator,
+    mass_removed_kg: float = 220.0,
+    loadings: Iterable[Iterable[Loading]] | None = None,
+    departures: Sequence[Departure] | None = None,
+    **settings: Any,
+) -> TaxiTest:
+    """Return a run of the aircraft as it stands and further ones with loadings, each over a runway of its own.
+
+    Each rests where its weight puts it on the laws of its struts.
+
+    Args:
+        aircraft: of the first run, its laws where it rests then.
+        rng: source of everything random.
+        mass_removed_kg: sprung mass taken away before the second run, where no loadings are given.
+        loadings: for each further run, the masses put on the aircraft of the first.
+        departures: by how much the struts of each run are not the ones given; None for not at all.
+        settings: keyword arguments of `taxi_run`, for all runs.
+
+    Raises:
+        InputError: as much mass removed as there is, or more, or less than none; as `loaded` and `taxi_run`.
+
+    >>> test = taxi_test(LandingGear(), duration_s=2.0, rng=np.random.default_rng(1))
+    >>> test.mass_change_kg
+    -220.0
+    >>> from opid.virtual.taxi_tests.aircraft import default_aircraft
+    >>> test = taxi_test(default_aircraft(), loadings=[[Loading(400.0, 2.0)]], duration_s=1.0,
+    ...                  rng=np.random.default_rng(1))
+    >>> [run.airframe.mass_kg for run in test.runs]
+    [5400.0, 5800.0]
+    """
+    airframe = aircraft.airframe if isinstance(aircraft, LandingGear) else aircraft
+    if loadings is None:
+        if not 0.0 <= mass_removed_kg < airframe.mass_kg:
+            raise InputError(
+                f"mass_removed_kg is {mass_removed_kg}, the sprung mass {airframe.mass_kg} kg: "
+                "give zero or more, and less than the sprung mass"
+            )
+        loadings = [[Loading(-mass_removed_kg, airframe.x_cg_m, airframe.y_cg_m)]]
+    every = ((), *(tuple(one) for one in loadings))
+    departures = (Departure(),) * len(every) if departures is None else departures
+    resting = [_resting(airframe, *each) for each in zip(every, departures, strict=True)]
+    runs = (taxi_run(each, rng=stream, **settings) for each, stream in zip(resting, rng.spawn(len(every)), strict=True))
+    return TaxiTest(tuple(runs), every)
+
+
+def _resting(airframe: Airframe, loadings: Sequence[Loading], departure: Departure) -> Airframe:
+    """The airframe as it is in one run, where it rests in it; it is stiff against its struts."""
+    struts = [
+        departure.of(
+            Interface(
+                gear.suspension_stiffness_n_per_m,
+                gear.suspension_damping_n_s_per_m,
+                gear.ground_stiffness_n_per_m,
+                gear.law,
+            )
+        )
+        for gear in airframe.gears
+    ]
+    rigid = slice(0, 3)
+    # springs that are stiffer carry more where they were: the body is lifted
+    lifted_kg = departure.spring * airframe_mass(airframe)[0, rigid]
+    for each in loadings:
+        lifted_kg = lifted_kg - each.mass_kg * place_directions(airframe, [(each.x_m, each.y_m)])[0, rigid]
+    laws = laws_at_rest(struts, airframe.strut_directions[:, rigid], GRAVITY_M_PER_S2 * lifted_kg)
+    gears = (
+        replace(
+            gear,
+            suspension_stiffness_n_per_m=strut.stiffness,
+            suspension_damping_n_s_per_m=strut.damping,
+            law=law,
+        )
+        for gear, strut, law in zip(airframe.gears, struts, laws, strict=True)
+    )
+    return replace(loaded(airframe, loadings), gears=tuple(gears))
+
+
+def _prefix(gear: str) -> str:
+    """What the names of the channels of a gear begin with; nothing of a gear alone."""
+    return f"{gear}_" if gear else ""
+
+
+def _places(
+    airframe: Airframe, sprung_sensors: Mapping[str, Place], further_sensors: Mapping[str, Place]
+) -> tuple[dict[str, Place], dict[str, Place]]:
+    """Return where the sensor of each channel is, on the wheels and on the airframe."""
+    gears = {gear.name: (gear.x_m, gear.y_m) for gear in airframe.gears}
+    for name in sprung_sensors:
+        if name not in gears:
+            raise InputError(f"sprung_sensors has a gear {name!r}: {nearest(name, gears)}")
+    lower = {f"{_prefix(name)}lower_z": place for name, place in gears.items()}
+    upper = {f"{_prefix(name)}upper_z": sprung_sensors.get(name, place) for name, place in gears.items()}
+    for name in further_sensors:
+        if name in lower or name in upper:
+            raise InputError(f"further_sensors has {name!r}, a channel of a gear: give it another name")
+    return lower, {**upper, **further_sensors}
+
+
+def _streams(
+    rng: np.random.Generator, n_channels: int, *, is_one_gear: bool
+) -> tuple[np.random.Generator, list[Sequence[np.random.Generator]]]:
+    """Return the generator of the runway; and of each channel those of its noise, its fore-aft noise and motion.
+
+    Where they stand in the tree of generators is what makes a seed the same run in every version.
+    """
+    if is_one_gear:
+        runway, *others = rng.spawn(1 + 2 * n_channels)
+        noise, motion = others[:n_channels], others[n_channels:]
+        return runway, [(*one.spawn(2), other) for one, other in zip(noise, motion, strict=True)]
+    runway, of_channels = rng.spawn(2)
+    return runway, [*zip(*(of_channels.spawn(n_channels) for _ in range(3)), strict=True)]
+
+
+def _roll(
+    airframe: Airframe,
+    speed: SpeedProfile,
+    track_settings: dict[str, Any],
+    rng: np.random.Generator,
+    lead_in_s: float,
+    fs: float,
+    lowest_step_rate_hz: float,
+) -> Response:
+    """Return the response from `lead_in_s` before the record to a little after it, at a multiple of fs."""
+    gears = airframe.gears
+    begin_m = float(speed.position_m(-lead_in_s))
+    way_m = float(speed.position_m(speed.duration_s + _TAIL_S)) - begin_m
+    wheel_base_m = max(gear.x_m for gear in gears) - min(gear.x_m for gear in gears)
+    lateral_m = [gear.y_m for gear in gears]
+    tracks = iso8608_tracks(lateral_m=lateral_m, length_m=max(way_m + wheel_base_m, 1.0), rng=rng, **track_settings)
+
+    def forces(time_s: FloatArray) -> FloatArray:
+        time = time_s - lead_in_s
+        return tyre_forces(airframe, tracks, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))
+
+    steps = max(1, int(np.ceil(lowest_step_rate_hz / fs)))
+    structure = airframe_structure(airframe)
+    return time_response(
+        structure,
+        forces,
+        fs=steps * fs,
+        duration_s=lead_in_s + speed.duration_s + _TAIL_S,
+        loads=np.eye(structure.n_dof)[:, -len(gears) :],
+    )
+
+
+def _fore_aft_noise(vertical: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
+    low, high = _FORE_AFT_BAND_HZ
+    band = signal.butter(2, (low, min(high, 0.4 * fs)), "bandpass", fs=fs, output="sos")
+    noise = signal.sosfilt(band, rng.standard_normal(vertical.size))
+    return noise * ratio * np.std(vertical) / np.std(noise)
