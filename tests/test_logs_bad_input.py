@@ -3,10 +3,13 @@
 The tables grow with the formats: `small_logs.py` makes a small sound log of each.
 """
 
+import io
 import os
 import pickle
 import struct
+import subprocess
 import sys
+import zipfile
 import zlib
 
 import numpy as np
@@ -14,7 +17,7 @@ import pytest
 from small_logs import SAME, VALUES, WRITERS, all_of, ended_after, small_log
 
 from opid.errors import InputError
-from opid.signals.logs import formats, open_log, read_log
+from opid.signals.logs import apart, formats, open_log, read_log
 
 every_format = pytest.mark.parametrize("ending", WRITERS)
 
@@ -23,8 +26,9 @@ CUT_IS_SOUND = {".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".ulg"}
 
 
 @pytest.fixture(autouse=True)
-def _no_hang():
-    with ended_after(30):
+def _no_hang(monkeypatch):
+    monkeypatch.setattr(apart, "BOUNDS", apart.ReadingBounds(seconds=5))
+    with ended_after(60):
         yield
 
 
@@ -137,9 +141,9 @@ def test_a_library_that_is_missing(tmp_path, monkeypatch, ending):
     file.write_bytes(small_log(ending))
     form = formats()[ending]
     module = {"npTDMS": "nptdms", "python-calamine": "python_calamine"}.get(form.needs, form.needs)
-    for name in [each for each in sys.modules if each.split(".")[0] == module]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / f"{module}.py").write_text("raise ModuleNotFoundError(__name__)")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(apart, "_idle", [])
     with pytest.raises(InputError, match="not installed: run `pip install") as caught:
         open_log(file)
     assert f"'.[{form.extra}]'" in str(caught.value)
@@ -278,21 +282,76 @@ def vast_page(content):
     return overwritten(content, 11, b"\xff" * 8)
 
 
-@pytest.mark.parametrize(
-    ("ending", "damage"),
-    [
-        (".mf4", circle_of_groups),
-        (".mf4", circle_of_no_groups),
-        (".mf4", vast_records),
-        (".mf4", channel_outside_its_record),
-        (".mdf", circle_of_old_groups),
-        (".ulg", unknown_message),
-        (".h5", heap_without_end),
-        (".parquet", vast_page),
-    ],
-)
+def cells_far_apart(content):
+    """The last cell of a sheet stands in the last row and column that there can be: the library makes room for all."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as archive, zipfile.ZipFile(out, "w") as damaged:
+        for name in archive.namelist():
+            damaged.writestr(name, archive.read(name).replace(b'r="C65"', b'r="XFD1048576"'))
+    return out.getvalue()
+
+
+DAMAGES = [
+    (".mf4", circle_of_groups),
+    (".mf4", circle_of_no_groups),
+    (".mf4", vast_records),
+    (".mf4", channel_outside_its_record),
+    (".mdf", circle_of_old_groups),
+    (".ulg", unknown_message),
+    (".h5", heap_without_end),
+    (".parquet", vast_page),
+    (".xlsx", cells_far_apart),
+]
+
+
+@pytest.mark.parametrize(("ending", "damage"), DAMAGES, ids=[damage.__name__ for _, damage in DAMAGES])
 def test_what_fuzzing_found(tmp_path, ending, damage):
     content = small_log(ending)
     path = tmp_path / f"run{ending}"
     path.write_bytes(damage(content))
     refused(path)
+
+
+# ---- the process in which libraries read -----------------------------------------------------------
+
+
+def test_what_one_log_does_to_its_process_leaves_others_alone(tmp_path):
+    sound, damaged = tmp_path / "sound.mf4", tmp_path / "damaged.mf4"
+    content = small_log(".mf4")
+    sound.write_bytes(content)
+    damaged.write_bytes(circle_of_groups(content))
+    blocks = open_log(sound).tracks[0].blocks()
+    with pytest.raises(InputError, match="takes far too long"):
+        open_log(damaged)
+    np.testing.assert_allclose(next(blocks).samples, VALUES, atol=1e-9)
+
+
+def test_two_readings_of_one_log_and_one_that_is_given_up(tmp_path):
+    path = tmp_path / "run.h5"
+    path.write_bytes(small_log(".h5"))
+    (track,) = open_log(path).tracks
+    one, other = track.blocks([0], 0, 10), track.blocks([1], 10, 20)
+    first, second = next(one), next(other)
+    one.close()
+    np.testing.assert_array_equal(first.samples[:, 0], VALUES[:10, 0])
+    np.testing.assert_array_equal(second.samples[:, 0], VALUES[10:20, 1])
+    assert list(other) == []
+
+
+def test_a_process_is_used_again_and_ends_with_the_program(tmp_path):
+    path = tmp_path / "run.npz"
+    path.write_bytes(small_log(".npz"))
+    before = {each._python.pid for each in apart._every}
+    for _ in range(4):
+        all_of(path)
+    after = {each._python.pid for each in apart._every}
+    assert len(after - before) <= 1
+    program = f"""
+from opid.signals.logs import apart, open_log
+log = open_log({os.fspath(path)!r})
+print(*(each._python.pid for each in apart._every))
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert told.stderr == ""
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(told.stdout), 0)

@@ -1,6 +1,5 @@
 """HDF5 logs: opid's own layout to the last bit, the layouts of others, and files that lie."""
 
-import struct
 from contextlib import suppress
 from dataclasses import replace
 
@@ -312,9 +311,6 @@ def test_a_long_log_is_read_in_slices(path):
     assert max(block.size for block in blocks) <= BLOCK_VALUES
 
 
-# ---- what would hang its library -----------------------------------------------------------------
-
-
 def texts_of_any_length(path, **more):
     """A log with names and units of any length, in attributes and in a dataset; return its bytes."""
     with h5py.File(path, "w", **more) as file:
@@ -334,41 +330,3 @@ def test_texts_of_any_length_are_read(path, version):
         (FS, N, [("a", "m/s^2"), ("b", "m/s^2")]),
         (FS, N, [("left", None), ("right", None)]),
     ]
-
-
-@pytest.mark.parametrize(
-    ("size", "number"), [(0, 0), (8, 0), (1 << 63, 0), ((1 << 64) - 16, 1), (0, 1)], ids=lambda value: f"{value:x}"
-)
-def test_a_heap_of_texts_whose_sizes_lead_nowhere_is_refused(path, size, number):
-    content = texts_of_any_length(path)
-    at = content.rindex(b"GCOL") + 16
-    while int.from_bytes(content[at : at + 2], "little") != number:  # object by object, to the free space (0)
-        own = int.from_bytes(content[at + 8 : at + 16], "little")
-        at += 16 + own + -own % 8
-    content[at + 8 : at + 16] = size.to_bytes(8, "little")
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"run\.h5 is damaged at byte \d+, where it holds texts"):
-        open_log(path)
-
-
-def test_free_places_in_a_circle_are_refused(path):
-    content = texts_of_any_length(path)
-    at = content.index(b"HEAP")
-    free, address = (int.from_bytes(content[at + k : at + k + 8], "little") for k in (16, 24))
-    content[address + free : address + free + 8] = free.to_bytes(8, "little")
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"run\.h5 is damaged at byte \d+, where it holds texts"):
-        open_log(path)
-
-
-@pytest.mark.parametrize("version", ["earliest", "latest"])
-@pytest.mark.parametrize("text", ["m/s^2", "g", "left"])
-def test_a_text_that_claims_gigabytes_is_refused(path, version, text):
-    content = texts_of_any_length(path, libver=version)
-    heap = content.rindex(b"GCOL", 0, content.index(text.encode() + b"\0"))
-    number = int.from_bytes(content[(at := content.index(text.encode() + b"\0", heap) - 16) : at + 2], "little")
-    place = struct.pack("<IQI", len(text), heap, number)
-    assert place in content
-    path.write_bytes(content.replace(place, struct.pack("<IQI", 1 << 31, heap, number)))
-    with pytest.raises(InputError, match=r"run\.h5 (is damaged at byte|has texts of 2147483653 bytes in /group/names)"):
-        open_log(path)

@@ -196,34 +196,6 @@ def test_a_long_log_is_read_in_batches(path):
     np.testing.assert_array_equal(np.concatenate(blocks)[:, 0], np.arange(n))
 
 
-def number(value):
-    """A whole number as Thrift writes it: zigzag, seven bits to a byte."""
-    value, coded = 2 * value, bytearray()
-    while value > 127:
-        coded.append(value & 127 | 128)
-        value >>= 7
-    return bytes([*coded, value])
-
-
-@pytest.mark.parametrize("version", ["1.0", "2.0"])
-@pytest.mark.parametrize(("field", "claimed"), [(1, (1 << 31) - 1), (1, 10**6), (2, (1 << 31) - 1), (2, 10**6)])
-def test_a_page_that_lies_of_its_size_is_refused(path, version, field, claimed):
-    save(path, {"z": DATA[:, 0]}, use_dictionary=False, compression="none", data_page_version=version)
-    content = path.read_bytes()
-    column = pyarrow.parquet.read_metadata(path).row_group(0).column(0)
-    whole = content[4:]  # the header of the first page: its kind, its bytes unfolded, its bytes
-    size = number(8 * N) if version == "1.0" else None
-    kind, rest = whole[:2], whole[2:]
-    assert column.data_page_offset == 4
-    old = rest[: rest.index(b"\x15", 1 + len(size or number(8 * N)))]
-    new = b"\x15" + number(claimed)
-    second = rest[len(old) : 2 * len(old)]
-    changed = (new + second) if field == 1 else (old + new)
-    path.write_bytes(content[:4] + kind + changed + rest[2 * len(old) :])
-    with pytest.raises(InputError, match=r"run\.parquet says of its column 'z' what its pages belie \(row group 1\)"):
-        read_log(path, LogSettings(unit="g", fs_hz=FS))
-
-
 @pytest.mark.parametrize("codec", ["snappy", "gzip", "zstd", "none"])
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_pages_of_every_kind_are_read(path, codec, version):

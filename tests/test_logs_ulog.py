@@ -9,7 +9,7 @@ from measured_data import SAMPLES, needs_samples
 
 from opid.errors import InputError
 from opid.signals.log_settings import ChannelSettings
-from opid.signals.logs import open_log, read_log
+from opid.signals.logs import apart, open_log, read_log
 
 pytest.importorskip("pyulog", reason="pyulog is not installed")
 
@@ -118,17 +118,18 @@ NESTED = [f"a{i}:a{i + 1}[60000] x;" for i in range(12)]
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (head(*NESTED, "a12:float x;") + subscription(1, "a0"), "defines messages 'a10' of 3600000000 fields"),
-        (head("a:b x;", "b:a x;") + subscription(1, "a"), "defines 'a' by itself"),
+        (head(*NESTED, "a12:float x;") + subscription(1, "a0"), "no sound ULog file"),
+        (head("a:b x;", "b:a x;") + subscription(1, "a"), "no sound ULog file"),
         (head("a:uint64_t timestamp;") + subscription(1, "a"), "holds no channel with numbers"),
-        (head(), "only definitions"),
+        (head(), "holds no channel with numbers"),
         (accel_log()[0] + message("D", struct.pack("<H", 9)), "has broken messages"),
         (accel_log()[0] + message("D", struct.pack("<HQ", 7, 1)), "has broken messages"),
-        (accel_log()[0] + message("\0", b"x"), r"has broken messages from byte 5\d\d\d:"),
+        (accel_log()[0] + message("\0", b"x"), "has broken messages"),
     ],
     ids=["vast", "circle", "no data", "no topic", "unknown topic", "short message", "unknown kind"],
 )
-def test_what_no_recorder_writes(tmp_path, content, words, capsys):
+def test_what_no_recorder_writes(tmp_path, content, words, capsys, monkeypatch):
+    monkeypatch.setattr(apart, "BOUNDS", apart.ReadingBounds(seconds=3))
     with pytest.raises(InputError, match=words) as caught:
         opened(tmp_path, content)
     assert "flight.ulg" in str(caught.value)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -147,6 +149,43 @@ class Log:
         return places[found[0]]
 
 
+def rows_in_steps(
+    n: int,
+    read: Callable[[Any, Sequence[int], int, int], tuple[Iterable[np.ndarray], FloatArray | None]],
+    opened: Callable[[], AbstractContextManager[Any]] = nullcontext,
+    *,
+    width: int | None = None,
+) -> Rows:
+    """Return the rows of what can be read from any row on.
+
+    Args:
+        n: number of rows.
+        read: (file, columns, first row, row after the last) -> an array of each column, and stamps or None.
+        opened: gives the file for as long as blocks are read.
+        width: columns that are read whichever are wanted; those that are wanted where left out.
+
+    Raises:
+        ValueError: a column ends before its last row.
+    """
+
+    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        end = n if stop is None else min(stop, n)
+        step = rows_at_once(width or len(columns))
+        with opened() as file:
+            for first in range(start, end, step):
+                last = min(first + step, end)
+                values, stamps = read(file, columns, first, last)
+                samples = np.empty((last - first, len(columns)))
+                for index, own in enumerate([*values, *([] if stamps is None else [stamps])]):
+                    if own.shape != (last - first,):
+                        raise ValueError(f"it ends at row {first + own.size + 1} of {n}")
+                    if index < len(columns):
+                        samples[:, index] = own
+                yield Block(samples, stamps)
+
+    return rows
+
+
 def in_blocks(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
     """Return the rows of an array, in memory or mapped to it: only what is asked for is converted to float64.
 
@@ -159,15 +198,11 @@ def in_blocks(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
     [[[3.0], [5.0]]]
     """
 
-    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-        end = samples.shape[0] if stop is None else min(stop, samples.shape[0])
-        step = rows_at_once(len(columns))
-        for first in range(start, end, step):
-            last = min(first + step, end)
-            own = np.stack([samples[first:last, column] for column in columns], axis=1).astype(np.float64)
-            yield Block(own, None if stamps is None else np.asarray(stamps[first:last], dtype=np.float64))
+    def read(_: None, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], FloatArray | None]:
+        own = None if stamps is None else np.asarray(stamps[first:last], dtype=np.float64)
+        return [samples[first:last, column] for column in columns], own
 
-    return rows
+    return rows_in_steps(samples.shape[0], read)
 
 
 def from_first_row(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Rows:

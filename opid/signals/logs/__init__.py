@@ -9,9 +9,10 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -19,8 +20,9 @@ from pkgutil import iter_modules
 from opid.errors import InputError, nearest
 from opid.signals.clock_columns import with_clocks
 from opid.signals.conversion import recording_of
-from opid.signals.log import Block, Log, Rows, Track
+from opid.signals.log import Block, Log, Track
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
+from opid.signals.logs.apart import open_apart
 from opid.signals.recording import Recording
 
 logger = logging.getLogger(__name__)
@@ -73,33 +75,27 @@ def reader(
     name: str,
     needs: str | None = None,
     extra: str | None = None,
-    magic: Sequence[bytes] = (),
+    magic: tuple[bytes, ...] = (),
     text: bool = False,
+    apart: bool = False,
 ) -> Callable[[Opener], Opener]:
-    """Register the decorated function (path, settings) -> `Log` as the reader of files with these `endings`.
+    """Register the decorated function (path, settings) -> `Log` as the reader of files with these `endings` (".csv").
 
-    Args:
-        endings: like ".csv".
-        name: what people call the format.
-        needs: distribution that must be installed.
-        extra: of opid that installs it.
-        magic: what such files begin with, any of these.
-        text: whether it is text, which may be compressed.
+    The rest is as in `Format`. Where a library parses the file (`needs`, or `apart`), that is done in a process of its
+    own with bounded memory and time, and the function need not care what the library makes of a damaged file.
     """
 
     def register(function: Opener) -> Opener:
-        _READERS.update(dict.fromkeys(endings, Format(name, function, needs, extra, tuple(magic), text)))
+        where = f"{function.__module__}:{function.__name__}"
+        opener = partial(open_apart, where) if needs or apart else function
+        _READERS.update(dict.fromkeys(endings, Format(name, opener, needs, extra, magic, text)))
         return function
 
     return register
 
 
 def writer(*endings: str) -> Callable[[Writer], Writer]:
-    """Register the decorated function (recording, path) as the writer of files with these `endings`.
-
-    Args:
-        endings: like ".csv".
-    """
+    """Register the decorated function (recording, path) as the writer of files with these `endings`."""
 
     def register(function: Writer) -> Writer:
         _WRITERS.update(dict.fromkeys(endings, function))
@@ -142,7 +138,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
                 f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
                 "or give `scale` in the channel's table of [channels]"
             )
-        log = with_clocks(_guarded(file, form, _opened(file, form, settings)))
+        log = with_clocks(_guarded(file, form, settings))
         logger.info("opened %s: %s with %d channels", path, form.name, len(log.names))
         return log
     except OSError as error:
@@ -251,29 +247,11 @@ def _looks_like(head: bytes) -> str:
     return ""
 
 
-def _opened(file: Path, form: Format, settings: LogSettings) -> Log:
-    try:
-        return form.open(file, settings)
-    except ModuleNotFoundError as error:
-        if form.needs is None:
-            raise
-        raise InputError(
-            f"reading {file} ({form.name}) needs {form.needs}, which is not installed: "
-            f"run `pip install '.[{form.extra}]'` in a clone of opid, or `pip install {form.needs}`"
-        ) from error
-    except InputError:
-        raise
-    except OSError as error:
-        if error.errno is not None:
-            raise
-        raise _damaged(file, form, error) from error  # a library's word for damage, not the system's
-    except Exception as error:  # whatever a library stumbles over is in the file
-        raise _damaged(file, form, error) from error
-
-
-def _guarded(file: Path, form: Format, log: Log) -> Log:
-    """The log, its header checked against the size of the file, its reading against damage and change."""
+def _guarded(file: Path, form: Format, settings: LogSettings) -> Log:
+    """Open a log; its header is checked against the size of the file, its reading against damage and change."""
     before = file.stat()
+    with _in_one_sentence(file, form):
+        log = form.open(file, settings)
     if not log.tracks or not any(track.channels for track in log.tracks):
         raise InputError(f"{file} holds no channel with numbers: export the log again")
     for track in log.tracks:
@@ -283,24 +261,16 @@ def _guarded(file: Path, form: Format, log: Log) -> Log:
                 f"{before.st_size} bytes: its header is damaged; export the log again"
             )
 
-    def watched(rows: Rows) -> Rows:
-        def read(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-            try:
-                yield from rows(columns, start, stop)
-            except (InputError, GeneratorExit):
-                raise
-            except OSError as error:
-                if error.errno is None:  # a library's word for damage, not the system's
-                    raise _damaged(file, form, error) from error
-                raise InputError(f"cannot read {file}: {error.strerror or error}: export the log again") from error
-            except Exception as error:  # whatever a library stumbles over is in the file
-                raise _damaged(file, form, error) from error
+    def watched(track: Track) -> Track:
+        def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+            with _in_one_sentence(file, form):
+                yield from track.rows(columns, start, stop)
             if _changed(file, before):
                 raise InputError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
 
-        return read
+        return replace(track, rows=rows)
 
-    return replace(log, tracks=tuple(_watched(track, watched) for track in log.tracks))
+    return replace(log, tracks=tuple(map(watched, log.tracks)))
 
 
 def _changed(file: Path, before: os.stat_result) -> bool:
@@ -311,13 +281,32 @@ def _changed(file: Path, before: os.stat_result) -> bool:
     return (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
 
 
-def _watched(track: Track, watch: Callable[[Rows], Rows]) -> Track:
-    return replace(track, rows=watch(track.rows))
-
-
-def _damaged(file: Path, form: Format, error: Exception) -> InputError:
-    reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
-    return InputError(f"{file} is no sound {form.name} file ({reason}): it is cut off or damaged; export it again")
+@contextmanager
+def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
+    """Say what went wrong with a file in one sentence, whatever its library stumbled over."""
+    try:
+        yield
+    except InputError:
+        raise
+    except ModuleNotFoundError as error:
+        if form.needs is None:
+            raise
+        raise InputError(
+            f"reading {file} ({form.name}) needs {form.needs}, which is not installed: "
+            f"run `pip install '.[{form.extra}]'` in a clone of opid, or `pip install {form.needs}`"
+        ) from error
+    except MemoryError as error:
+        raise InputError(
+            f"{file} takes more memory than its size explains: it is damaged, or a whole that is packed tightly; "
+            "export it again, or as shorter stretches, or as HDF5, which is read block by block"
+        ) from error
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:  # the system's word, not a library's for damage
+            raise InputError(f"cannot read {file}: {error.strerror or error}: check the file and its rights") from error
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
+        raise InputError(
+            f"{file} is no sound {form.name} file ({reason}): it is cut off or damaged; export it again"
+        ) from error
 
 
 def _nearest_log(file: Path) -> str:

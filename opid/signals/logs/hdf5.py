@@ -12,7 +12,6 @@ and virtual datasets are not followed: nothing but the file that was named is op
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -26,19 +25,16 @@ from opid.signals.files import written_whole
 from opid.signals.log import Log
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader, writer
-from opid.signals.logs.hdf5_heaps import SIGNATURE, is_readable_text, opened_with_care
 from opid.signals.logs.named_arrays import NamedArray, NamedGroup, tracks_of
 from opid.signals.recording import Recording
 
 if TYPE_CHECKING:
     import h5py
 
-DEEPEST = 16
-MOST_OBJECTS = 100_000
-"""Groups within groups, and objects in all, beyond which a file is no log."""
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 _LAYOUT = 1
-_MOST_TEXTS = 10_000
+_TEXT_KEYS = (*NAME_KEYS, *UNIT_KEYS, "history")
 _HEADER_BYTES = 60_000  # an attribute of HDF5 holds 64 KiB
 
 
@@ -54,7 +50,7 @@ def open_hdf5(path: Path, settings: LogSettings) -> Log:
         InputError: the file is cut off, holds no numbers of its own, states an absurd rate, or fits no known layout.
     """
     elsewhere: list[str] = []
-    with opened_with_care(path) as file:
+    with opened(path) as file:
         groups = list(_groups(path, file, {}, elsewhere))
     if not any(group.arrays for group in groups):
         links = f", only links to data elsewhere ({', '.join(elsewhere[:3])}), which are not followed"
@@ -104,11 +100,7 @@ def write_hdf5(recording: Recording, path: Path) -> None:
 
 
 def opened(path: Path) -> AbstractContextManager[Any]:
-    """Return an HDF5 file, open for reading until the block ends.
-
-    Args:
-        path: the file.
-    """
+    """Return an HDF5 file, open for reading until the block ends."""
     import h5py
 
     return h5py.File(path, "r")
@@ -135,34 +127,11 @@ def members(group: h5py.Group, elsewhere: list[str]) -> Iterator[tuple[str, h5py
             elsewhere.append(f"{group.name.rstrip('/')}/{name}")
 
 
-def numbers_of(attributes: Mapping[str, object]) -> dict[str, float]:
-    """Return the attributes that are one number.
-
-    Args:
-        attributes: of a group or dataset.
-    """
-    found = {}
-    for name, value in attributes.items():
-        values = np.asarray(value)
-        if values.size == 1 and values.dtype.kind in "fiu":
-            found[name] = float(values.reshape(-1)[0])
-    return found
-
-
-def texts_of(attributes: Mapping[str, object]) -> dict[str, tuple[str, ...]]:
-    """Return the attributes that are names or units, one text or several.
-
-    Args:
-        attributes: of a group or dataset.
-    """
-    found = {}
-    for name, value in attributes.items():
-        values = np.asarray(value).reshape(-1)
-        if name.casefold() in (*NAME_KEYS, *UNIT_KEYS) and values.dtype.kind in "OSU":
-            texts = [each.decode("utf-8", "replace") if isinstance(each, bytes) else each for each in values.tolist()]
-            if all(isinstance(text, str) for text in texts):
-                found[name] = tuple(texts)
-    return found
+def texts_of(value: object) -> tuple[str, ...]:
+    """Return the texts that a value of HDF5 holds, one or several; none where it holds something else."""
+    found = np.asarray(value).reshape(-1).tolist()
+    texts = [each.decode("utf-8", "replace") if isinstance(each, bytes) else each for each in found]
+    return tuple(texts) if all(isinstance(text, str) for text in texts) else ()
 
 
 def _groups(
@@ -172,8 +141,6 @@ def _groups(
     import h5py
 
     seen = set() if seen is None else seen
-    if group.name.count("/") > DEEPEST or len(seen) > MOST_OBJECTS:
-        raise InputError(f"{path} has groups within groups beyond reason at {group.name[:80]}: it is no log")
     own, texts = _attributes(group)
     if "opid_layout" in own:
         yield _recording(path, group, own, texts)
@@ -189,10 +156,9 @@ def _groups(
             if member.shape == () or member.shape == (1,):
                 own[name] = float(np.asarray(member[()]).reshape(-1)[0])
             elif len(member.shape) <= 2 and min(member.shape) > 0:
-                attributes = _attributes(member)
-                arrays.append(NamedArray(name, member.shape, _reading(member.name), *attributes))
-        elif name.casefold() in (*NAME_KEYS, *UNIT_KEYS) and _is_readable_text(path, member):
-            texts |= texts_of({name: member[()]})
+                arrays.append(NamedArray(name, member.shape, _reading(member.name), *_attributes(member)))
+        elif name.casefold() in _TEXT_KEYS and _is_text(member):
+            texts[name] = texts_of(member[()])
     stated = {**above, **own}
     yield NamedGroup(group.name.strip("/"), tuple(arrays), stated, texts)
     for each in within:
@@ -200,25 +166,21 @@ def _groups(
 
 
 def _attributes(member: h5py.Group | h5py.Dataset) -> tuple[dict[str, float], dict[str, tuple[str, ...]]]:
-    """What the attributes state; references and whatever is long are not read."""
-    import h5py
-
-    readable = {}
+    """The attributes that are one number, and those that are names, units or a history."""
+    numbers, texts = {}, {}
     for name in member.attrs:
         header = member.attrs.get_id(name)
-        kind, wanted = header.dtype.kind, name.casefold() in (*NAME_KEYS, *UNIT_KEYS)
-        text = wanted and h5py.check_string_dtype(header.dtype) is not None and not header.get_type().committed()
-        if (kind in "fiu" or text) and math.prod(header.shape) * header.dtype.itemsize <= _HEADER_BYTES:
-            readable[name] = member.attrs[name]
-    return numbers_of(readable), texts_of(readable)
+        if header.dtype.kind in "fiu" and np.prod(header.shape) == 1:
+            numbers[name] = float(np.asarray(member.attrs[name]).reshape(-1)[0])
+        elif name.casefold() in _TEXT_KEYS and header.dtype.kind in "OSU":
+            texts[name] = texts_of(member.attrs[name])
+    return numbers, texts
 
 
-def _is_readable_text(path: Path, member: h5py.Group | h5py.Dataset) -> bool:
+def _is_text(member: h5py.Group | h5py.Dataset) -> bool:
     import h5py
 
-    if not isinstance(member, h5py.Dataset) or member.shape is None or member.size > _MOST_TEXTS:
-        return False
-    return is_readable_text(path, member)
+    return isinstance(member, h5py.Dataset) and h5py.check_string_dtype(member.dtype) is not None
 
 
 def _reading(name: str) -> Any:
@@ -233,8 +195,8 @@ def _recording(
     if layout != _LAYOUT:
         raise InputError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")
     found = dict(members(group, []))
-    readable = [key for key in ("names", "units") if key in found and _is_readable_text(path, found[key])]
-    texts = texts_of({key: found[key][()] for key in readable}) | texts
+    stored = {key: texts_of(found[key][()]) for key in _TEXT_KEYS if key in found and _is_text(found[key])}
+    texts = stored | texts
     samples: Any = found.get("samples")
     shape = getattr(samples, "shape", None)
     count = {len(texts.get(key, ())) for key in ("names", "units")}
@@ -247,17 +209,5 @@ def _recording(
         raise InputError(f"{path} {group.name} states no fs or no start_s: export the log again")
     own = {key: texts[key] for key in ("names", "units")}
     array = NamedArray("samples", shape, _reading(samples.name), texts=own, time_axis=0)
-    return NamedGroup(group.name.strip("/"), (array,), numbers, {"history": _history(group, found)}, alone=True)
-
-
-def _history(group: h5py.Group, members: Mapping[str, Any]) -> tuple[str, ...]:
-    """What was done to the samples before: as `write_hdf5` leaves it, of fixed length, or nothing."""
-    import h5py
-
-    stored = members.get("history")
-    kind = group.attrs.get_id("history").dtype if "history" in group.attrs else getattr(stored, "dtype", None)
-    text = None if kind is None else h5py.check_string_dtype(kind)
-    if text is None or text.length is None:
-        return ()
-    values = group.attrs["history"] if "history" in group.attrs else stored[()]  # type: ignore[index]
-    return tuple(each.decode("utf-8", "replace") for each in np.asarray(values).reshape(-1).tolist())
+    history = {"history": texts.get("history", ())}
+    return NamedGroup(group.name.strip("/"), (array,), numbers, history, alone=True)

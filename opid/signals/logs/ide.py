@@ -13,14 +13,12 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.clock import GAP, JITTER_LIMIT
-from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, distinct, rows_at_once
+from opid.signals.log import Log, LoggedChannel, Rows, Track, distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.logs.quiet import quiet
 from opid.signals.recording import FloatArray
 
 _EBML = b"\x1a\x45\xdf\xa3"
-_LOGGERS = ("idelib", "idelib.dataset", "idelib.importer", "idelib.parsers", "idelib.transforms", "ebmlite.core")
 _BLOCK = "ChannelDataBlock"
 _EXPRESSIONS = ("SampleRate", "TimeCodeScale")  # texts that the library would evaluate
 _PLAIN = re.compile(r"\s*[\d.eE+-]{1,24}\s*(/\s*[\d.eE+-]{1,24}\s*)?")
@@ -73,7 +71,7 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
     """
     from idelib.importer import openFile
 
-    with path.open("rb") as stream, quiet(*_LOGGERS):
+    with path.open("rb") as stream:
         _require_plain_numbers(path, stream)
         stream.seek(0)
         dataset = openFile(stream, quiet=True)
@@ -203,8 +201,7 @@ def _sensor(path: Path, dataset: Any, channel: Any, blocks: _Blocks) -> _Sensor:
         counts = np.minimum(counts, 1)
     kept = counts > 0
     tick_s = dataset._parsers[_BLOCK].timeScalars.get(channel.id, _TICK_S * 1e6) * 1e-6
-    with quiet(*_LOGGERS):
-        calibrations = channel.getSession()._fullXform.polys
+    calibrations = channel.getSession()._fullXform.polys
     return _Sensor(
         path,
         dtype,
@@ -266,24 +263,16 @@ def _uniform(sensor: _Sensor) -> tuple[float, float] | None:
 
 
 def _rows(sensor: _Sensor, *, with_stamps: bool) -> Rows:
-    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-        end = int(sensor.rows[-1]) if stop is None else min(stop, int(sensor.rows[-1]))
-        step = rows_at_once(len(columns))
-        with sensor.path.open("rb") as stream:
-            for first in range(start, end, step):
-                last = min(first + step, end)
-                raw = _raw(stream, sensor, first, last)
-                samples = np.empty((last - first, len(columns)))
-                with quiet(*_LOGGERS):
-                    for place, column in enumerate(columns):
-                        own = np.empty(last - first)
-                        sensor.calibrations[column].inplace(
-                            raw[str(column)], out=own, noBivariates=not sensor.compensated
-                        )
-                        samples[:, place] = own
-                yield Block(samples, _stamps(sensor, first, last) if with_stamps else None)
+    def read(stream: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
+        raw = _raw(stream, sensor, first, last)
+        values = []
+        for column in columns:
+            values.append(np.empty(last - first))
+            calibration = sensor.calibrations[column]
+            calibration.inplace(raw[str(column)], out=values[-1], noBivariates=not sensor.compensated)
+        return values, _stamps(sensor, first, last) if with_stamps else None
 
-    return rows
+    return rows_in_steps(int(sensor.rows[-1]), read, lambda: sensor.path.open("rb"))
 
 
 def _raw(stream: Any, sensor: _Sensor, first: int, last: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from opid.signals.column_names import (
     stated_rate,
     time_name,
 )
-from opid.signals.log import Block, LoggedChannel, Rows, Track, distinct, rows_at_once
+from opid.signals.log import LoggedChannel, Rows, Track, distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 
 CONSTANTS = 16
@@ -376,24 +376,16 @@ def _seconds(path: Path, bundle: _Bundle, settings: LogSettings) -> float:
 
 
 def _rows(bundle: _Bundle, opened: Callable[[], AbstractContextManager[Any]], seconds: float) -> Rows:
-    def rows(wanted: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-        columns = [bundle.columns[number] for number in wanted]
-        end = bundle.n if stop is None else min(stop, bundle.n)
-        # a matrix is read with all its columns: in most files those of a row lie side by side
-        arrays = {id(column.array): column for column in columns}
-        step = rows_at_once(sum(int(np.prod(each.array.shape) // bundle.n) for each in arrays.values()))
-        with opened() as file:
-            for first in range(start, end, step):
-                last = min(first + step, end)
-                held = {key: _stretch(file, each, first, last) for key, each in arrays.items()}
-                own = [held[id(column.array)][:, column.number] for column in columns]
-                samples = np.stack(own, axis=1).astype(np.float64) if own else np.empty((last - first, 0))
-                stamps = None
-                if bundle.time is not None:
-                    stamps = _stretch(file, bundle.time, first, last)[:, 0].astype(np.float64) * seconds
-                yield Block(samples, stamps)
+    def read(file: Any, wanted: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
+        columns = [bundle.columns[index] for index in wanted]
+        held = {id(each.array): _stretch(file, each, first, last) for each in columns}
+        stamps = None
+        if bundle.time is not None:
+            stamps = _stretch(file, bundle.time, first, last)[:, 0].astype(np.float64) * seconds
+        return [held[id(each.array)][:, each.number] for each in columns], stamps
 
-    return rows
+    # a matrix is read with all its columns: in most files those of a row lie side by side
+    return rows_in_steps(bundle.n, read, opened, width=len(bundle.columns))
 
 
 def _stretch(file: object, column: _Column, first: int, last: int) -> np.ndarray:

@@ -22,7 +22,6 @@ from opid.signals.column_names import UNIT_KEYS, named, seconds_per_unit, sound_
 from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.logs.parquet_pages import Chunks, require_sound_pages, stated_chunks
 from opid.signals.recording import FloatArray
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def open_parquet(path: Path, settings: LogSettings) -> Log:
     if time is None:
         rate = settings.fs_hz or stated_rate(_numbers(metadata))
         rate = None if rate is None else sound_rate(rate, where=str(path))
-    rows = _rows(path, stated_chunks(path), numbers, time, n)
+    rows = _rows(path, numbers, time, n)
     return Log(path, "Parquet", (Track(tuple(channels), rows, rate, 0.0, n),))
 
 
@@ -136,8 +135,6 @@ def _time(
     if ticks is not None:
         first = 0
         if types.is_timestamp(kind):
-            if file.metadata.num_row_groups:
-                require_sound_pages(path, stated_chunks(path), [0], [schema.names[number]])
             batch = next(file.iter_batches(batch_size=1, columns=[schema.names[number]]), None)
             first = (batch.column(0)[0].value if batch is not None and batch.num_rows else 0) or 0
         return _Time(number, ticks, first)
@@ -209,7 +206,7 @@ def _units_of_frame(metadata: Mapping[str, str]) -> dict[str, str]:
 # ---- their rows ----------------------------------------------------------------------------------
 
 
-def _rows(path: Path, chunks: Chunks, numbers: Sequence[int], time: _Time | None, n: int) -> Rows:
+def _rows(path: Path, numbers: Sequence[int], time: _Time | None, n: int) -> Rows:
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         end = n if stop is None else min(stop, n)
         wanted = [numbers[column] for column in columns]
@@ -219,7 +216,6 @@ def _rows(path: Path, chunks: Chunks, numbers: Sequence[int], time: _Time | None
             first, groups = _groups(file.metadata, start, end)
             if start >= end or not read:
                 return
-            require_sound_pages(path, chunks, groups, read)
             size = rows_at_once(len(read))
             for batch in file.iter_batches(batch_size=size, row_groups=groups, columns=read):
                 inside = slice(max(start - first, 0), max(end - first, 0))
@@ -227,8 +223,8 @@ def _rows(path: Path, chunks: Chunks, numbers: Sequence[int], time: _Time | None
                 batch = batch.slice(inside.start, max(0, min(inside.stop, batch.num_rows) - inside.start))
                 if batch.num_rows:
                     samples = np.empty((batch.num_rows, len(wanted)))
-                    for place, number in enumerate(wanted):
-                        samples[:, place] = _values(batch.column(schema.names[number]))
+                    for index, number in enumerate(wanted):
+                        samples[:, index] = _values(batch.column(schema.names[number]))
                     stamps = None
                     if time is not None:
                         stamps = _values(batch.column(schema.names[time.column]), time.first) * time.seconds

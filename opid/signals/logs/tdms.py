@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,11 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit, stated_rate, time_name
-from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, distinct, rows_at_once
+from opid.signals.log import Log, LoggedChannel, Rows, Track, distinct, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
-from opid.signals.logs.quiet import quiet
 from opid.signals.recording import FloatArray
 
-_LOGGERS = tuple(f"nptdms.{name}" for name in ("base_segment", "reader", "scaling", "tdms_segment", "types", "tdms"))
 _UNSET_YEAR = 1904  # LabVIEW's zero of time
 
 
@@ -76,9 +75,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
     # an opened file, not its name: the index file beside it may be that of another
     with path.open("rb") as stream:
-        with quiet(*_LOGGERS):
-            file = TdmsFile.open(stream)
-        yield file
+        yield TdmsFile.open(stream)
 
 
 def _channels_of(group: Any) -> dict[str, Any]:
@@ -196,36 +193,20 @@ def _track(
 
 
 def _rows(path: Path, clock: _Clock, names: Sequence[str], origin: np.datetime64 | None, settings: LogSettings) -> Rows:
-    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-        end = clock.n if stop is None else min(stop, clock.n)
-        step = rows_at_once(len(columns))
-        with _opened(path) as file:
-            group = file[clock.group]
-            for first in range(start, end, step):
-                count = min(step, end - first)
-                samples = np.empty((count, len(columns)))
-                for place, column in enumerate(columns):
-                    samples[:, place] = _values(path, group[names[column]], first, count)
-                stamps = None
-                if clock.time is not None:
-                    stamps = _stamps(path, group[clock.time], first, count, origin, settings)
-                yield Block(samples, stamps)
+    def read(file: Any, columns: Sequence[int], first: int, last: int) -> tuple[list[np.ndarray], np.ndarray | None]:
+        group = file[clock.group]
+        stamps = None
+        if clock.time is not None:
+            stamps = _stamps(path, group[clock.time], first, last - first, origin, settings)
+        return [group[names[column]].read_data(first, last - first) for column in columns], stamps
 
-    return rows
-
-
-def _values(path: Path, channel: Any, first: int, count: int) -> np.ndarray:
-    with quiet(*_LOGGERS):
-        values = channel.read_data(first, count)
-    if values.shape != (count,):
-        raise InputError(f"{path} channel {channel.name!r} is cut off at row {first + values.size + 1}: copy it again")
-    return values
+    return rows_in_steps(clock.n, read, partial(_opened, path))
 
 
 def _stamps(
     path: Path, channel: Any, first: int, count: int, origin: np.datetime64 | None, settings: LogSettings
 ) -> FloatArray:
-    times = _values(path, channel, first, count)
+    times = channel.read_data(first, count)
     if times.dtype.kind == "M" and origin is not None:
         return _seconds(times, origin)
     factor = seconds_per_unit(settings.time_unit or _unit(channel), where=f"{path} channel {channel.name!r}")

@@ -8,7 +8,7 @@ table [log] says what 1 stands for, in `unit`. The chunks are walked here and no
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -17,7 +17,7 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.signals.column_names import sound_rate, split_unit
-from opid.signals.log import Block, Log, LoggedChannel, Rows, Track, rows_at_once
+from opid.signals.log import Log, LoggedChannel, Rows, Track, rows_in_steps
 from opid.signals.log_settings import LogSettings
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -135,17 +135,12 @@ def _exactly(path: Path, file: BinaryIO, size: int) -> bytes:
 
 
 def _rows(path: Path, form: _Form, begin: int, n: int, scale: float) -> Rows:
-    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
-        end = n if stop is None else min(stop, n)
-        step = rows_at_once(form.n_channels)
-        with path.open("rb") as file:
-            for first in range(start, end, step):
-                last = min(first + step, end)
-                file.seek(begin + first * form.frame)
-                raw = _exactly(path, file, (last - first) * form.frame)
-                yield Block(_samples(raw, form)[:, list(columns)] * scale)
+    def read(file: BinaryIO, columns: Sequence[int], first: int, last: int) -> tuple[list[FloatArray], None]:
+        file.seek(begin + first * form.frame)
+        values = _samples(_exactly(path, file, (last - first) * form.frame), form)
+        return [values[:, column] * scale for column in columns], None
 
-    return rows
+    return rows_in_steps(n, read, lambda: path.open("rb"), width=form.n_channels)
 
 
 def _samples(raw: bytes, form: _Form) -> FloatArray:

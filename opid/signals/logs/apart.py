@@ -1,0 +1,315 @@
+"""Logs that a library parses are read in a process of their own, whose memory and computing time are bounded.
+
+A file that was cut off or damaged can lead such a library to compute for ever, to take all memory or to end the
+program. A check of each format before its library would be a parser again, and never complete. The bounds grow with
+the size of the file. They are those of the system: Linux knows both, macOS that of the time, Windows none.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
+from itertools import count
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.log import Block, Log, Rows, Track
+from opid.signals.log_settings import LogSettings
+
+
+@dataclass(frozen=True)
+class ReadingBounds:
+    """What a library may take to open a file, and again for each block of it.
+
+    Args:
+        seconds: of the processor, whatever the size: some libraries load for seconds.
+        bytes_per_s: further seconds by the size of the file; the slowest library parses ten times as many.
+        memory_bytes: beside what the process has before it opens the file: what is read whole unfolds to less.
+        memory_per_byte: further memory by the size of the file; what is read whole is held several times over.
+    """
+
+    seconds: float = 20.0
+    bytes_per_s: float = 5e5
+    memory_bytes: int = 2 << 30
+    memory_per_byte: int = 8
+
+
+BOUNDS = ReadingBounds()
+
+_MOST_IDLE = 2  # processes that wait for the next log
+
+
+class ReadingEndedError(Exception):
+    """The process that reads a file has ended before it had an answer."""
+
+
+def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
+    """Open a log in a process of its own, which reads its blocks as well.
+
+    Args:
+        opener: module and name of the function (path, settings) -> `Log`, as "opid.signals.logs.mdf:open_mdf".
+        path: the file.
+        settings: what the file does not say.
+
+    Raises:
+        ReadingEndedError: the bounds were exceeded, or the library broke down.
+        InputError, OSError, MemoryError, ModuleNotFoundError: as the opener raises them.
+        RuntimeError: in place of any other exception of the opener.
+    """
+    process = _idle.pop() if _idle else _Process()
+    try:
+        log = process.ask("open", os.getcwd(), opener, path, settings, BOUNDS)
+    except Exception:
+        _take_back(process)
+        raise
+    weakref.finalize(own := _Owner(process), _take_back, process)
+    tracks = (
+        replace(track, rows=_rows(own, number), place=partial(_place, own, number))
+        for number, track in enumerate(log.tracks)
+    )
+    return replace(log, tracks=tuple(tracks))
+
+
+class _Process:
+    """A Python that answers requests one by one; both are pickles in its pipes."""
+
+    def __init__(self) -> None:
+        found = os.pathsep.join(place or os.getcwd() for place in sys.path)
+        self._python = subprocess.Popen(
+            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            pipesize=1 << 20,
+            env={**os.environ, "PYTHONPATH": found},
+        )
+        self._lock = threading.Lock()
+        _every.add(self)
+
+    @property
+    def has_ended(self) -> bool:
+        return self._python.poll() is not None
+
+    def ask(self, what: str, *given: Any) -> Any:
+        """Return the answer to a request, or raise the exception that is the answer."""
+        requests, replies = self._python.stdin, self._python.stdout
+        assert requests is not None
+        assert replies is not None
+        with self._lock:
+            try:
+                _send(requests, (what, given))
+                answer = _receive(replies)
+            except (EOFError, OSError, pickle.UnpicklingError):
+                raise ReadingEndedError(self._why_ended()) from None
+            except BaseException:  # an answer that nobody takes would be taken for the next one
+                self.end()
+                raise
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def end(self) -> None:
+        _every.discard(self)
+        self._python.kill()
+        self._python.wait()
+        for pipe in (self._python.stdin, self._python.stdout):
+            with suppress(OSError):
+                pipe.close()  # type: ignore[union-attr]
+
+    def _why_ended(self) -> str:
+        with suppress(subprocess.TimeoutExpired):
+            self._python.wait(10)
+        timed_out = self._python.returncode == -getattr(signal, "SIGXCPU", 0)
+        self.end()
+        return "reading it takes far too long" if timed_out else "the library that reads it broke down"
+
+
+def _send(pipe: IO[bytes], value: Any) -> None:
+    """Send a value, its arrays behind it as they lie in memory."""
+    arrays: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(value, 5, buffer_callback=arrays.append)
+    pickle.dump((pickled, [array.raw().nbytes for array in arrays]), pipe)
+    for array in arrays:
+        pipe.write(array.raw())
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes]) -> Any:
+    pickled, sizes = pickle.load(pipe)
+    arrays = [np.empty(size, dtype=np.uint8) for size in sizes]
+    for array in arrays:
+        pipe.readinto(array)  # type: ignore[attr-defined]
+    return pickle.loads(pickled, buffers=arrays)
+
+
+@dataclass(eq=False)
+class _Owner:
+    """Holds a process for as long as a log lives."""
+
+    process: _Process
+
+
+_idle: list[_Process] = []
+_every: set[_Process] = set()
+
+
+def _take_back(process: _Process) -> None:
+    with suppress(ReadingEndedError):
+        if not process.has_ended:
+            process.ask("forget")
+            if len(_idle) < _MOST_IDLE:
+                _idle.append(process)
+                return
+    process.end()
+
+
+@atexit.register
+def _end_all() -> None:
+    for process in [*_every]:
+        process.end()
+
+
+def _leave_all() -> None:
+    _idle.clear()
+    _every.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_all)  # they answer the process that started them
+
+
+def _rows(own: _Owner, track: int) -> Rows:
+    def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
+        number = next(_numbers)
+        try:
+            while (block := own.process.ask("next", number, track, list(columns), start, stop)) is not None:
+                yield block
+        except GeneratorExit:
+            own.process.ask("stop", number)
+            raise
+
+    return rows
+
+
+_numbers = count()
+
+
+def _place(own: _Owner, track: int, row: int) -> str:
+    return own.process.ask("place", track, row)
+
+
+# ---- in that process -------------------------------------------------------------------------------
+
+
+def serve() -> None:
+    """Answer requests until there are no more; what libraries print is not shown."""
+    requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for own in (0, 1, 2):
+        os.dup2(nowhere, own)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asked is interrupted, and ends this process
+    reading = _Reading()
+    with suppress(EOFError):
+        while True:
+            what, given = _receive(requests)
+            try:
+                answer = getattr(reading, what)(*given)
+            except (InputError, MemoryError, ModuleNotFoundError) as error:
+                answer = error
+            except Exception as error:  # of a class that only the library knows
+                errno = error.errno if isinstance(error, OSError) else None
+                answer = RuntimeError(str(error).strip() or type(error).__name__) if errno is None else error
+            _send(replies, answer)
+            reading.read_ahead()
+
+
+class _Reading:
+    """Answers what is asked of one log at a time."""
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        self._tracks: tuple[Track, ...] = ()
+        self._blocks: dict[int, Iterator[Block]] = {}
+        self._ahead: dict[int, Block | Exception | None] = {}
+        self._read_last: int | None = None
+
+    def open(self, directory: str, opener: str, path: Path, settings: LogSettings, bounds: ReadingBounds) -> Log:
+        os.chdir(directory)
+        size = path.stat().st_size
+        self._seconds = bounds.seconds + size / bounds.bytes_per_s
+        _bound_memory(bounds.memory_bytes + bounds.memory_per_byte * size)
+        _bound_time(self._seconds)
+        module, _, name = opener.partition(":")
+        log = getattr(import_module(module), name)(path, settings)
+        self._tracks = log.tracks
+        return replace(log, tracks=tuple(replace(track, rows=_nowhere, place=_nowhere) for track in log.tracks))
+
+    def next(self, number: int, track: int, columns: Sequence[int], start: int, stop: int | None) -> Block | None:
+        _bound_time(self._seconds)
+        if number not in self._blocks:
+            self._blocks[number] = self._tracks[track].blocks(columns, start, stop)
+        block = self._ahead.pop(number) if number in self._ahead else next(self._blocks[number], None)
+        if isinstance(block, Exception):
+            raise block
+        self._read_last = None if block is None else number
+        return block
+
+    def read_ahead(self) -> None:
+        """Read the block that will be asked for next, while the last one is worked on."""
+        number, self._read_last = self._read_last, None
+        if number is not None:
+            try:
+                self._ahead[number] = next(self._blocks[number], None)
+            except Exception as error:
+                self._ahead[number] = error
+
+    def stop(self, number: int) -> None:
+        self._blocks.pop(number, None)
+        self._ahead.pop(number, None)
+
+    def place(self, track: int, row: int) -> str:
+        return self._tracks[track].place(row)
+
+
+def _nowhere(*_: object) -> Any:
+    raise AssertionError
+
+
+def _bound_memory(n_bytes: int) -> None:
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        _set_bound(resource.RLIMIT_AS, pages * resource.getpagesize() + n_bytes)
+
+
+def _bound_time(seconds: float) -> None:
+    with suppress(ImportError):
+        import resource
+
+        _set_bound(resource.RLIMIT_CPU, int(time.process_time() + seconds) + 1)
+
+
+def _set_bound(kind: int, bound: int) -> None:
+    import resource
+
+    hard = resource.getrlimit(kind)[1]
+    resource.setrlimit(kind, (bound if hard == resource.RLIM_INFINITY else min(bound, hard), hard))
