@@ -2,9 +2,10 @@
 
 Run `python benchmarks/fuzz_readers.py --format csv --seconds 60`.
 
-Coverage-guided (atheris, libFuzzer) over opid's own code. It begins with the small sound log of the format in
+Coverage-guided (atheris, libFuzzer) over opid's own code in this process: what libraries read is read in another, and
+changed blindly. It begins with the small sound log of the format in
 `tests/small_logs.py`. What is wrong: any exception but `InputError`, a message that does not name the file, blocks of a
-wrong shape, more than 2 GiB of memory, or more than 10 s. The bytes are then in the file `crash-...`, `timeout-...` or
+wrong shape, more than 2 GiB of memory, or more than 60 s. The bytes are then in the file `crash-...`, `timeout-...` or
 `oom-...` of the directory `--finds`, to become a case in `tests/test_logs_bad_input.py`.
 """
 
@@ -58,7 +59,7 @@ def main():
             f"-seed={wanted.seed}",
             f"-max_len={2 * (wanted.directory / 'corpus' / 'sound').stat().st_size}",
             f"-artifact_prefix={wanted.finds.resolve()}/",
-            "-timeout=10",
+            "-timeout=60",
             "-rss_limit_mb=2048",
             "-print_final_stats=1",
             "-close_fd_mask=1",

@@ -48,9 +48,10 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "updating.structure.matrices_file",
 }
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
-ESTIMATOR = {PACKAGE / "studies"} | {
-    PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")
-}
+OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")]
+ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
+# So do those of signals, whose users are all others.
+SIGNALS = frozenset(path.parent for path in (PACKAGE / "signals").rglob("*.py"))
 MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
@@ -313,21 +314,21 @@ def public_definitions(tree):
 
 
 @cache
-def names_beyond_the_estimator():
-    """Return the full name of everything that is imported outside of it, by the lists of public names too."""
+def names_beyond(folders):
+    """Return the full name of everything that is imported outside of them, by the lists of public names too."""
     stubs = PACKAGE.rglob("__init__.pyi")
-    outside = [*(path for path in MODULES if path.parent not in ESTIMATOR), *stubs]
+    outside = [*(path for path in MODULES if path.parent not in folders), *stubs]
     return {name for path in outside for name, _ in imports(path, tree_of(path))}
 
 
 def undocumented_arguments(path, tree):
     if room_of(path) == "cli":
         return  # click's options carry their own help
-    module = ".".join(("opid", *path.relative_to(PACKAGE).with_suffix("").parts))
+    module = ".".join(("opid", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
+    beyond = [names_beyond(folders) for folders in (ESTIMATOR, SIGNALS) if path.parent in folders]
     for node in public_definitions(tree):
-        # what the files of the estimator call among themselves has a sentence and a good name, its records have fields
-        among_themselves = f"{module}.{node.name}" not in names_beyond_the_estimator()
-        if path.parent in ESTIMATOR and isinstance(node, ast.FunctionDef) and among_themselves:
+        # what such files call among themselves has a sentence and a good name, its records have fields
+        if isinstance(node, ast.FunctionDef) and any(f"{module}.{node.name}" not in names for names in beyond):
             continue
         docstring = ast.get_docstring(node) or ""
         for name in arguments(node):

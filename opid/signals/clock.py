@@ -70,7 +70,6 @@ def uniform_clock(stamps: ArrayLike, *, seconds_per_unit: float = 1.0) -> Clock:
 
     Args:
         stamps: (n_samples,) increasing times, two or more, finite.
-        seconds_per_unit: what one unit of the stamps is in seconds (0.001 for milliseconds).
 
     Raises:
         ClockError: a repeated or decreasing stamp, a gap, jitter, or a rate that wanders.
@@ -154,10 +153,7 @@ def binned(first: int, elapsed_s: FloatArray, period_s: float, rows_a_bin: int) 
     That is: how many rows, the sums of row, stamp, row^2 and row stamp, least and greatest stamp - row `period_s`.
 
     Args:
-        first: number of the first row.
         elapsed_s: (n,) stamps.
-        period_s: a period near the true one.
-        rows_a_bin: number of rows.
     """
     rows = np.arange(first, first + elapsed_s.size, dtype=np.float64)
     off = elapsed_s - rows * period_s
@@ -174,8 +170,6 @@ def line_without_stalls(bins: FloatArray, period_s: float, longest_s: float) -> 
 
     Args:
         bins: (n_bins, 7) of `binned`.
-        period_s: what `binned` was given.
-        longest_s: how far stamps usually lie apart at the most.
     """
     n, row, stamp = bins[:, 0], bins[:, 1], bins[:, 2]
     x, t = row / n, stamp / n
@@ -221,10 +215,6 @@ def resolution_of(stamps: FloatArray) -> float:
 
 def plain_number(value: float, uncertainty: float) -> float:
     """Return the number of fewest decimals within the uncertainty of `value`, or `value`.
-
-    Args:
-        value: as it was measured or rounded.
-        uncertainty: how far the true one may lie off.
 
     >>> plain_number(1 / 1.52588e-05, 0.22)
     65536.0

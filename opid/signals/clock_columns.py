@@ -24,9 +24,6 @@ def with_clocks(log: Log) -> Log:
 
     Such a channel states no unit, or one of time, and goes up in each of the first rows: along a straight line over the
     time (or over the rows where there are no stamps), or however it likes if its name is one of a time.
-
-    Args:
-        log: as its file holds it.
     """
     tracks = tuple(_marked(track) for track in log.tracks)
     names = [channel.name for track in tracks for channel in track.channels if channel.is_clock]

@@ -56,9 +56,6 @@ def split_unit(text: str) -> tuple[str, str | None]:
 def time_name(names: Sequence[str]) -> str | None:
     """Return which of the names is that of the time; None for none.
 
-    Args:
-        names: as they are written, units and all.
-
     >>> time_name(["az [g]", "Time [ms]", "t0"]), time_name(["Elapsed_Time", "time_ms"]), time_name(["t_inlet"])
     ('Time [ms]', 'time_ms', None)
     """
@@ -85,21 +82,13 @@ def _is_time_unit(unit: str) -> bool:
 
 
 def named(values: Mapping[str, object], names: Sequence[str]) -> str | None:
-    """Return the key of `values` that is one of the names, whatever its case; None for none.
-
-    Args:
-        values: by name.
-        names: the likelier ones first.
-    """
+    """Return the key of `values` that is one of the names, whatever its case; None for none."""
     plain = {key.casefold(): key for key in reversed(list(values))}
     return next((plain[known] for known in names if known in plain), None)
 
 
 def stated_rate(numbers: Mapping[str, float]) -> float | None:
     """Return the rate that some named numbers state, Hz, however absurd; None where none of them is a rate.
-
-    Args:
-        numbers: by name: `fs = 512`, or `dt = 0.002`.
 
     >>> stated_rate({"Fs": 512.0}), stated_rate({"dt": 0.002}), stated_rate({"range": 16.0})
     (512.0, 500.0, None)
@@ -121,10 +110,6 @@ def sound_rate(fs: float, *, where: str) -> float:
 
     Args:
         fs: what is stated, Hz.
-        where: the file, and the place in it.
-
-    Raises:
-        InputError: the rate is no number, not positive, or beyond any accelerometer's.
     """
     if not (math.isfinite(fs) and RATE_RANGE_HZ[0] <= fs <= RATE_RANGE_HZ[1]):
         raise InputError(f"{where} states a rate of {fs:g} Hz: give the true one as fs_hz in [log]")
@@ -132,15 +117,7 @@ def sound_rate(fs: float, *, where: str) -> float:
 
 
 def seconds_per_unit(unit: str | None, *, where: str) -> float:
-    """Return what one unit of a time is, s; 1 where none is stated.
-
-    Args:
-        unit: of the time, as it is written.
-        where: the file, and the place in it.
-
-    Raises:
-        InputError: no unit of time.
-    """
+    """Return what one unit of a time is, s; 1 where none is stated."""
     if not unit:
         return 1.0
     try:

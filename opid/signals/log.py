@@ -158,12 +158,6 @@ def rows_in_steps(
 ) -> Rows:
     """Return the rows of what can be read from any row on.
 
-    Args:
-        n: number of rows.
-        read: (file, columns, first row, row after the last) -> an array of each column, and stamps or None.
-        opened: gives the file for as long as blocks are read.
-        width: columns that are read whichever are wanted; those that are wanted where left out.
-
     Raises:
         ValueError: a column ends before its last row.
     """
@@ -206,11 +200,7 @@ def in_blocks(samples: np.ndarray, stamps: np.ndarray | None = None) -> Rows:
 
 
 def from_first_row(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Rows:
-    """Return the rows of what can only be read from its beginning.
-
-    Args:
-        all_blocks: columns -> the blocks of all rows.
-    """
+    """Return the rows of what can only be read from its beginning."""
 
     def rows(columns: Sequence[int], start: int, stop: int | None) -> Iterator[Block]:
         first = 0
@@ -228,20 +218,12 @@ def from_first_row(all_blocks: Callable[[Sequence[int]], Iterable[Block]]) -> Ro
 
 
 def rows_at_once(n_columns: int) -> int:
-    """Return how many rows of so many columns make a block.
-
-    Args:
-        n_columns: number of columns.
-    """
+    """Return how many rows of so many columns make a block."""
     return max(1024, BLOCK_VALUES // max(n_columns, 1))
 
 
 def distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ...]:
     """Return names that differ, for files that use one twice: the second "a" becomes "a (2)".
-
-    Args:
-        names: as the file writes them.
-        unnamed: stands for an empty name.
 
     >>> distinct(["a", "b", "a", ""])
     ('a', 'b', 'a (2)', 'channel')
@@ -258,12 +240,7 @@ def distinct(names: Iterable[str], *, unnamed: str = "channel") -> tuple[str, ..
 
 
 def log_of_recording(recording: Recording, *, path: str = "[recording]") -> Log:
-    """Return a recording as the log that it would be.
-
-    Args:
-        recording: any.
-        path: stands for the file.
-    """
+    """Return a recording as the log that it would be."""
     channels = tuple(LoggedChannel(channel.name, channel.unit) for channel in recording.channels)
     n = recording.n_samples
     track = Track(channels, in_blocks(recording.samples), recording.fs, recording.start_s, n)

@@ -253,9 +253,7 @@ def white_noise_rms(
     Args:
         frequency_hz: (n_lines,) from 0 to half the rate, Hz.
         density: (n_lines,) one-sided, unit^2/Hz.
-        n_blocks: periodograms averaged.
         fs: sampling rate, Hz.
-        quantile: of the lines, in place of a tenth.
     """
     from scipy import special
 

@@ -86,7 +86,6 @@ def pairs_of(
         names: (n,) of the channels.
         frequency_hz: (n_lines,) Hz.
         density: (n, n, n_lines) cross-spectra E[conj(X_i) X_j] for i <= j.
-        averages: independent ones.
     """
     every = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
     return tuple(_pair(names[i], names[j], frequency_hz, _of_pair(density, i, j), averages) for i, j in every)
@@ -105,7 +104,6 @@ def pair_findings(
     A lag is told once a channel, against the first channel with which it moves alike.
 
     Args:
-        pairs: of `pairs_of`.
         names: (n,) of the channels.
         frequency_hz: (n_lines,) Hz.
         density: (n, n, n_lines) cross-spectra, as for `pairs_of`.
@@ -230,10 +228,6 @@ def _same(spectra: tuple[FloatArray, FloatArray, ComplexArray]) -> bool:
 def looks_unsprung(recording: Recording, names: Sequence[str] | None = None) -> str | None:
     """Return the acceleration channel with the largest rms above 5 Hz, which a suspension would take away.
 
-    Args:
-        recording: the log.
-        names: the channels to choose from; all accelerations if left out.
-
     Returns:
         Its name, or None if there are fewer than two to choose from.
     """
@@ -250,10 +244,6 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         unsprung: (n_samples,) acceleration of the spindle, m/s^2.
         sprung: (n_samples,) acceleration of the airframe, m/s^2.
         fs: sampling rate, Hz.
-        names: of the unsprung and the sprung channel, for the messages.
-
-    Raises:
-        InputError: twice the same channel, one in another unit than stated, beyond any motion, or a mute one.
 
     >>> rng = np.random.default_rng(0)
     >>> wheel = rng.standard_normal(4096)
@@ -365,7 +355,6 @@ def check_levels(recording: Recording, names: Sequence[str]) -> Iterator[Finding
     """Yield why all sensors of a recording may be in another unit than stated: no ratio between them tells.
 
     Args:
-        recording: the log.
         names: of the accelerations, m/s^2.
 
     >>> from opid.signals.recording import recording_from_arrays

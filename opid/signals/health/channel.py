@@ -55,11 +55,7 @@ class LevelCheck:
         self.rows, self._begun = 0, False
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next chunk.
-
-        Args:
-            chunk: the next one.
-        """
+        """Take the next chunk."""
         bins = chunk.new_bins
         filled = chunk.missing
         lowest, highest = np.fmin.reduce(bins, axis=2), np.fmax.reduce(bins, axis=2)
@@ -129,11 +125,7 @@ class RunCheck:
         self._fed = 0
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next chunk.
-
-        Args:
-            chunk: the next one.
-        """
+        """Take the next chunk."""
         x = chunk.new[self._column, : chunk.n]
         if chunk.missing[self._column]:
             self._take_missing(x, chunk.first)
@@ -166,11 +158,7 @@ class RunCheck:
         return None if self.mute or values.size < 2 else _quantisation_step(values)
 
     def clipped(self, step: float | None) -> tuple[int, list[float], np.ndarray]:
-        """Return how many samples are held at an extreme value, at which ones, and (n, 2) the rows.
-
-        Args:
-            step: the resolution.
-        """
+        """Return how many samples are held at an extreme value, at which ones, and (n, 2) the rows."""
         found = [held for side in self.tops if not self.mute and (held := side.clipped(step)) is not None]
         stretches = [held.rows.rows() for held in found]
         joined = np.concatenate(stretches) if stretches else np.empty((0, 2), dtype=np.int64)

@@ -61,7 +61,6 @@ def rows_of_a_bin(fs: float, n_channels: int = 1) -> int:
 
     Args:
         fs: rate, Hz.
-        n_channels: columns that are read.
 
     >>> rows_of_a_bin(512.0), rows_of_a_bin(5000.0), rows_of_a_bin(117.0), rows_of_a_bin(1e7)
     (512, 5120, 128, 65536)
@@ -74,24 +73,13 @@ def rows_of_a_bin(fs: float, n_channels: int = 1) -> int:
 
 
 def chunk_rows(bin_rows: int, n_channels: int) -> int:
-    """Return the rows of a chunk: a power of two of bins, at least two.
-
-    Args:
-        bin_rows: rows of a bin.
-        n_channels: columns that are read.
-    """
+    """Return the rows of a chunk: a power of two of bins, at least two."""
     bins = CHUNK_VALUES // max(1, n_channels * bin_rows)
     return bin_rows * 2 ** max(1, bins.bit_length() - 1)
 
 
 def same_sized(blocks: Iterator[Block], n_channels: int, rows: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
-    """Yield samples (n_channels, rows) and stamps (rows,), the last ones shorter; both are used again.
-
-    Args:
-        blocks: of any sizes.
-        n_channels: columns.
-        rows: of all but the last.
-    """
+    """Yield samples (n_channels, rows) and stamps (rows,), the last ones shorter; both are used again."""
     samples = np.empty((n_channels, rows))
     stamps: FloatArray | None = None
     filled = 0
@@ -132,7 +120,6 @@ class ChunkMaker:
 
         Args:
             samples: (n_channels, n) as written.
-            breaks: rows before which the clock jumps.
         """
         n, values = samples.shape[1], self._values
         lead = self._bin if self._first else 0

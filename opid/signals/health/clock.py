@@ -64,11 +64,7 @@ class ClockCheck:
         return 1 / self._period
 
     def keep_every(self, bin_rows: int) -> None:
-        """Keep the time of every so many rows.
-
-        Args:
-            bin_rows: number of rows.
-        """
+        """Keep the time of every so many rows."""
         self._bin = bin_rows
 
     def jumps(self) -> np.ndarray:
@@ -95,7 +91,6 @@ class ClockCheck:
 
         Args:
             stamps: (n,) of the rows, s.
-            n: how many there are.
         """
         first, self.n = self.n, self.n + n
         if self.stated or stamps is None:
@@ -123,11 +118,7 @@ class ClockCheck:
         return first + places
 
     def seconds(self, rows: np.ndarray) -> FloatArray:
-        """Return the time of rows, s: along the stamps, or at equal steps where they are not looked at.
-
-        Args:
-            rows: numbers of rows.
-        """
+        """Return the time of rows, s: along the stamps, or at equal steps where they are not looked at."""
         if self.stated or self._equal_steps or not self._knots:
             start_s = self._origin()
             return start_s + np.asarray(rows, dtype=np.float64) / self.rate()
@@ -173,12 +164,7 @@ class ClockCheck:
         return self.reconstruct or self.crowded
 
     def result(self, track: str, channels: tuple[str, ...]) -> ClockHealth:
-        """Return the figures of all rows.
-
-        Args:
-            track: its name.
-            channels: the names of its channels.
-        """
+        """Return the figures of all rows."""
         fs, (n, off, squares) = self.rate(), self._good
         variance = max(squares / n - (off / n) ** 2, 0.0) if n else 0.0
         length_s = self.n / fs
@@ -274,12 +260,7 @@ class ClockCheck:
 
 
 def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
-    """Yield what is wrong with a clock and what to do about it.
-
-    Args:
-        check: that has seen all rows.
-        health: its figures.
-    """
+    """Yield what is wrong with a clock and what to do about it."""
     of_track = f" of {health.track!r}" if health.track else ""
     if not LEAST_FS <= health.fs <= MOST_FS:
         cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"

@@ -111,11 +111,7 @@ class _Bins:
 
 
 def track_figures(checks: Checks) -> TrackFigures:
-    """Return what was found in a track.
-
-    Args:
-        checks: after all rows.
-    """
+    """Return what was found in a track."""
     clock = checks.clock.result(checks.track, checks.names)
     joined, n, mean, rms = checks.levels.bins()
     bins = _Bins(joined * checks.bin_rows, n, mean, rms)

@@ -72,22 +72,13 @@ def _with_unit(value: str, unit: str) -> str:
 
 
 def channel_findings(channel: ChannelHealth, places: Places) -> Iterator[Finding]:
-    """Yield what is wrong with a channel.
-
-    Args:
-        channel: its figures.
-        places: where.
-    """
+    """Yield what is wrong with a channel."""
     for severity, message in _sentences(channel, places):
         yield Finding(severity, channel.name, message)
 
 
 def unit_findings(without_unit: Mapping[str, NoUnit]) -> Iterator[Finding]:
-    """Yield what to do about channels without a unit, in one sentence where it is the same for several.
-
-    Args:
-        without_unit: why no unit is known, by the channel's name.
-    """
+    """Yield what to do about channels without a unit, in one sentence where it is the same for several."""
     silent = [name for name, why in without_unit.items() if not why.is_stated]
     if len(silent) > 1:
         names = ", ".join(map(repr, silent[:4])) + (f" and {len(silent) - 4} more" if len(silent) > 4 else "")

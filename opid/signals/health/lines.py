@@ -86,10 +86,6 @@ def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *,
 def growing_edges(n_lines: int, *, part: float) -> np.ndarray:
     """Return the first line of each group of lines that are this part of their frequency wide, one line at least.
 
-    Args:
-        n_lines: of the spectrum.
-        part: width over frequency.
-
     >>> growing_edges(12, part=0.4).tolist()
     [0, 1, 2, 3, 4, 5, 7, 9]
     """
@@ -126,7 +122,6 @@ def names_of_lines(lines_hz: Sequence[float], *, fs: float, resolution_hz: float
     Args:
         lines_hz: their frequencies, Hz.
         fs: rate, Hz.
-        resolution_hz: spacing of the spectrum's lines.
 
     >>> names_of_lines([50.0, 150.02, 33.0], fs=512.0, resolution_hz=0.5)
     ['mains, 50 Hz', 'harmonic 3 of the mains (50 Hz)', '']

@@ -57,7 +57,6 @@ class BlockPowers:
         """Take blocks.
 
         Args:
-            channel: number of their channel.
             power: (n_blocks, n_lines) of each.
             weights: (n_blocks,) with which they enter the mean.
         """
@@ -66,11 +65,7 @@ class BlockPowers:
         self._sums[1, channel] += (own * own).sum(axis=0)
 
     def averages(self, channel: int) -> FloatArray:
-        """Return what the mean is worth at each line, in blocks of equal power; 0 where there is none.
-
-        Args:
-            channel: its number.
-        """
+        """Return what the mean is worth at each line, in blocks of equal power; 0 where there is none."""
         total, squares = self._sums[:, channel]
         worth = np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)
         return np.repeat(worth, np.diff(np.append(self._edges, self._n_lines)))
@@ -100,11 +95,7 @@ class SpectrumCheck:
         self._block_before: tuple[FloatArray, FloatArray] | None = None
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next chunk.
-
-        Args:
-            chunk: the next one.
-        """
+        """Take the next chunk."""
         used = chunk.lead + chunk.n
         if chunk.first == 0 and used < self._nperseg:
             self._nperseg, self._window = used, hann(used)
@@ -208,11 +199,7 @@ class SpectrumCheck:
         return frequency_hz, density, averages
 
     def line_averages(self, channel: int) -> FloatArray:
-        """Return how many blocks of equal power the density of each line is worth, (n_lines,).
-
-        Args:
-            channel: its number.
-        """
+        """Return how many blocks of equal power the density of each line is worth, (n_lines,)."""
         return self._worth.averages(channel)
 
     def cross(self, fs: float) -> tuple[FloatArray, ComplexArray, float]:
@@ -275,11 +262,7 @@ class LongBlocks:
         self._weight = np.zeros((2, n_channels))
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next chunk.
-
-        Args:
-            chunk: the next one.
-        """
+        """Take the next chunk."""
         done = 0
         while self._nperseg and done < chunk.n:
             step = min(self._nperseg - self._filled, chunk.n - done)
@@ -307,11 +290,7 @@ class LongBlocks:
         return frequency_hz, self._power * scale[:, np.newaxis], averages
 
     def line_averages(self, channel: int) -> FloatArray:
-        """Return how many blocks of equal power the density of each line is worth, (n_lines,).
-
-        Args:
-            channel: its number.
-        """
+        """Return how many blocks of equal power the density of each line is worth, (n_lines,)."""
         return self._worth.averages(channel)
 
     def _take(self) -> None:
@@ -355,7 +334,6 @@ def floor_of(frequency_hz: FloatArray, psd: FloatArray, averages: float, *, fs: 
     Args:
         frequency_hz: (n_lines,) Hz.
         psd: (n_lines,) unit^2/Hz.
-        averages: periodograms it is the mean of.
         fs: rate, Hz.
     """
     if averages <= 0 or frequency_hz.size < 8 or not np.isfinite(psd).all():
@@ -364,11 +342,7 @@ def floor_of(frequency_hz: FloatArray, psd: FloatArray, averages: float, *, fs: 
 
 
 def hann(n: int) -> FloatArray:
-    """Return scipy's periodic Hann window.
-
-    Args:
-        n: its length.
-    """
+    """Return scipy's periodic Hann window."""
     return np.hanning(n + 1)[:-1] if n > 2 else np.ones(n)
 
 

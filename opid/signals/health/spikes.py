@@ -148,11 +148,7 @@ class SpikeSearch:
         self._n_found = 0
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next chunk.
-
-        Args:
-            chunk: the next one.
-        """
+        """Take the next chunk."""
         lead, n = chunk.lead, chunk.n
         begin = max(lead - 6, 0)
         x = chunk.values[self._column, begin : lead + n]
@@ -174,11 +170,7 @@ class SpikeSearch:
         self._keep(far + chunk.first, size[far - offset])
 
     def rows(self, step: float | None) -> np.ndarray:
-        """Return the rows of the spikes.
-
-        Args:
-            step: of the channel's resolution; None where none is visible.
-        """
+        """Return the rows of the spikes."""
         if not self._found or not self._some:
             return np.empty(0, dtype=np.int64)
         rows, size = np.concatenate(self._found, axis=1)

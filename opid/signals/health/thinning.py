@@ -39,7 +39,6 @@ class Thinning:
 
         Args:
             items: arrays (n, ...) by name.
-            level: how often their neighbours are joined already, at most `self.level`.
         """
         for i in range(level, self.level):
             items = self._paired(i, items)

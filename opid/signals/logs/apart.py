@@ -61,14 +61,8 @@ class ReadingEndedError(Exception):
 def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
     """Open a log in a process of its own, which reads its blocks as well.
 
-    Args:
-        opener: module and name of the function (path, settings) -> `Log`, as "opid.signals.logs.mdf:open_mdf".
-        path: the file.
-        settings: what the file does not say.
-
     Raises:
         ReadingEndedError: the bounds were exceeded, or the library broke down.
-        InputError, OSError, MemoryError, ModuleNotFoundError: as the opener raises them.
         RuntimeError: in place of any other exception of the opener.
     """
     process = _idle.pop() if _idle else _Process()

@@ -57,13 +57,6 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
     """Open a log that is a table in a text; columns of texts, and dates beside the time, are no channels.
 
     Times that are dates count from the first one, which is the zero of the log.
-
-    Args:
-        path: the file.
-        settings: what the file does not say.
-
-    Raises:
-        InputError: the first fault found, with file, line, column and remedy.
     """
     remarks: tuple[str, ...] = ()
     if settings.encoding is None and (encoding := encoding_of(path)):
@@ -75,18 +68,7 @@ def open_csv(path: Path, settings: LogSettings) -> Log:
 def log_of_lines(
     path: Path, lines: Sequence[str], settings: LogSettings, *, form: str, remarks: tuple[str, ...] = ()
 ) -> Log:
-    """Return the log that some lines of cells between tabs are, held in memory.
-
-    Args:
-        path: of the file, for messages.
-        lines: all of them, header and numbers, with decimal points.
-        settings: what the file does not say.
-        form: what the format is called.
-        remarks: how it is read beside what it states.
-
-    Raises:
-        InputError: the first fault found, with file, line, column and remedy.
-    """
+    """Return the log that some lines of cells between tabs are, held in memory."""
     settings = replace(settings, delimiter="\t", decimal=".", encoding=None)
     head = list(lines[: (settings.skip_lines or 0) + _HEAD_LINES])
     return _log(path, head, settings, form, tuple(lines), remarks)
@@ -152,15 +134,7 @@ def _log(
 
 @writer(".csv")
 def write_csv(recording: Recording, path: Path) -> None:
-    """Write a recording as comma-separated text that reads back to the last bit.
-
-    Args:
-        recording: what to write, in SI units.
-        path: the file to write.
-
-    Raises:
-        InputError: a channel's name or unit that a header cannot hold, or a place that cannot be written to.
-    """
+    """Write a recording as comma-separated text that reads back to the last bit."""
     header = _header_line(recording, path)
     columns = (recording.time_s, *recording.samples.T)
     with written_whole(path) as file:

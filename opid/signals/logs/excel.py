@@ -18,15 +18,7 @@ from opid.signals.logs.csv import log_of_lines
 
 @reader(".xlsx", name="Excel", needs="python-calamine", extra="excel", magic=(b"PK\x03\x04",))
 def open_excel(path: Path, settings: LogSettings) -> Log:
-    """Open an Excel workbook: its first sheet with numbers.
-
-    Args:
-        path: the file.
-        settings: what the file does not say; what sets columns and decimals of a text apart has no meaning here.
-
-    Raises:
-        InputError: the file is damaged, or its table is at fault, with its row.
-    """
+    """Open an Excel workbook: its first sheet with numbers."""
     import python_calamine
 
     with python_calamine.CalamineWorkbook.from_path(path) as workbook:

@@ -40,15 +40,7 @@ _HEADER_BYTES = 60_000  # an attribute of HDF5 holds 64 KiB
 
 @reader(".h5", ".hdf5", ".hdf", name="HDF5", needs="h5py", extra="hdf5", magic=(SIGNATURE,))
 def open_hdf5(path: Path, settings: LogSettings) -> Log:
-    """Open an HDF5 log; its samples are read in slices, so that it may be larger than memory.
-
-    Args:
-        path: the file.
-        settings: what the file does not say.
-
-    Raises:
-        InputError: the file is cut off, holds no numbers of its own, states an absurd rate, or fits no known layout.
-    """
+    """Open an HDF5 log; its samples are read in slices, so that it may be larger than memory."""
     elsewhere: list[str] = []
     with opened(path) as file:
         groups = list(_groups(path, file, {}, elsewhere))
@@ -63,15 +55,7 @@ def open_hdf5(path: Path, settings: LogSettings) -> Log:
 
 @writer(".h5", ".hdf5", ".hdf")
 def write_hdf5(recording: Recording, path: Path) -> None:
-    """Write a recording as HDF5 in opid's own layout, to the last bit, with its history.
-
-    Args:
-        recording: what to write, in SI units.
-        path: the file to write.
-
-    Raises:
-        InputError: names or units that HDF5 cannot hold, or a place that cannot be written to.
-    """
+    """Write a recording as HDF5 in opid's own layout, to the last bit, with its history."""
     import h5py
 
     names, units = [list(recording.names), [channel.unit for channel in recording.channels]]
@@ -107,12 +91,7 @@ def opened(path: Path) -> AbstractContextManager[Any]:
 
 
 def members(group: h5py.Group, elsewhere: list[str]) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
-    """Yield name and object of what lies in a group itself, not behind a link to another place or file.
-
-    Args:
-        group: of an open file.
-        elsewhere: receives the names of what lies elsewhere.
-    """
+    """Yield name and object of what lies in a group itself, not behind a link to another place or file."""
     import h5py
 
     for name in group:

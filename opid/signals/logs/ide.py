@@ -61,13 +61,6 @@ def open_ide(path: Path, settings: LogSettings) -> Log:
     slope of the line through the stamps of the blocks, drawn between the medians of their first and last thirds: the
     first block's are often some milliseconds off.
     Elsewhere each row has a stamp, interpolated in its block, and what is irregular shows.
-
-    Args:
-        path: the file.
-        settings: what the file does not say; nothing of it concerns this format.
-
-    Raises:
-        InputError: the file is cut off, or holds what no recorder writes.
     """
     from idelib.importer import openFile
 

@@ -77,13 +77,6 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
     Stamps are the X values, as `Delta_X` is often rounded; where there are none, X0 and its multiples. They count from
     Date and Time of the first segment (the earliest of its channels'), or of the file, or from LabVIEW's zero in 1904
     where they are so large: `Time_Pref` is no guide, "Absolute" stands above X values of either kind.
-
-    Args:
-        path: the file.
-        settings: what the file does not say.
-
-    Raises:
-        InputError: the first fault found, with file, line and remedy.
     """
     remarks: tuple[str, ...] = ()
     if settings.encoding is None and (encoding := encoding_of(path)):

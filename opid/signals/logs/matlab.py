@@ -39,15 +39,7 @@ _READ = (*_NUMERIC, "struct", "cell", "char")
 
 @reader(".mat", name="MATLAB", needs="h5py", extra="hdf5")
 def open_matlab(path: Path, settings: LogSettings) -> Log:
-    """Open a MATLAB file: version 7.3 is read in slices, an older one whole.
-
-    Args:
-        path: the file.
-        settings: what the file does not say.
-
-    Raises:
-        InputError: the file is damaged, no MATLAB file, holds no numbers, or states an absurd rate.
-    """
+    """Open a MATLAB file: version 7.3 is read in slices, an older one whole."""
     with path.open("rb") as file:
         head = file.read(520)
     if SIGNATURE in (head[:8], head[512:520]):

@@ -33,13 +33,6 @@ def open_mdf(path: Path, settings: LogSettings) -> Log:
     Times count from the start of the measurement that the header states. Texts, arrays and whatever else is no number
     for each record are left out; values that the file marks as invalid are NaN. The library makes an empty temporary
     file while it reads, and in it puts in order what a recorder wrote unsorted.
-
-    Args:
-        path: the file.
-        settings: what the file does not say; nothing of it concerns this format.
-
-    Raises:
-        InputError: the recorder did not finish the file.
     """
     with path.open("rb") as stream:
         _require_finished(path, stream.read(_HEADER_BYTES))

@@ -105,14 +105,7 @@ class _Bundle:
 def groups_of_values(
     values: Mapping[str, Any], name: str, above: Mapping[str, float], depth: int = 0
 ) -> Iterator[NamedGroup]:
-    """Yield the group of some variables or fields held in memory, and those of the structs among them.
-
-    Args:
-        values: arrays, numbers, texts and structs (mappings) by name.
-        name: of the group, empty for the file itself.
-        above: numbers that are stated for what it stands in.
-        depth: in how many structs it stands.
-    """
+    """Yield the group of some variables or fields held in memory, and those of the structs among them."""
     arrays, numbers, texts, within = [], {}, {}, {}
     for key, value in values.items():
         if isinstance(value, dict):
@@ -144,15 +137,6 @@ def tracks_of(
     In each group, the array called `time` or `t` (or `settings.time`) holds the stamps, and every other array of its
     length is a channel, a matrix one for each column. Where there is none, arrays of one length and one stated rate
     make a track. Of a matrix, the time is the dimension that fits the stamps or the names, else the longer one.
-
-    Args:
-        path: of the file.
-        groups: in the order of the file.
-        settings: what the file does not say: `time`, `time_unit`, `names` (of all columns, the time among them).
-        opened: gives the file to `NamedArray.read`.
-
-    Raises:
-        InputError: a time that is not there, names that do not fit, an absurd rate or number of channels.
     """
     groups = _with_headers(groups)
     bundles = [bundle for group in groups for bundle in _bundles(path, group, settings)]

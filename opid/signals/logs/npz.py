@@ -22,15 +22,7 @@ from opid.signals.logs.named_arrays import groups_of_values, tracks_of
 
 @reader(".npz", name="NumPy", magic=(b"PK\x03\x04",), apart=True)
 def open_npz(path: Path, settings: LogSettings) -> Log:
-    """Open a NumPy archive.
-
-    Args:
-        path: the file.
-        settings: what the file does not say.
-
-    Raises:
-        InputError: the file is damaged, holds no numbers, or states an absurd rate.
-    """
+    """Open a NumPy archive."""
     pickled = ""
     values = {}
     with np.load(path, allow_pickle=False) as archive:

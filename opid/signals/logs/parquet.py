@@ -48,15 +48,7 @@ class _Time:
 
 @reader(".parquet", ".pq", name="Parquet", needs="pyarrow", extra="parquet", magic=(b"PAR1",))
 def open_parquet(path: Path, settings: LogSettings) -> Log:
-    """Open a Parquet log; only the wanted columns are read, batch by batch, so that it may be larger than memory.
-
-    Args:
-        path: the file.
-        settings: what the file does not say; `names` are those of its columns of numbers, the time among them.
-
-    Raises:
-        InputError: the file is cut off, holds no columns of numbers, or states an absurd rate.
-    """
+    """Open a Parquet log; only the wanted columns are read, batch by batch, so that it may be larger than memory."""
     with _opened(path) as file:
         schema, n = file.schema_arrow, file.metadata.num_rows
         _require_distinct(path, schema.names)

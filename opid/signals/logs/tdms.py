@@ -41,13 +41,6 @@ def open_tdms(path: Path, settings: LogSettings) -> Log:
     stamps. Times count from the earliest `wf_start_time` in the file (or the first date where there is none).
     Texts, empty channels and the decimated copies that SignalExpress keeps for its displays are left out. An index
     file beside it is not looked at.
-
-    Args:
-        path: the file.
-        settings: what the file does not say: `time`, a channel with the time stamps, and `time_unit`.
-
-    Raises:
-        InputError: the last segment is cut off, a unit that is none of time, or no such `time`.
     """
     with _opened(path) as file:
         if any(each.read_length < each.expected_length for each in (file.file_status.channel_statuses or {}).values()):

@@ -52,13 +52,6 @@ def open_uff(path: Path, settings: LogSettings) -> Log:
     """Open a universal file; a data set is read whole when one of its samples is wanted.
 
     The date in ID line 3 is that of the function's making, not of its first sample: the zero of the times is not told.
-
-    Args:
-        path: the file.
-        settings: what the file does not say; `names` are those of its time histories.
-
-    Raises:
-        InputError: the file is cut off, or holds no time histories.
     """
     import pyuff
 
@@ -85,15 +78,7 @@ def open_uff(path: Path, settings: LogSettings) -> Log:
 
 @writer(".uff", ".unv", ".58")
 def write_uff(recording: Recording, path: Path) -> None:
-    """Write a recording as data sets 58b in double precision, one a channel, to the last bit; the history is left out.
-
-    Args:
-        recording: what to write, in SI units.
-        path: the file to write.
-
-    Raises:
-        InputError: a name of more than 80 or a unit of more than 20 characters, or a place that cannot be written to.
-    """
+    """Write a recording as data sets 58b in double precision, one a channel, to the last bit, without its history."""
     for channel in recording.channels:
         if not (
             _fits(channel.name, 80) and _fits(channel.unit, 20) and split_unit(channel.name) == (channel.name, None)

@@ -38,13 +38,6 @@ def open_ulog(path: Path, settings: LogSettings) -> Log:
     The log stops where the power did: a last message that is not whole is left out, as the format demands
     (docs.px4.io/main/en/dev_log/ulog_file_format). Dropouts show as gaps between the stamps. The messages are held in
     memory, as many bytes as they have in the file.
-
-    Args:
-        path: the file.
-        settings: what the file does not say; nothing of it concerns this format.
-
-    Raises:
-        InputError: broken messages.
     """
     from pyulog import ULog
 

@@ -47,15 +47,7 @@ class _Form:
 
 @reader(".wav", ".wave", name="WAV", magic=(b"RIFF", b"RIFX", b"RF64"))
 def open_wav(path: Path, settings: LogSettings) -> Log:
-    """Open a WAV file (RIFF, RIFX or RF64) of 8 to 32-bit integers or 32 or 64-bit floats; it is read in slices.
-
-    Args:
-        path: the file.
-        settings: `full_scale` and `unit` say what the samples mean, `names` the channels.
-
-    Raises:
-        InputError: the file is cut off, compressed, or its header at fault; a unit without a full scale.
-    """
+    """Open a WAV file (RIFF, RIFX or RF64) of 8 to 32-bit integers or 32 or 64-bit floats; it is read in slices."""
     if settings.unit is not None and settings.full_scale is None:
         raise InputError(
             f"{path} holds parts of its full scale: give full_scale in [log], what its full scale stands for in "

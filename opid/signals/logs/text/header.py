@@ -64,16 +64,7 @@ class TextHeader:
 
 
 def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHeader:
-    """Return what the first lines of a text say of its table.
-
-    Args:
-        path: the file, for messages.
-        lines: the first ones, rows of numbers among them if there are any.
-        settings: what the user says.
-
-    Raises:
-        InputError: no table is there, or its header and its rows do not agree.
-    """
+    """Return what the first lines of a text say of its table."""
     skipped = settings.skip_lines or 0
     numbered = [(at, line) for at, line in enumerate(lines, start=1) if at > skipped and line.strip()]
     if not numbered:
@@ -106,17 +97,7 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
 def columns_of(
     where: str, cells: Sequence[str], units: Sequence[str | None], kinds: Sequence[str]
 ) -> tuple[Column, ...]:
-    """Return the columns behind the cells of a header.
-
-    Args:
-        where: file and line, for messages.
-        cells: of the header, names with or without units.
-        units: of a line of units, None for each column without.
-        kinds: what the columns hold.
-
-    Raises:
-        InputError: a column without a name, or two of one name.
-    """
+    """Return the columns behind the cells of a header."""
     columns = []
     for number, (cell, unit, kind) in enumerate(zip(cells, units, kinds, strict=True), start=1):
         name, own = (cell, unit) if unit else name_and_unit(cell)
@@ -160,12 +141,7 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
 
 
 def cells_or_text(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line, or the line as one cell if it is none of a table.
-
-    Args:
-        line: its text.
-        delimiter: between the cells.
-    """
+    """Return the cells of a line, or the line as one cell if it is none of a table."""
     try:
         return cells_of(line, delimiter)
     except InputError:

@@ -30,16 +30,7 @@ _LATIN = "°²³µ".encode("latin-1")
 def lines_of(
     path: Path, encoding: str | None = None, *, bytes_at_once: int = BYTES_AT_ONCE
 ) -> Generator[list[str], None, None]:
-    r"""Yield the lines of a text, block by block, without their ends (\n, \r\n or \r).
-
-    Args:
-        path: the file; it is unpacked if it ends in .gz.
-        encoding: of the text; what its byte-order mark says, or UTF-8, where left out.
-        bytes_at_once: bytes that are read at a time.
-
-    Raises:
-        InputError: it is not text in this encoding, or a line is longer than any table's.
-    """
+    r"""Yield the lines of a text, block by block, without their ends (\n, \r\n or \r)."""
     number, rest = 0, ""  # complete lines so far, and the beginning of the next
     with _opened(path) as file:
         data = file.read(bytes_at_once)
@@ -82,9 +73,6 @@ def encoding_of(path: Path) -> str | None:
     """Return "cp1252" for a text whose beginning is written as Windows does in Western Europe; None for any other.
 
     Such a text is no UTF-8, holds no characters that are, and is made of ASCII and what headers hold there.
-
-    Args:
-        path: the file; it is unpacked if it ends in .gz.
     """
     with _opened(path) as file:
         head = file.read(HEAD_BYTES)

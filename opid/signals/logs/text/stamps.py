@@ -27,9 +27,6 @@ _ISO = re.compile(rf"{_YEAR}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?", re.ASCII)
 def is_stamp(cell: str) -> bool:
     """Return whether a cell is a time of day, with or without a date before it.
 
-    Args:
-        cell: as it is written.
-
     >>> is_stamp("2024-05-01T12:00:00.002"), is_stamp("12:00:00,5"), is_stamp("12.5")
     (True, True, False)
     """
@@ -37,20 +34,13 @@ def is_stamp(cell: str) -> bool:
 
 
 def has_date(cell: str) -> bool:
-    """Return whether a stamp has a date, so that midnight does not take it back.
-
-    Args:
-        cell: a stamp.
-    """
+    """Return whether a stamp has a date, so that midnight does not take it back."""
     found = _STAMP.fullmatch(cell.strip())
     return found is not None and bool(found["y"] or found["y2"])
 
 
 def looks_dated(cell: str) -> bool:
     """Return whether a cell is a date or a time of day in any form, one that is not read here as well.
-
-    Args:
-        cell: as it is written.
 
     >>> looks_dated("05/01/2024 11:59:59.0 PM"), looks_dated("01-May-2024 12:00:00"), looks_dated("1.5")
     (True, True, False)
@@ -60,9 +50,6 @@ def looks_dated(cell: str) -> bool:
 
 def moment(cell: str) -> datetime | None:
     """Return the moment that a stamp states: in UTC where it has a zone; None where it has no date.
-
-    Args:
-        cell: as it is written.
 
     >>> str(moment("2024-05-01T12:00:00.5+02:00")), str(moment("1.5.2024 12:00:00")), moment("12:00:00")
     ('2024-05-01 10:00:00.500000+00:00', '2024-05-01 12:00:00', None)
@@ -124,7 +111,6 @@ def past_midnight(stamps: NDArray[np.int64], before: int | None) -> NDArray[np.i
 
     Args:
         stamps: (n,) times of day, ns.
-        before: the stamp before them as this function returned it, None for the first.
 
     >>> hour = DAY_NS // 24
     >>> (past_midnight(np.array([23 * hour, 0, hour]), None) / hour).tolist()

@@ -84,33 +84,18 @@ def table_lines(table: TextTable) -> Iterator[tuple[int, list[str]]]:
 
 
 def is_row(line: str, delimiter: str) -> bool:
-    """Return whether a line is a row: neither blank nor a remark.
-
-    Args:
-        line: its text.
-        delimiter: of the table; a line of tabs may be a row of empty cells.
-    """
+    """Return whether a line is a row: neither blank nor a remark."""
     bare = line.strip(" " if delimiter == "\t" else None)
     return bool(bare) and not bare.startswith(COMMENTS)
 
 
 def rows_of(lines: Sequence[str], delimiter: str) -> list[str]:
-    """Return those lines that are rows.
-
-    Args:
-        lines: of a table.
-        delimiter: of the table.
-    """
+    """Return those lines that are rows."""
     return [line for line in lines if line[:1] in _NUMBERS_BEGIN or is_row(line, delimiter)]
 
 
 def line_of_row(table: TextTable, row: int) -> int:
-    """Return the number of the line in which a row of a table stands.
-
-    Args:
-        table: where it stands.
-        row: counted from 0.
-    """
+    """Return the number of the line in which a row of a table stands."""
     numbers = (
         number + at
         for number, lines in table_lines(table)
@@ -142,17 +127,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def numbers_of(table: TextTable, number: int, lines: Sequence[str], columns: Sequence[int]) -> FloatArray:
-    """Return the numbers of some lines, (n_rows, n_columns): NaN where a cell is empty or not finite.
-
-    Args:
-        table: where they stand.
-        number: of the first line.
-        lines: their texts, blank ones and remarks among them.
-        columns: those wanted.
-
-    Raises:
-        InputError: a line with too few or too many cells, a cell that is no number, with the place.
-    """
+    """Return the numbers of some lines, (n_rows, n_columns): NaN where a cell is empty or not finite."""
     rows = rows_of(lines, table.delimiter)
     if not rows:
         return np.empty((0, len(columns)))
@@ -167,17 +142,7 @@ def numbers_of(table: TextTable, number: int, lines: Sequence[str], columns: Seq
 
 
 def column_of(table: TextTable, number: int, lines: Sequence[str], column: int) -> list[str]:
-    """Return the cells of one column as they are written.
-
-    Args:
-        table: where they stand.
-        number: of the first line.
-        lines: their texts.
-        column: the one wanted.
-
-    Raises:
-        InputError: a line with too few or too many cells.
-    """
+    """Return the cells of one column as they are written."""
     rows = rows_of(lines, table.delimiter)
     if _is_even(table, rows):
         separator = None if table.delimiter == BLANKS else table.delimiter
@@ -186,16 +151,7 @@ def column_of(table: TextTable, number: int, lines: Sequence[str], column: int) 
 
 
 def require_cells(table: TextTable, number: int, lines: Sequence[str]) -> None:
-    """Raise the error that names the first line with too few or too many cells, if there is one.
-
-    Args:
-        table: where the lines stand.
-        number: of the first line.
-        lines: their texts.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Raise the error that names the first line with too few or too many cells, if there is one."""
     if not _is_even(table, rows_of(lines, table.delimiter)):
         for _ in _numbered(table, number, lines):
             pass
@@ -231,11 +187,6 @@ def number_of(cell: str, decimal: str) -> float | None:
 
 def has_thousands_mark(cell: str, decimal: str, *, perhaps: bool = False) -> bool:
     """Return whether a cell holds a number whose thousands are set apart.
-
-    Args:
-        cell: its text.
-        decimal: "." or ",".
-        perhaps: also one whose mark may be meant as a decimal.
 
     >>> has_thousands_mark("1,234.5", "."), has_thousands_mark("1.234,5", ","), has_thousands_mark("1,234", ".")
     (True, True, False)
