@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from opid.errors import InputError
 from opid.estimate import Estimate, rounded
+from opid.provenance import ReadFile
 
 if TYPE_CHECKING:
     import pandas
@@ -58,7 +59,12 @@ class Result(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of result.json: plain values, null where there is no finite number."""
+        """Return what result.json holds but `provenance`: plain values, null where there is no finite number."""
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs that it was made from, as they were when they were read; none of what was made in Python."""
+        return ()
 
     @abstractmethod
     def _headline(self) -> str:

@@ -1,5 +1,6 @@
 """What several test files share: one short simulated field test on disk, and its identification."""
 
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,9 @@ from opid.studies.study_file import read_study
 from opid.suspensions.identification import identify
 from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import taxi_test
+
+# what two runs write at different times is the same to the byte
+os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 
 
 @pytest.fixture(scope="session")

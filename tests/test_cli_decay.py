@@ -60,6 +60,7 @@ def test_the_law_is_found_and_reported(log, tmp_path):
     assert f"Report: {out / 'report.html'}" in done.stdout
     result = json.loads((out / "result.json").read_text(encoding="utf-8"))
     assert (result["schema"], result["amplitude_unit"]) == ("opid.decay/1", "m")
+    assert [each["name"] for each in result["provenance"]["files"]] == [str(log)]
     assert holds(result["k"]["3"], K3)
     assert holds(result["c"]["2"], C2)
     assert holds(result["frequency_low_hz"], FREQUENCY)

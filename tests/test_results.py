@@ -21,6 +21,7 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.json_values import json_text
 from opid.mechanics.laws.law import law
+from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
 from opid.studies.study_file import read_study
@@ -146,7 +147,7 @@ def test_text_and_page_are_made_of_it(result, tmp_path, plain_pictures):
     figures = {path.stem for path in tmp_path.glob("*.png")}
     assert {step.removeprefix("figure ") for step in said} == figures
     (data,) = tmp_path.glob("*.json")
-    assert data.read_text(encoding="utf-8") == json_text(result.to_dict())
+    assert data.read_text(encoding="utf-8") == json_text(traced(result.to_dict(), result.files))
     assert data.name in page.read_text(encoding="utf-8")
 
 

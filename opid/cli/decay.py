@@ -81,7 +81,7 @@ def _decay(log: Path, settings: Mapping[str, Any], say: Callable[[str], None]) -
         **{name: settings[name] for name in ORDERS},
     )
     warnings = tuple(_in_options(text) for text in found.warnings)
-    return replace(found, warnings=warnings, settings={"log": str(log), **settings})
+    return replace(found, warnings=warnings, settings={"log": str(log), **settings}, files=record.files)
 
 
 def _in_options(text: str) -> str:

@@ -176,10 +176,11 @@ class Output:
     def show(self, result: Result, truth: Mapping[str, Any] | None = None, *, notes: Sequence[str] = ()) -> None:
         """Print the result: as JSON where that is asked for, otherwise as text with the notes below it."""
         from opid.json_values import json_text
+        from opid.provenance import traced
         from opid.report import text
 
         if self.as_json:
-            click.echo(json_text(result.to_dict()), nl=False)
+            click.echo(json_text(traced(result.to_dict(), result.files)), nl=False)
         elif not self.quiet:
             click.echo(text(result, truth))
             for note in notes:

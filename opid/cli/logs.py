@@ -34,6 +34,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     A log that cannot be read is told, and the others still inspected; the status is then 2.
     """
     from opid.json_values import json_text
+    from opid.provenance import traced
     from opid.report import text
     from opid.report.health_report import channels_left_out
     from opid.signals.health.as_json import health_json
@@ -64,7 +65,8 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
         if not as_json:
             click.echo("\n" * (len(found) > 1) + text(found[-1]), nl=False)
     if as_json and found:
-        click.echo(_printable(json_text(health_json(found))), nl=False)
+        document = traced(health_json(found), (file for each in found for file in each.files))
+        click.echo(_printable(json_text(document)), nl=False)
     if out is not None and found:
         pictures = _write_pictures(found, stems, out)
         if not as_json:

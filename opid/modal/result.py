@@ -15,6 +15,7 @@ from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import coefficient_rows, fitted_power_law
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray, Recording
 
@@ -228,6 +229,11 @@ class ModalIdentification(Result):
         laws = [(f"mode_{fit.mode}.", fit.stiffness, fit.damping) for fit in self.fits]
         laws += [(f"mode_{n}.decays.", law.stiffness, law.damping) for n, law in sorted(self.decay_laws.items())]
         return tuple(row for name, k, c in laws for row in coefficient_rows(k, c, name))
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs of the tests, as they were when they were read."""
+        return tuple(file for test in self.tests for file in test.recording.files)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.modal.as_json.modal_json`."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from opid.errors import InputError
 from opid.json_values import json_text
+from opid.provenance import traced
 from opid.report.as_text import as_text
 from opid.report.document import Document, Figure, Truth
 from opid.report.page import Page, as_page, drawn, pictured, rendered
@@ -115,7 +116,7 @@ def write_report(
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = html.encode("utf-8", "backslashreplace")
     # last, so that a result.json is never there without its report
-    contents[page.data_file] = json_text(result.to_dict()).encode("utf-8", "backslashreplace")
+    contents[page.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
     write_together(directory, contents)
     for file in older:
         file.unlink(missing_ok=True)
@@ -139,7 +140,7 @@ def _write(
     contents = {f"{name}.png": image for name, image in images.items()}
     contents["report.html"] = html.encode("utf-8", "backslashreplace")
     # last, so that a result.json is never there without its report
-    contents[document.data_file] = json_text(result.to_dict()).encode("utf-8", "backslashreplace")
+    contents[document.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
     write_together(directory, contents)
     # a figure of an older report would show another result
     for figure in () if figures else pictures:

@@ -105,6 +105,7 @@ def _part(
             channels=tuple(found),
             start_s=clock.start_s,
             history=(*history, *(word for word in words if word)),
+            files=log.files,
         )
     except InputError as error:
         raise InputError(f"{log.path}: {error}") from None

@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.provenance import ReadFile, read_file
 from opid.signals.recording import FloatArray, Recording
 
 BLOCK_VALUES = 1 << 20
@@ -109,6 +111,11 @@ class Log:
     zero: datetime | None = None
     history: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+
+    @cached_property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The file with the hash of what it holds; nothing where the log was made of a recording."""
+        return (read_file(self.path),) if self.path.is_file() else ()
 
     @property
     def names(self) -> tuple[str, ...]:

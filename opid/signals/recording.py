@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, nearest
+from opid.provenance import ReadFile
 
 FloatArray = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ class Recording:
         channels: one `Channel` a column.
         start_s: time of the first sample, s.
         history: what was done to the samples since they were read, in order.
+        files: that the samples were read from.
 
     Raises:
         InputError: fewer than two samples, a column count that does not match the channels,
@@ -47,6 +49,7 @@ class Recording:
     channels: tuple[Channel, ...]
     start_s: float = 0.0
     history: tuple[str, ...] = ()
+    files: tuple[ReadFile, ...] = ()
 
     def __post_init__(self) -> None:
         samples = np.array(self.samples, dtype=np.float64, order="C")

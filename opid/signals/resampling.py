@@ -66,6 +66,7 @@ def resampled(
         channels=recording.channels,
         start_s=begin,
         history=(*recording.history, f"resampled from {recording.fs:.9g} Hz to {fs_hz:.9g} Hz"),
+        files=recording.files,
     )
 
 
@@ -111,6 +112,7 @@ def on_common_clock(
         channels=tuple(channels[column] for column in columns),
         start_s=begin,
         history=tuple(dict.fromkeys(history)),
+        files=tuple(dict.fromkeys(file for each in recordings for file in each.files)),
     )
 
 

@@ -7,7 +7,7 @@ the entries that are not known the runs tell.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -17,6 +17,7 @@ from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, default_law
 from opid.mechanics.structure import Structure
 from opid.mechanics.weight import depends_on_travel
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.health.inspection import check_channels, findings_in_words, without_spikes
 from opid.signals.motion import integrate
@@ -67,6 +68,8 @@ class StructureIdentification(Result, Estimates):
         warnings: what to doubt, one sentence each.
         not_determined: what the runs do not tell; None if they tell all.
         fit: what the numbers were read from.
+        settings: every tuned number that it was made with.
+        files: logs of the runs, as they were when they were read.
     """
 
     masses: Mapping[str, Estimate]
@@ -82,6 +85,8 @@ class StructureIdentification(Result, Estimates):
     warnings: tuple[str, ...]
     not_determined: str | None
     fit: Fit
+    settings: Settings = field(default_factory=Settings)
+    files: tuple[ReadFile, ...] = ()
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the masses, the suspensions with their laws, and the joints."""
@@ -180,6 +185,7 @@ def identify_structure(
     task = Task(None, arrays, known, noise, kinds, question, settings, say, run_names, repeatability)
     part = fitted(task, "own", tuple(range(len(groups))), prepared, body, groups, known, noise.levels, start=begun)
     found = _answer(part, tuple(sensors), tuple(unknown), tuple(unknown_mass), knows_weight=axis is not None)
+    found = replace(found, settings=settings, files=tuple(file for run in runs for file in run.files))
     return replace(found, warnings=(*doubts, *found.warnings))
 
 

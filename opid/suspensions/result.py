@@ -14,6 +14,7 @@ from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LINEAR, Law
 from opid.mechanics.laws.rows import law_rows
 from opid.mechanics.weight import slopes_at_rest
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.faults import Demand, GroundImitations
@@ -456,6 +457,11 @@ class Identification(Result):
                 rows += spring_rows(interface, per_mass=self.per_mass)
         shown = {row.name for row in rows}
         return (*rows, *(row for row in estimate_rows(self.ratios) if row.name not in shown))
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs of the runs, as they were when they were read."""
+        return self.study.files
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.suspensions.answer.as_json.result_json`."""

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from opid.errors import nearest, refuse
+from opid.provenance import ReadFile
 from opid.signals.health.result import Finding
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
@@ -231,6 +232,11 @@ class Study:
     def is_one_gear(self) -> bool:
         """Whether it is about one suspension, read by one sensor on the body."""
         return len(self.interfaces) == 1 and not self.sensors
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs of the runs, as they were when they were read."""
+        return tuple(file for run in self.runs for file in run.recording.files)
 
     def channels(self, side: Side) -> tuple[str, ...]:
         """Return the channels of the sensors of a side, in the order in which the model takes them.

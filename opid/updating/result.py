@@ -9,6 +9,7 @@ from typing import Any
 from opid.estimate import Estimate
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.kinds import LAWS
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.updating.data.measured import MeasuredBackbone
@@ -232,6 +233,11 @@ class Updating(Result):
             coefficients = each.coefficients.items()
             rows += [SummaryRow.of(f"{each.model_class.name}.{kind}", *found) for kind, found in coefficients]
         return tuple(rows)
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The files of the backbones, as they were when they were read."""
+        return tuple(each.file for each in self.measured if each.file is not None)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.updating.as_json.updating_json`."""

@@ -17,6 +17,7 @@ from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.linear.coordinates import ModalTest
 from opid.modal.power_laws import coefficient_rows
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 
@@ -66,6 +67,7 @@ class Decay(Result):
         derivative: 2 where the signal is an acceleration, 1 a velocity, 0 a displacement.
         warnings: what to doubt.
         settings: what it was made with where `opid decay` made it: its options by their names, and `log`.
+        files: that the record was read from.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Decay(Result):
     derivative: int
     warnings: tuple[str, ...]
     settings: Mapping[str, Any] = field(default_factory=dict)
+    files: tuple[ReadFile, ...] = ()
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return frequency and damping at the largest and at zero amplitude, and the coefficients of the law."""

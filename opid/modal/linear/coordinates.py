@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from opid.errors import InputError
 from opid.modal.linear.modes import LinearModes, force_projection, modal_filter, with_sensors
@@ -106,7 +106,7 @@ def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recordi
         samples[:, column] = differentiate(samples[:, column], fs=recording.fs)
         channels[column] = Channel(sensor, "m/s^2")
     history = (*recording.history, f"{', '.join(velocities)}: velocities differentiated to accelerations")
-    return Recording(samples, recording.fs, tuple(channels), recording.start_s, history)
+    return replace(recording, samples=samples, channels=tuple(channels), history=history)
 
 
 def _require_force(recording: Recording, modes: LinearModes, name: str, force: str, drive_point: str | None) -> None:

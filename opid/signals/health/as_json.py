@@ -19,7 +19,8 @@ def health_json(logs: Sequence[Health]) -> dict[str, Any]:
         logs: the health of each.
 
     Returns:
-        `schema` and `logs`, each with the fields of `Health` but `levels`, of its channels all but `overview`.
+        `schema` and `logs`, each with the fields of `Health` but `levels` and `files`, of its channels all but
+        `overview`.
 
     >>> health_json([])
     {'schema': 'opid.health/1', 'logs': []}
@@ -30,8 +31,8 @@ def health_json(logs: Sequence[Health]) -> dict[str, Any]:
 def _without_arrays(health: Health) -> dict[str, Any]:
     # left out before `asdict`, which copies
     channels = tuple(replace(channel, overview=None) for channel in health.channels)
-    document = asdict(replace(health, channels=channels, levels=()))
-    del document["levels"]
+    document = asdict(replace(health, channels=channels, levels=(), files=()))
+    del document["levels"], document["files"]
     for channel in document["channels"]:
         del channel["overview"]
     return {"log": document.pop("log")} | document

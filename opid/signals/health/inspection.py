@@ -85,7 +85,7 @@ def inspect(
     together = _together(results, order=tuple(wanted), numbers=_numbers(log, wanted))
     remarks = (Finding("note", "", each) for each in log.remarks)
     together = replace(together, findings=(*together.findings, *remarks))
-    return together if isinstance(what, Recording) else replace(together, log=str(log.path))
+    return replace(together, files=what.files, log="" if isinstance(what, Recording) else str(log.path))
 
 
 def _wanted(

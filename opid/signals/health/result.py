@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 
@@ -224,6 +225,7 @@ class Health(Result):
         pairs: accelerations of one clock beside each other.
         levels: of each clock, in the order of `clocks`.
         log: name of the log; empty for a recording.
+        files: that it was read from.
     """
 
     fs: float
@@ -236,6 +238,7 @@ class Health(Result):
     pairs: tuple[PairHealth, ...] = ()
     levels: tuple[Levels, ...] = ()
     log: str = ""
+    files: tuple[ReadFile, ...] = ()
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return rate and length of the clock with most samples, and offset and rms of each channel."""

@@ -90,7 +90,7 @@ def structure_json(result: StructureIdentification) -> Json:
         `schema`, `per_mass`, `masses` {degree of freedom: {value, std, interval95}}, `interfaces` and `joints` {name:
         {stiffness and damping {value, std, interval95, unit}, law_name, latex, law {kind: {parameter: {value, std,
         interval95}}}, rest_m, at_rest}}, `noise_m_per_s2`, `residual_over_noise`, `residual_of` {sensor: ...},
-        `left_out_over_noise`, `repeatability`, `limits`, `warnings`, `not_determined`.
+        `left_out_over_noise`, `repeatability`, `limits`, `warnings`, `not_determined`, `settings`.
     """
     told = ("noise_m_per_s2", "residual_over_noise", "residual_of", "left_out_over_noise")
     return plain(
@@ -105,6 +105,7 @@ def structure_json(result: StructureIdentification) -> Json:
             "limits": result.limits,
             "warnings": result.warnings,
             "not_determined": result.not_determined,
+            "settings": asdict(result.settings),
         }
     )
 

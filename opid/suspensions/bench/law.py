@@ -20,6 +20,7 @@ from opid.estimate import Estimate, Estimates
 from opid.mechanics.laws.law import LAWS, Law, Term, default_law
 from opid.mechanics.laws.rows import law_rows
 from opid.mechanics.memory import recorded_motion
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
@@ -119,6 +120,11 @@ class BenchLaw(Result):
         straight = (SummaryRow.of(name, each, UNITS[name]) for name, each in self.parameters.items())
         laws = law_rows(self.law, self.law_estimates, "law")
         return (*straight, *laws, SummaryRow.of("cycle.area_j", self.cycle.area_j, "J"))
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The log of the bench, as it was when it was read."""
+        return self.bench.files
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.suspensions.bench.as_json.bench_json`."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.provenance import ReadFile
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
 
@@ -40,6 +41,7 @@ class Bench:
             force was measured.
         log: the file that it was read from without a study file; None where it came otherwise.
         source: the study file; None where there is none.
+        files: that it was read from.
     """
 
     travel: FloatArray
@@ -57,6 +59,7 @@ class Bench:
     mass_kg: float | None = None
     log: Path | None = None
     source: Path | None = None
+    files: tuple[ReadFile, ...] = ()
 
     @property
     def samples(self) -> NDArray[np.int64]:
@@ -148,6 +151,7 @@ def bench_from_recording(
         acceleration=acceleration,
         counted=which,
         mass_kg=mass_kg,
+        files=recording.files,
     )
 
 
@@ -192,7 +196,7 @@ def quasi_static_bench(
     z, y = (np.interp(along, way[last], each[last]) for each in (raw - zero, recorded_y))
     names: dict[str, str | None] = {"force": force, "travel": travel, "velocity": None}
     bench = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(doubts))
-    return replace(bench, counted=counted, is_quasi_static=True)
+    return replace(bench, counted=counted, is_quasi_static=True, files=recording.files)
 
 
 def _force_and_travel(

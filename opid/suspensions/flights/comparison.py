@@ -13,6 +13,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.flights.departures import (
@@ -87,6 +88,11 @@ class Comparison(Result):
             name = ".".join(filter(None, (what.gear, what.name, what.kind)))
             rows.append(SummaryRow.of(name, last.estimate, what.unit))
         return tuple(rows)
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The results that are compared, as they were when they were read."""
+        return tuple(each.file for each in self.flights if each.file is not None)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of comparison.json, see `opid.suspensions.flights.as_json.comparison_json`."""

@@ -16,6 +16,7 @@ from typing import Any
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS
+from opid.provenance import ReadFile, read_file
 from opid.suspensions.result import SCHEMA
 
 RESULT_FILE = "result.json"
@@ -80,6 +81,7 @@ class ResultRecord:
         gears: the suspensions.
         structure: of a body; None of one gear, which is itself.
         not_determined: why absolute values are missing; empty where they are not.
+        file: with the hash of what it holds.
     """
 
     path: Path
@@ -89,6 +91,7 @@ class ResultRecord:
     gears: tuple[GearRecord, ...]
     structure: StructureRecord | None
     not_determined: str
+    file: ReadFile
 
 
 def read_result(path: Path) -> ResultRecord:
@@ -225,6 +228,7 @@ def _record(path: Path, document: _Table) -> ResultRecord:
         gears=(_one_gear(document),) if structure is None else _gears(document),
         structure=None if structure is None else _structure(document, structure),
         not_determined=document.text("not_determined", default=""),
+        file=read_file(path),
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS
+from opid.provenance import ReadFile
 from opid.suspensions.flights.result_file import RESULT_FILE, GearRecord, ResultRecord, read_result
 
 STUDY_FILE = "study.toml"
@@ -66,6 +67,7 @@ class Flight:
         per_mass: whether its values are per unit of mass.
         recommended: whether its structure is; of a single gear nothing else is to be had.
         doubt: why its values are missing, per unit of mass, or not to be believed; empty where its result does not say.
+        file: its file with the hash of what it holds.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Flight:
     per_mass: bool = False
     recommended: bool = True
     doubt: str = ""
+    file: ReadFile | None = None
 
 
 @dataclass(frozen=True)
@@ -252,6 +255,7 @@ def _flight(record: ResultRecord, name: str) -> Flight:
         per_mass=any(gear.per_mass for gear in record.gears),
         recommended=record.structure is None or record.structure.is_recommended,
         doubt=_doubt(record),
+        file=record.file,
     )
 
 

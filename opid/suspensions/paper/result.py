@@ -10,6 +10,7 @@ from typing import Any, Literal
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.mechanics.laws.rows import law_rows
+from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, alternatives
@@ -70,6 +71,11 @@ class PaperIdentification(Result):
         """Return the parameters, the law, and the ratios that need no known mass."""
         laws = law_rows(self.law, self.law_estimates, "law", per_mass=self.per_mass)
         return (*estimate_rows(self.parameters), *laws, *estimate_rows(self.ratios))
+
+    @property
+    def files(self) -> tuple[ReadFile, ...]:
+        """The logs of the runs, as they were when they were read."""
+        return self.study.files
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, see `opid.suspensions.answer.as_json.result_json`."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.provenance import read_file
 from opid.signals.column_names import split_unit
 from opid.signals.files import written_whole
 from opid.signals.logs.text.table import cells_of, number_of
@@ -74,7 +76,8 @@ def read_backbone(
     if not source.is_file():
         raise InputError(f"there is no backbone {path}: check the name")
     try:
-        return _backbone(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
+        read = _backbone(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
+        return replace(read, file=read_file(source))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except OSError as error:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import InputError, nearest
+from opid.provenance import ReadFile
 from opid.signals.recording import FloatArray
 
 LEAST_POINTS = 3
@@ -25,6 +26,7 @@ class MeasuredBackbone:
         amplitude: (n_points, n_sensors) first-harmonic amplitude of displacement, m, with the sign of the phase;
             columns in the order of `sensors`.
         sensors: names of the sensors.
+        file: that it was read from, if there is one.
 
     Raises:
         InputError: too few points, counts that do not match, values that are not finite or not positive, or an
@@ -37,6 +39,7 @@ class MeasuredBackbone:
     frequency_hz: FloatArray
     amplitude: FloatArray
     sensors: tuple[str, ...]
+    file: ReadFile | None = None
 
     def __post_init__(self) -> None:
         frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))

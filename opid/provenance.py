@@ -1,0 +1,62 @@
+"""Where a result comes from: the files that were read, as they were then, the version of opid, the time of writing."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ReadFile:
+    """A file that was read.
+
+    Args:
+        name: its path as it was given.
+        sha256: of what it held.
+    """
+
+    name: str
+    sha256: str
+
+
+def read_file(path: Path) -> ReadFile:
+    """Return the name of a file with the hash of what it holds, read block by block.
+
+    Args:
+        path: of the file.
+    """
+    with path.open("rb") as file:
+        return ReadFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
+
+
+def time_of_writing() -> str:
+    """Return the time now, ISO 8601 in UTC; where the environment has `SOURCE_DATE_EPOCH`, that many s after 1970.
+
+    With it what is written depends on nothing but what went in (https://reproducible-builds.org/specs/source-date-epoch).
+    """
+    stated = os.environ.get("SOURCE_DATE_EPOCH", "")
+    moment = datetime.fromtimestamp(int(stated), UTC) if stated.isdecimal() else datetime.now(UTC)
+    return moment.isoformat(timespec="seconds")
+
+
+def traced(document: Mapping[str, Any], files: Iterable[ReadFile]) -> dict[str, Any]:
+    """Return the content of a JSON file with where it comes from behind its schema.
+
+    Args:
+        document: of plain values, with `schema`.
+        files: that were read; one that was read more than once is named once.
+
+    Returns:
+        `schema`, `provenance` {opid, written, files [{name, sha256}]}, and what else the document has.
+    """
+    # an import statement would tie every module to the lists of public names
+    version = import_module("opid").__version__
+    read = [asdict(each) for each in dict.fromkeys(files)]
+    provenance = {"opid": version, "written": time_of_writing(), "files": read}
+    return {"schema": document["schema"], "provenance": provenance} | {**document}
