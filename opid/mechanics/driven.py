@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.kernels import law_arrays, predictions
+from opid.mechanics.kernels import law_arrays, predictor
 from opid.mechanics.laws.law import LINEAR, FloatArray, TermSet
 
 # half width of the interpolating kernel, samples: longer gains nothing at 8.6 Kaiser
@@ -124,7 +124,7 @@ def driven_response(
     nothing, exact = np.zeros((n_samples, n)), np.eye(7)[:, [1]].repeat(n, axis=1)
     states = np.concatenate([first if ground else first[:2], np.zeros((2, n))]).ravel()
     by_accelerance = directions("accelerance_directions", accelerance_directions, (0, n, n))
-    _, _, changes, motion = predictions(
+    _, _, changes, motion = predictor(
         joint_arrays(interfaces, ground=ground),
         matrix,
         by_accelerance,
@@ -135,12 +135,11 @@ def driven_response(
         nothing,
         nothing[:, :0, np.newaxis].repeat(n, axis=2),
         1.0 / fs,
-        states,
         np.zeros((states.size, states.size)),
         exact,
         ground,
         sensitivity,
-    )
+    )(states)
     n_absent = 2 * n if sensitivity and not ground else 0
     by_answer = np.zeros((n, changes.shape[1] + n_absent, n_samples))
     np.negative(changes, out=by_answer[:, : changes.shape[1]])

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError
 from opid.mechanics.driven import Interface, UnboundedResponseError, directions, joint_arrays
-from opid.mechanics.kernels import predictions
+from opid.mechanics.kernels import predictor
 from opid.mechanics.laws.law import FloatArray
 
 
@@ -170,7 +170,7 @@ def predict(
             f"accelerance, drive, measured, start and start_covariance have shapes {', '.join(map(str, shapes))}: give "
             f"{', '.join(map(str, needed))} for {n} interface(s)"
         )
-    innovation, spread, changes, motion = predictions(
+    innovation, spread, changes, motion = predictor(
         joint_arrays(interfaces, ground=ground),
         matrix,
         by_accelerance,
@@ -181,12 +181,64 @@ def predict(
         y,
         directions("measured_directions", measured_directions, (y.shape[0], 0, n)),
         1.0 / fs,
-        first.ravel(),
         covariance,
         noise.table(n),
         ground,
         sensitivity,
-    )
+    )(first.ravel())
     if not (np.isfinite(innovation[:, -1]).all() and np.isfinite(changes[..., -1]).all()):
         raise UnboundedResponseError("the driven response grows without bound: check stiffness and damping, and fs")
     return Prediction(innovation, spread, changes, motion[0].T, motion[1].T, motion[2].T)
+
+
+def misfits_of_starts(
+    interface: Interface,
+    accelerance: FloatArray,
+    drive: FloatArray,
+    measured: FloatArray,
+    *,
+    fs: float,
+    noise: Noise,
+    starts: Sequence[FloatArray],
+    start_covariance: FloatArray,
+    ground: bool,
+) -> list[float]:
+    """Return minus twice the log likelihood of the readings of a gear for each of some starts, up to a constant.
+
+    Args:
+        interface: the suspension.
+        accelerance: (1, 1) A, 1/kg.
+        drive: (2 n - 1, 1) acceleration below it at half steps, m/s^2.
+        measured: (n, 1) acceleration of the body, m/s^2.
+        fs: samples a second, Hz.
+        noise: of the sensors.
+        starts: (6 or 4, 1) each, as of `predict`.
+        start_covariance: of each of them.
+        ground: whether a spring acts between body and ground.
+
+    Returns:
+        Infinite where the motion grows without bound.
+    """
+    none = np.zeros((0, 1, 1))
+    predictions = predictor(
+        joint_arrays([interface], ground=ground),
+        accelerance,
+        none,
+        accelerance,
+        none,
+        np.ascontiguousarray(drive),
+        np.zeros((len(drive), 0, 1)),
+        np.ascontiguousarray(measured),
+        np.zeros((len(measured), 0, 1)),
+        1.0 / fs,
+        start_covariance,
+        noise.table(1),
+        ground,
+        False,
+    )
+    found = []
+    for start in starts:
+        innovation, spread, _, _ = predictions(start.ravel())
+        misfit = float(np.sum(innovation**2) + 2 * np.sum(np.log(spread)))
+        found.append(misfit if np.isfinite(misfit) else np.inf)
+    return found

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ __all__ = [
     "code_of",
     "force_kernel",
     "law_arrays",
-    "predictions",
+    "predictor",
     "remembered_along",
     "runge_kutta_4",
 ]
@@ -137,7 +138,7 @@ def backbones() -> Any:
     return _backbones
 
 
-def predictions(
+def predictor(
     joints: tuple[Any, ...],
     accelerance: FloatArray,
     by_mass: FloatArray,
@@ -148,13 +149,14 @@ def predictions(
     measured: FloatArray,
     by_measured: FloatArray,
     step_s: float,
-    start: FloatArray,
     covariance_start: FloatArray,
     noise: FloatArray,
     ground: bool,
     sensitivity: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return innovation and spread (n_interfaces, n), derivatives of the first, and motion (3, n_interfaces, n).
+) -> Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Return a function of the start state, (n_states,): z, v, [d, e], offsets of drive and measured, each of all.
+
+    It gives innovation and spread (n_interfaces, n), derivatives of the first, and motion (3, n_interfaces, n).
 
     Args:
         joints: stiffness, damping, ground stiffness and, with ground, stiffness at rest with that of the law
@@ -168,7 +170,6 @@ def predictions(
         measured: (n, n_interfaces), m/s^2.
         by_measured: (n, n_directions, n_interfaces) directions of the measured.
         step_s: s.
-        start: (n_states,) z, v, [d, e], offset of the drive, offset of the measured, of all interfaces each.
         covariance_start: (n_states, n_states).
         noise: (7, n_interfaces) rms of drive and measured, what their offsets walk in a step, rms of motion and of the
             acceleration by unmeasured forces, m/s^2, and at what rate the latter decays, 1/s.
@@ -180,13 +181,14 @@ def predictions(
     correct = bool(covariance_start.any() or noise[[0, 2, 3, 4, 5]].any())
     unmeasured = bool(noise[5].any())
     # the kernel follows z, v, what the laws remember, both offsets, [d, e], [w]
-    order = np.arange(start.size).reshape(-1, n)
+    n_start = len(covariance_start)
+    order = np.arange(n_start).reshape(-1, n)
     offsets = order[[4, 5, 2, 3]] if ground else order[2:]
     memory_start = memory_starts(joints)
-    n_given = start.size + memory_start.size
-    into = np.zeros((n_given + n * unmeasured, start.size))
-    into[: 2 * n] = np.eye(2 * n, start.size)
-    into[2 * n + memory_start.size : n_given] = np.eye(start.size)[offsets.ravel()]
+    n_given = n_start + memory_start.size
+    into = np.zeros((n_given + n * unmeasured, n_start))
+    into[: 2 * n] = np.eye(2 * n, n_start)
+    into[2 * n + memory_start.size : n_given] = np.eye(n_start)[offsets.ravel()]
     covariance = into @ covariance_start @ into.T
     covariance[n_given:, n_given:] = np.diag(noise[5, : n * unmeasured] ** 2)
     covariance[np.arange(2 * n, 2 * n + memory_start.size), np.arange(2 * n, 2 * n + memory_start.size)] = (
@@ -196,38 +198,43 @@ def predictions(
     single = n == 1 and memory_start.size <= 1 and not (ground and unmeasured)
     # directions last: the innermost loops go over them
     ways = [np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (by_mass, by_reading)]
-    innovation, spread, changes, motion = _predictions(
-        # None, not 1 and not False: numba compiles a kernel of its own for it and leaves out what is behind it
-        None if single else n,
-        (0.0,) * memory_start.size if single else (),
-        (ground or None) if single else ground,
-        (unmeasured or None) if single else unmeasured,
-        joints,
-        accelerance,
-        ways[0],
-        reading,
-        ways[1],
-        drive,
-        by_drive,
-        measured,
-        by_measured,
-        step_s,
-        into @ start,
-        into[:, : start.size - 2 * n].copy(),
-        covariance,
-        noise,
-        correct,
-        sensitivity,
-    )
-    # made sample by sample: rows of a whole record, a power of two apart, would share few places of the cache
-    return innovation, spread, changes.transpose(1, 2, 0), motion
+    begun = into[:, : n_start - 2 * n].copy()
+
+    def predictions(start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        innovation, spread, changes, motion = _predictions(
+            # None, not 1 and not False: numba compiles a kernel of its own for it and leaves out what is behind it
+            None if single else n,
+            (0.0,) * memory_start.size if single else (),
+            (ground or None) if single else ground,
+            (unmeasured or None) if single else unmeasured,
+            joints,
+            accelerance,
+            ways[0],
+            reading,
+            ways[1],
+            drive,
+            by_drive,
+            measured,
+            by_measured,
+            step_s,
+            into @ start,
+            begun,
+            covariance,
+            noise,
+            correct,
+            sensitivity,
+        )
+        # made sample by sample: rows of a whole record, a power of two apart, would share few places of the cache
+        return innovation, spread, changes.transpose(1, 2, 0), motion
+
+    return predictions
 
 
 def memory_starts(joints: tuple[Any, ...]) -> FloatArray:
     """Return how uncertain the memories are where a record begins, one number for each state of them.
 
     Args:
-        joints: as of `predictions`.
+        joints: as of `predictor`.
     """
     codes, memories = joints[2], joints[5]
     rows = np.flatnonzero(memories[:, 0] >= 0)
@@ -238,7 +245,7 @@ def remembered_along(joints: tuple[Any, ...], v: FloatArray, step_s: float) -> F
     """Return the derivatives of the force of one joint by its parameters along a motion, those of memories alone.
 
     Args:
-        joints: of one interface, as of `predictions`, all terms of its law faint.
+        joints: of one interface, as of `predictor`, all terms of its law faint.
         v: (n,) rate of its extension, m/s.
         step_s: from one value to the next, s.
 

@@ -40,6 +40,7 @@ from opid.mechanics.kernels.steps import (
     _STAGE_STEP,
     _STAGE_WEIGHT,
     _confined,
+    _copy_followed,
     _follow,
     _followed_forces,
     _joint_force,
@@ -244,7 +245,11 @@ def _predictions(  # type: ignore[no-untyped-def]
                 more, _ = _slipping_force(joints, i, owns[i] + 4, seen, False, 0.0, pulled, held, by_own, evolution)
                 force[seen, i] += more
         for i in range(n if n_followed > 0 else 0):
-            _followed_forces(joints, i, owns[i] + 4, 2, seen, seen + 1, state[n + i], followed, by_own)
+            if step == 0:
+                _followed_forces(joints, i, owns[i] + 4, 2, seen, state[n + i], followed, by_own)
+            else:
+                # where the step before ended
+                _copy_followed(joints, i, owns[i] + 4, 3, seen, by_own)
         for i in range(n):
             body = 0.0
             for k in range(n):
@@ -405,10 +410,11 @@ def _predictions(  # type: ignore[no-untyped-def]
             if n_followed > 0:
                 _follow(joints, part_s, pace[0], pace[1], followed)
                 for i in range(n):
-                    place = owns[i] + 4
-                    for half, first, last in ((0, 0, 1), (1, 1, 3), (2, 3, 4)):
+                    for half, stage in ((0, 0), (1, 1), (2, 3)):
                         v = pace[0, i] + 0.5 * half * (pace[1, i] - pace[0, i])
-                        _followed_forces(joints, i, place, half, first, last, v, followed, by_own)
+                        _followed_forces(joints, i, owns[i] + 4, half, stage, v, followed, by_own)
+                    # both stages in the middle have the same memories
+                    _copy_followed(joints, i, owns[i] + 4, 1, 2, by_own)
                 for q in range(n_followed if piece < n_steps - 1 else 0):
                     for k in range(4):
                         followed[0, q, k] = followed[2, q, k]

@@ -359,12 +359,14 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
                         followed[then, q, k] = followed[half, q, k]
                     change = 0.5 * (v_end[i] - v_begin[i])
                     at_first = v_begin[i] + half * change
-                    decay = np.abs(evolve(codes[row], h, at_first + change, a, b, c, u)[1])
-                    n_parts = 1 + int(0.5 * step_s * decay) if 0.5 * step_s * decay < 50.0 else 50
+                    rate, by_h, _, _, _, _ = evolve(codes[row], h, at_first + 0.5 * change, a, b, c, u)
+                    decay = 0.5 * step_s * np.abs(by_h)
+                    n_parts = 1 + int(decay) if decay < 50.0 else 50
                     part_s = 0.5 * step_s / n_parts
                     for k in range(n_parts):
                         v = at_first + (k + 0.5) / n_parts * change
-                        rate = evolve(codes[row], h, v, a, b, c, u)[0]
+                        if n_parts > 1:
+                            rate, _, _, _, _, _ = evolve(codes[row], h, v, a, b, c, u)
                         rate, by_h, _, by_a, by_b, by_c = evolve(codes[row], h + 0.5 * part_s * rate, v, a, b, c, u)
                         h += part_s * rate
                         # implicit, so that it stays stable for any decay
@@ -376,11 +378,13 @@ def _follow(joints, step_s, v_begin, v_end, followed):  # type: ignore[no-untype
 
 
 @part(inline=True)
-def _followed_forces(joints, i, place, half, first_stage, last_stage, v, followed, by_own):  # type: ignore[no-untyped-def]
-    """Derivatives of the force of joint i by the parameters of its faint terms with memory, at stages of a step."""
+def _followed_forces(joints, i, place, half, stage, v, followed, by_own):  # type: ignore[no-untyped-def]
+    """Derivatives of the force of joint i by the parameters of its faint terms with memory, at a stage of a step."""
     _, firsts, codes, n_inner, values, memories, _, elements = joints
     for row in range(firsts[i], firsts[i + 1]):
         begin, count, lag = -2 - memories[row, 0], memories[row, 1], values[row, 8]
+        for k in range(1 + n_inner[row] if begin >= 0 else 0):
+            by_own[stage, place + k] = 0.0
         for q in range(begin, begin + (count if begin >= 0 else 0)):
             h, amplitude = followed[half, q, 0], values[row, 0] * elements[q, 6]
             rate, by_h, by_a, by_b, by_c = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -389,17 +393,24 @@ def _followed_forces(joints, i, place, half, first_stage, last_stage, v, followe
                 rate, by_h, _, by_a, by_b, by_c = evolve(
                     codes[row], h, v, values[row, 1], values[row, 2], values[row, 9], elements[q, 0]
                 )
-            for stage in range(first_stage, last_stage):
-                for k in range(1 + n_inner[row] if q == begin else 0):
-                    by_own[stage, place + k] = 0.0
-                by_own[stage, place] += elements[q, 6] * (h + lag * rate)
-                for k, by_value in enumerate((by_a, by_b, by_c, 0.0)):
-                    if k < n_inner[row]:
-                        through_h = followed[half, q, 1 + k] if k < 3 else 0.0
-                        later = rate if k == 3 else 0.0
-                        by_own[stage, place + 1 + k] += amplitude * (
-                            (1.0 + lag * by_h) * through_h + lag * by_value + later
-                        )
+            by_own[stage, place] += elements[q, 6] * (h + lag * rate)
+            for k, by_value in enumerate((by_a, by_b, by_c, 0.0)):
+                if k < n_inner[row]:
+                    through_h = followed[half, q, 1 + k] if k < 3 else 0.0
+                    later = rate if k == 3 else 0.0
+                    by_own[stage, place + 1 + k] += amplitude * (
+                        (1.0 + lag * by_h) * through_h + lag * by_value + later
+                    )
+        place += 1 + n_inner[row]
+
+
+@part(inline=True)
+def _copy_followed(joints, i, place, before, stage, by_own):  # type: ignore[no-untyped-def]
+    """Take the derivatives by the parameters of the faint terms with memory of joint i from another stage."""
+    _, firsts, _, n_inner, _, memories, _, _ = joints
+    for row in range(firsts[i], firsts[i + 1]):
+        for k in range(1 + n_inner[row] if memories[row, 0] < -1 else 0):
+            by_own[stage, place + k] = by_own[before, place + k]
         place += 1 + n_inner[row]
 
 
@@ -422,7 +433,7 @@ def _remembered_along(joints, v, step_s):  # type: ignore[no-untyped-def]
     followed, by_own, pace = np.zeros((3, n_followed, 4)), np.zeros((1, n_own)), np.zeros((2, 1))
     found = np.empty((v.size, n_own))
     for k in range(v.size):
-        _followed_forces(joints, 0, 4, 2, 0, 1, v[k], followed, by_own)
+        _followed_forces(joints, 0, 4, 2, 0, v[k], followed, by_own)
         for p in range(n_own):
             found[k, p] = by_own[0, p]
         if k + 1 < v.size:

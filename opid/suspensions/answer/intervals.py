@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy import fft
 
 from opid.estimate import Estimate
 from opid.mechanics.driven import UnboundedResponseError
-from opid.mechanics.laws.law import LAWS
+from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.memory import force_along
 from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
@@ -90,8 +91,8 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
             # a block that is drawn near the end goes on at the beginning
             around = np.append(prediction.innovation[sensor], prediction.innovation[sensor, : block - 1])
             blocks = np.lib.stride_tricks.sliding_window_view(around, block)
-            resampled = blocks[drawn].reshape(known.n_bootstrap, -1)[:, : run.n_samples]
-            moved += resampled @ influence.T
+            for number, first_samples in enumerate(drawn):
+                moved[number] += influence @ blocks[first_samples].ravel()[: run.n_samples]
         first += 2 * n_sensors * run.omega.size
     # what was known before the data is drawn anew as well
     by_prior = np.diag(posterior @ (jacobian[n:].T @ jacobian[n:]) @ posterior)
@@ -231,13 +232,16 @@ class Parameters:
         remembers = model.resting_interfaces(self.fit.theta, run)[slot].law.has_memory
         every = 1 if remembers else max(1, prediction.travel.shape[0] // _AT_REST_SAMPLES)
         z, v = prediction.travel[::every, slot], prediction.velocity[::every, slot]
-        has_mass = model.mass_free and not per_mass
+        has_mass, fs = model.mass_free and not per_mass, model.runs[run].fs
+
+        @cache
+        def damping_of(law: Law) -> float:
+            lost = (force_along(law, z, v, fs) if remembers else law.force(z, v)) - law.force(z, 0.0)
+            return float(lost @ v) / float(v @ v)
 
         def read(theta: FloatArray) -> FloatArray:
             here, moved = model.resting_interfaces(theta, run)[slot], model.rest(theta, run, straight=True)
-            force = force_along(here.law, z, v, model.runs[run].fs) if remembers else here.law.force(z, v)
-            lost = force - here.law.force(z, 0.0)
-            damping = here.damping + float(lost @ v) / float(v @ v)
+            damping = here.damping + damping_of(here.law)
             stiffness = here.stiffness + float(here.law.gradient(0.0, 0.0)[0])
             scale = 1.0 / model.inverse_mass(theta) if has_mass else 1.0
             return np.array([0.0 if moved is None else moved.travel[slot], scale * stiffness, scale * damping])
@@ -258,7 +262,7 @@ class Parameters:
         """
         model, motion = self.fit.model, self.fit.errors.predictions[run]
         try:
-            found = self.of_function(lambda theta: straight_equivalent(model, theta, run, motion))
+            found = self.of_function(straight_equivalent(model, run, motion))
         except UnboundedResponseError:
             return [Estimate()] * 4
         # what does not spring back has no frequency

@@ -217,7 +217,7 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     kept = [place for place, name in enumerate(model.names) if name != "inverse_mass"]
     count = 0
     for place, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
-        whole = straight_equivalent(fit.model, fit.theta, place, motion)
+        whole = straight_equivalent(fit.model, place, motion)(fit.theta)
         run = run.coarse
         least = 2 if len(model.runs) == 1 else 1
         for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
@@ -238,7 +238,7 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
             moved = np.zeros(fit.theta.size)
             moved[kept] = now.theta[: len(kept)] - fit.theta[kept]
             found += np.outer(moved, moved)
-            equivalent = straight_equivalent(alone, now.theta, 0, now.errors.predictions[0])
+            equivalent = straight_equivalent(alone, 0, now.errors.predictions[0])(now.theta)
             of_equivalents += (equivalent / whole - 1) ** 2
             count += 1
     if count == 0:
@@ -258,7 +258,8 @@ def _moved_equivalents(fit: Fit, moved: FloatArray) -> FloatArray:
     """How a change of the vector changes the equivalents of all runs, relative, rms."""
     found = []
     for place, motion in enumerate(fit.errors.predictions):
-        before, after = (straight_equivalent(fit.model, fit.theta + step, place, motion) for step in (0.0, moved))
+        equivalent = straight_equivalent(fit.model, place, motion)
+        before, after = equivalent(fit.theta), equivalent(fit.theta + moved)
         found.append(after / before - 1)
     return np.sqrt(np.mean(np.square(found), axis=0))
 

@@ -198,7 +198,7 @@ def with_own_noise(fit: Fit) -> Fit:
     below, above = (float(np.sqrt(np.mean(np.square(side)))) for side in model.noise)
     now = float(np.log(below / above))
     try:
-        here = unlikely(now)
+        here = -model.log_likelihood(fit.errors, theta)
         promised = _promised(unlikely, now, here, known.noise_probe, known.least_noise_gain)
         if here - promised < known.least_noise_gain / 4:
             return fit

@@ -21,7 +21,7 @@ from opid.errors import InputError
 from opid.mechanics.driven import UnboundedResponseError
 from opid.mechanics.laws.law import LINEAR, Law, Term
 from opid.mechanics.memory import force_along
-from opid.mechanics.prediction import predict
+from opid.mechanics.prediction import misfits_of_starts
 from opid.signals.motion import filter_like, integrate
 from opid.signals.recording import FloatArray
 from opid.suspensions.law_search.dictionary import stand_together
@@ -405,45 +405,37 @@ def look_for_start(model: Model, theta: FloatArray) -> FloatArray:
     std = (grid[1] - grid[0]) / 2 * rms
     for place in range(len(model.runs)):
         cells = [np.array([z, v]) * rms for z in grid for v in grid]
-        cost_of_start = _start_costs(model, theta, place, std)
         for seconds, n_kept in known.start_rounds:
-            costs = [cost_of_start(cell, seconds) for cell in cells]
-            cells = [cells[k] for k in np.argsort(costs, kind="stable")[:n_kept]]
+            misfits = _misfits_of_cells(model, theta, place, cells, std, seconds)
+            cells = [cells[k] for k in np.argsort(misfits, kind="stable")[:n_kept]]
         found[model.places_of_run(place)[0]] = cells[0]
     return found
 
 
-def _start_costs(
-    model: Model, theta: FloatArray, place: int, cell_std: FloatArray
-) -> Callable[[FloatArray, float], float]:
-    """What the first seconds of a run speak against a start: a function of the start and the seconds."""
+def _misfits_of_cells(
+    model: Model, theta: FloatArray, place: int, cells: Sequence[FloatArray], cell_std: FloatArray, seconds: float
+) -> list[float]:
+    """What the first seconds of a run speak against starts."""
     run, (below, above) = model.runs[place], model.corrected(theta, place)
-    accelerance = model.mobility(theta, place).accelerance
     try:
-        slots = model.resting_interfaces(theta, place)
+        (gear,) = model.resting_interfaces(theta, place)
     except UnboundedResponseError:
-        return lambda cell, seconds: np.inf
-    noise, (usual, covariance) = model.noise_in(theta, run), state_at_start(model, theta, place)
+        return [np.inf] * len(cells)
+    usual, covariance = state_at_start(model, theta, place)
     np.fill_diagonal(covariance[:2, :2], cell_std**2)
-
-    def cost(cell: FloatArray, seconds: float) -> float:
-        n, start = min(run.n_samples, round(seconds * run.fs)), usual.copy()
-        start[:2, 0] = cell
-        try:
-            begun = predict(
-                slots,
-                accelerance,
-                below.value[: 2 * n - 1],
-                above.value[:n],
-                fs=run.fs,
-                noise=noise,
-                start=start,
-                start_covariance=covariance,
-                ground=model.ground,
-                sensitivity=False,
-            )
-        except UnboundedResponseError:
-            return np.inf
-        return float(np.sum(begun.innovation**2) + 2 * np.sum(np.log(begun.spread)))
-
-    return cost
+    starts = []
+    for cell in cells:
+        starts.append(usual.copy())
+        starts[-1][:2, 0] = cell
+    n = min(run.n_samples, round(seconds * run.fs))
+    return misfits_of_starts(
+        gear,
+        model.mobility(theta, place).accelerance,
+        below.value[: 2 * n - 1],
+        above.value[:n],
+        fs=run.fs,
+        noise=model.noise_in(theta, run),
+        starts=starts,
+        start_covariance=covariance,
+        ground=model.ground,
+    )

@@ -11,9 +11,9 @@ A gear alone is a body with one interface, M2 its mass: nothing here knows how m
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -442,31 +442,37 @@ def spectral_density(process: ProcessNoise, run: DrivenRun, straight: Straight) 
     return np.asarray(shape[:, np.newaxis, np.newaxis] * density, dtype=np.complex128)
 
 
-def straight_equivalent(model: Model, theta: FloatArray, run: int, motion: Prediction) -> FloatArray:
-    """Return stiffness and damping over the mass of a run (1/s^2, 1/s), natural frequency (Hz) and damping ratio.
+def straight_equivalent(model: Model, run: int, motion: Prediction) -> Callable[[FloatArray], FloatArray]:
+    """Return a function of the vector: stiffness and damping over the mass of a run, frequency, damping ratio.
 
     Their force departs least from that of springs, damper and law, in the mean square over the motion (statistical
     linearisation, Roberts & Spanos 1990, Random vibration and statistical linearization, ch. 5).
 
     Args:
         model: of one gear.
-        theta: its vector.
         run: place of the run.
         motion: of that run.
 
     Returns:
-        (4,); frequency and damping ratio are NaN where it does not spring back.
+        Of a vector (4,) 1/s^2, 1/s, Hz and 1; frequency and damping ratio are NaN where it does not spring back.
     """
     z, v = motion.travel[:, 0], motion.velocity[:, 0]
-    here = model.resting_interfaces(theta, run)[0]
-    force = here.stiffness * z + here.damping * v
-    if here.law.terms:
-        force += force_along(here.law, z, v, model.runs[run].fs)
-    straight = np.linalg.lstsq(np.stack([z, v], axis=1), force, rcond=None)[0]
+    nearest, fs = np.linalg.pinv(np.stack([z, v], axis=1)), model.runs[run].fs
     loading = float(model.runs[run].loading[0, 0])
-    stiffness, damping = straight / (1.0 + model.inverse_mass(theta) * loading)
-    omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
-    return np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)])
+
+    @cache
+    def of_law(law: Law) -> FloatArray:
+        return np.asarray(nearest @ force_along(law, z, v, fs)) if law.terms else np.zeros(2)
+
+    def of_vector(theta: FloatArray) -> FloatArray:
+        here = model.resting_interfaces(theta, run)[0]
+        assert isinstance(here.law, Law)  # without candidates
+        straight = of_law(here.law) + np.array([here.stiffness, here.damping])
+        stiffness, damping = straight / (1.0 + model.inverse_mass(theta) * loading)
+        omega = float(np.sqrt(stiffness)) if stiffness > 0.0 else np.nan
+        return np.array([stiffness, damping, omega / (2 * np.pi), damping / (2 * omega)])
+
+    return of_vector
 
 
 def _of_memories(law: Law, z: FloatArray, v: FloatArray, fs: float) -> tuple[float, float]:
