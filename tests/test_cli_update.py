@@ -44,7 +44,7 @@ def quick(monkeypatch):
         return small_updating(linear=None)
 
     monkeypatch.setattr(identification, "update_study", update_study)
-    monkeypatch.setattr("opid.report.updating.report.updating_pictures", lambda *_: ())  # tested by themselves
+    monkeypatch.setattr("opid.report.updating.classes.updating_figures", lambda *_: ())  # tested by themselves
     return given
 
 
@@ -66,7 +66,7 @@ def test_text_and_report_show_truth_beside_estimate(study, quick, tmp_path):
     truth.write_text(json.dumps(small_truth()), encoding="utf-8")
     done = opid("update", study, "--out", tmp_path / "out", "--truth", truth)
     assert (done.exit_code, done.stderr) == (0, "")
-    assert "Best: class 2, ahead of class 4" in done.stdout
+    assert "Best: class 2, cubic, ahead of class 4" in done.stdout
     assert "inside" in done.stdout
     document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert document["schema"] == "opid.updating/1"
@@ -211,7 +211,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
-    monkeypatch.setattr("opid.report.updating.report.updating_pictures", lambda *_: ())
+    monkeypatch.setattr("opid.report.updating.classes.updating_figures", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])

@@ -15,16 +15,11 @@ import opid
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.report.document import Table
 from opid.report.updating.chains import write_chains
-from opid.report.updating.coverage import coverage_note, coverage_table
-from opid.report.updating.pictures import reached_extension, updating_pictures
+from opid.report.updating.figures import reached_extension
 from opid.report.updating.reduction import order_sentences, reduction_sentences
-from opid.report.updating.tables import (
-    basis,
-    best_sentence,
-    class_table,
-    tables,
-)
+from opid.report.writing import document_of
 from opid.updating.result import Evidence
 from opid.updating.structure.reduction import ReductionErrors
 from opid.virtual.files.backbones import UPDATING_TRUTH
@@ -34,6 +29,10 @@ from opid.virtual.files.truth import read_truth
 @pytest.fixture(scope="module")
 def result():
     return small_updating()
+
+
+def tables_of(result):
+    return {table.columns[0].head: table for table in document_of(result).blocks if isinstance(table, Table)}
 
 
 def line_of(text, start):
@@ -77,17 +76,18 @@ def test_one_class_one_method_and_no_linear_updating_are_told_too(result):
     alone = replace(result.classes[1], evidences=(Evidence("laplace", 360.2),), prior_sensitivity={})
     few = replace(result, linear=None, classes=(alone,), prediction=())
     text = opid.text(few)
-    assert "Best: class 2, the only class" in text
+    assert "Best: class 2, cubic, the only class" in text
     assert "Linear structure" not in text
-    assert len(tables(few)) == 1
+    assert {"log evidence (± std. dev.)", "prior twice as wide", "within the band"} & set(tables_of(few)) == set()
+    assert len(tables_of(few)["sampling"].rows) == 1
     assert few.to_dict()["linear"] is None
 
 
 def test_a_class_that_explains_nothing_is_told(result):
     lost = replace(result.classes[0], evidences=(Evidence("laplace", -np.inf),))
     two = replace(result, classes=(lost, result.classes[1]))
-    assert "no other class can explain the data" in best_sentence(two)
-    assert class_table(two)[1][4] == "-inf"
+    assert "no other class can explain the data" in document_of(two).answer
+    assert tables_of(two)["class"].rows[0][4] == "-inf"
     assert json.loads(json_text(two.to_dict()))["classes"][0]["log_evidence"] is None
 
 
@@ -199,7 +199,7 @@ def test_one_of_each_is_told_in_the_singular(result):
     )
     system = small_system()
     alone = JointedModes(system.eigenvalue[:1], system.at_sensors[:1, :1], system.at_joints[:1, :1], ("9",), ("left",))
-    told = basis(replace(result, measured=(one,), system=alone))
+    told = document_of(replace(result, measured=(one,), system=alone)).blocks[0].text
     assert told.startswith("1 backbone (1 of mode 1), 3 points, 1 sensor, 1 joint, 1 mode kept;")
 
 
@@ -213,25 +213,27 @@ def test_missing_points_of_a_band_are_counted_and_null(result):
     first, *others = result.prediction
     gap = np.where(np.arange(first.amplitude.size) < 3, np.nan, first.frequency_hz)
     broken = replace(result, prediction=(replace(first, frequency_hz=gap, low_hz=gap, high_hz=gap), *others))
-    assert "has no frequency" not in coverage_note(result)
+    assert "has no frequency" not in tables_of(result)["within the band"].note
     assert "The band of mode 1 has no frequency at 3 of its 40 amplitudes" in " ".join(opid.text(broken).split())
     band = json.loads(json_text(broken.to_dict()))["prediction"][0]
     assert band["frequency_hz"][:4] == [None, None, None, pytest.approx(first.frequency_hz[3])]
-    assert "Where it breaks off" in updating_pictures(broken)[-2].text
-    assert "Where it breaks off" not in updating_pictures(broken)[-1].text
+    assert "Where it breaks off" in document_of(broken).figures[-2].text
+    assert "Where it breaks off" not in document_of(broken).figures[-1].text
 
 
 def test_bands_of_one_mode_and_sensor_share_a_cell(result):
     band = next(each for each in result.prediction if each.sensor == "10" and each.mode == 1)
     several = replace(result, prediction=(band, replace(band, coverage=0.5), replace(band, mode=2, coverage=np.nan)))
-    assert coverage_table(several) == [("within the band", "mode 1", "mode 2"), ("sensor 10", "94 %, 50 %", "-")]
+    table = tables_of(several)["within the band"]
+    assert [column.head for column in table.columns] == ["within the band", "mode 1", "mode 2"]
+    assert table.rows == (("sensor 10", "94 %, 50 %", "-"),)
 
 
 def test_the_forces_of_joints_that_the_tests_do_not_move_are_drawn(result):
     system = small_system()
     still = replace(system, at_joints=np.zeros_like(system.at_joints))
-    picture = next(each for each in updating_pictures(result) if each.name == "joint_forces")
-    picture.draw(replace(result, system=still), None)
+    found = document_of(replace(result, system=still))
+    next(each for each in found.figures if each.name == "joint_forces").draw()
 
 
 class Groups:

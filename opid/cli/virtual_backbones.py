@@ -81,7 +81,7 @@ def backbones(
     import numpy as np
 
     from opid.errors import InputError
-    from opid.report.updating.tables import counted
+    from opid.report.document import counted
     from opid.studies.updating_study import FACTOR_PRIOR
     from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
     from opid.updating.structure.reduction import reduce

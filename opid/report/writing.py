@@ -44,7 +44,7 @@ KINDS = (
     KindOfResult("signals.health.result.Health", "health_report"),
     KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
     KindOfResult("modal.result.ModalIdentification", "modal.modes", has_truth=True),
-    KindOfResult("updating.result.Updating", "updating.report", has_truth=True),
+    KindOfResult("updating.result.Updating", "updating.classes", has_truth=True),
 )
 
 

@@ -144,6 +144,8 @@ def _coefficients(result: ModalIdentification, truth: Truth | None) -> Iterator[
     rows = [row for fit in result.fits for row in _rows_of(fit, truth)]
     rows += [row for mode in sorted(result.decay_laws) for row in _rows_of_decays(result, mode, truth)]
     decays = " Free decays give k₀ and c₀ themselves: there these are k1 and c1." if result.decay_laws else ""
+    if truth:
+        decays += " The tests were simulated: truth, error, and whether the interval held the truth, are known."
     if rows:
         yield Table(
             estimate_columns(truth),

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from opid.report.updating.tables import counted
+from opid.report.document import counted
 from opid.updating.result import Updating
 from opid.updating.structure.reduction import ReductionErrors
 

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from opid import plots
 from opid.mechanics.laws.law import FloatArray, Law, Term
-from opid.report.page import Picture
-from opid.report.updating.coverage import missing_points
+from opid.report.document import Figure, Truth
 from opid.report.updating.reduction import order_sentences, reduction_sentences
-from opid.report.updating.tables import Truth, true_theta
 from opid.updating.model_class import short_kind
-from opid.updating.result import ClassPosterior, Updating
+from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 
 N_SENSORS_SHOWN = 6
 """Sensors of a figure of backbones, those that move most."""
@@ -25,140 +24,125 @@ N_EXTENSIONS = 200
 """At which a force is drawn."""
 
 
-def updating_pictures(result: Updating) -> tuple[Picture, ...]:
-    """Return the figures that a result has something to show in.
+def updating_figures(result: Updating, truth: Truth | None = None) -> Iterator[Figure]:
+    """Yield the figures that a result has something to show in.
 
     Args:
         result: the updating.
+        truth: of a simulated test, if the figures will show it.
     """
-    return tuple(_pictures(result))
-
-
-def _pictures(result: Updating) -> Iterator[Picture]:
     for mode in sorted({curve.mode for curve in result.measured}):
-        yield _measured_picture(mode)
+        yield _measured_figure(result, mode)
     if result.linear is not None:
-        yield from _linear_pictures()
+        yield from _linear_figures(result.linear, truth)
     if result.reductions:
-        yield _reduction_picture(result)
+        yield _reduction_figure(result)
     if result.classes:
-        yield from _class_pictures(result)
+        yield from _class_figures(result, truth)
     for mode in sorted({band.mode for band in result.prediction}):
-        yield _predicted_picture(result, mode)
+        yield _predicted_figure(result, mode)
 
 
-def _measured_picture(mode: int) -> Picture:
-    from opid import plots
-
-    return Picture(
+def _measured_figure(result: Updating, mode: int) -> Figure:
+    return Figure(
         f"measured_mode_{mode}",
         f"Mode {mode}: what was measured",
         "Amplitude of the first harmonic over the frequency of phase resonance, one curve a test. They should lie on "
         "each other: how far they do not is what the likelihood takes for errors. A loop or a peak is a modal "
         "interaction, of which one harmonic knows nothing.",
-        lambda result, truth: plots.measured_backbones(result.measured, mode, sensors=_moving(result, mode)),
+        lambda: plots.measured_backbones(result.measured, mode, sensors=_moving(result, mode)),
     )
 
 
-def _linear_pictures() -> Iterator[Picture]:
-    from opid import plots
-
-    yield Picture(
+def _linear_figures(linear: LinearPosterior, truth: Truth | None) -> Iterator[Figure]:
+    yield Figure(
         "linear_updating",
         "The linear structure, before and after",
         "Frequencies and shapes of the lowest points of the backbones against the structure as it was given and with "
         "its updated parameters.",
-        lambda result, truth: plots.linear_updating(result.linear),
+        lambda: plots.linear_updating(linear),
     )
-    yield Picture(
+    yield Figure(
         "linear_samples",
         "Linear parameters",
         "Samples of the posterior of the factors as densities, with the contours of 50, 90 and 99 % of a Gaussian of "
         "the same mean and covariance. Green, if any, is the truth of a simulation.",
-        lambda result, truth: plots.parameter_samples(
-            result.linear.samples,
-            _linear_labels(result),
-            truth=[truth["linear"].get(name) for name in result.linear.names] if truth else None,
+        lambda: plots.parameter_samples(
+            linear.samples,
+            [f"{name} [of nominal]" for name in linear.names],
+            truth=[truth["linear"].get(name) for name in linear.names] if truth else None,
         ),
     )
-    yield Picture(
+    yield Figure(
         "linear_running",
         "Linear parameters: have they settled?",
         "Mean and standard deviation of the samples so far. Lines that still drift at the end ask for more samples.",
-        lambda result, truth: plots.running_moments(result.linear.samples, result.linear.names),
+        lambda: plots.running_moments(linear.samples, linear.names),
     )
 
 
-def _reduction_picture(result: Updating) -> Picture:
-    from opid import plots
-
+def _reduction_figure(result: Updating) -> Figure:
     sentences = (*reduction_sentences(result), *order_sentences(result.reductions))
     used, *others = result.reductions
     caption = " ".join(f"{each[0].upper()}{each[1:]}." for each in sentences)
-    return Picture(
+    return Figure(
         "reduction",
         "What the reduction leaves out",
         "Frequencies and shapes of the reduced structure against those of the whole one, mode by mode. The modes that "
         f"are tested and those near their multiples should be exact; higher ones need not. {caption}",
-        lambda result, truth: plots.reduction_figure(used, free=others[0] if others else None),
+        lambda: plots.reduction_figure(used, free=others[0] if others else None),
     )
 
 
-def _class_pictures(result: Updating) -> Iterator[Picture]:
-    from opid import plots
-
-    yield Picture(
+def _class_figures(result: Updating, truth: Truth | None) -> Iterator[Figure]:
+    yield Figure(
         "log_evidences",
         "Which class",
         "Log evidence less that of the best class (in red), by every method that was run. Three is strong, five is "
         "decisive, and one is nothing; a class with a further term pays for the width of its prior.",
-        lambda result, truth: plots.log_evidences(result),
+        lambda: plots.log_evidences(result),
     )
-    yield Picture(
+    yield Figure(
         "joint_forces",
         "What the classes make of the joints",
         "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
         "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be told apart by these data.",
-        _draw_forces,
+        lambda: _draw_forces(result, truth),
     )
     for number, posterior in enumerate(result.classes, start=1):
-        yield from _pictures_of_class(number, posterior)
+        yield from _figures_of_class(number, posterior, truth)
 
 
-def _pictures_of_class(number: int, posterior: ClassPosterior) -> Iterator[Picture]:
-    from opid import plots
-
+def _figures_of_class(number: int, posterior: ClassPosterior, truth: Truth | None) -> Iterator[Figure]:
     name = posterior.model_class.name
     labels = class_labels(posterior)
-    yield Picture(
+    yield Figure(
         f"class_{number}_samples",
         f"{name}, {posterior.model_class.law_in_words}: parameters",
         "Samples of the posterior as densities, and the Gaussian of the same mean and covariance. A narrow slanting "
         "cloud says that two terms stand in for each other; a cut edge, that the prior ends where the data do not.",
-        lambda result, truth: plots.parameter_samples(
+        lambda: plots.parameter_samples(
             posterior.samples, labels, truth=true_theta(posterior, truth) if truth else None
         ),
     )
-    yield Picture(
+    yield Figure(
         f"class_{number}_running",
         f"{name}, {posterior.model_class.law_in_words}: have they settled?",
         "Mean and standard deviation of the samples so far.",
-        lambda result, truth: plots.running_moments(posterior.samples, labels),
+        lambda: plots.running_moments(posterior.samples, labels),
     )
 
 
-def _predicted_picture(result: Updating, mode: int) -> Picture:
-    from opid import plots
-
+def _predicted_figure(result: Updating, mode: int) -> Figure:
     n_missing = sum(missing_points(band) for band in result.prediction if band.mode == mode)
     gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
-    return Picture(
+    return Figure(
         f"predicted_mode_{mode}",
         f"Mode {mode}: what the best class predicts",
         "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
         "the share within the band is no test on new data. Points that leave the band on one side, and more of them "
         f"with the amplitude, ask for another law.{gap}",
-        lambda result, truth: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
+        lambda: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
     )
 
 
@@ -172,8 +156,27 @@ def class_labels(posterior: ClassPosterior) -> list[str]:
     return [f"θ{number} ({short_kind(kind)})" for number, kind in enumerate(kinds, start=1)]
 
 
-def _linear_labels(result: Updating) -> list[str]:
-    return [f"{name} [of nominal]" for name in result.linear.names] if result.linear is not None else []
+def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | None]:
+    """Return the true value of each parameter of a class; None for each where the class lacks a part of the true law.
+
+    Args:
+        posterior: of the class.
+        truth: of a simulated test, or None.
+    """
+    own = posterior.model_class
+    law = truth["law"] if truth else None
+    if law is None or not set(law) <= set(own.kinds):
+        return [None] * own.n_parameters
+    return [law.get(kind, 0.0) / scale + 0.0 for kind, scale in zip(own.kinds, own.scales, strict=True)]
+
+
+def missing_points(band: BackboneBand) -> int:
+    """Return at how many amplitudes of a band there is no frequency.
+
+    Args:
+        band: of one mode.
+    """
+    return int((~np.isfinite(band.frequency_hz)).sum())
 
 
 def reached_extension(result: Updating) -> dict[int, float]:
@@ -196,8 +199,6 @@ def reached_extension(result: Updating) -> dict[int, float]:
 
 
 def _draw_forces(result: Updating, truth: Truth | None) -> Any:
-    from opid import plots
-
     reached = reached_extension(result)
     # joints that the tests do not extend have laws all the same
     extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
@@ -211,13 +212,11 @@ def _draw_forces(result: Updating, truth: Truth | None) -> Any:
 
 
 def _force_band(posterior: ClassPosterior, extension: FloatArray) -> Any:
-    from opid.plots import ForceBand
-
     own = posterior.model_class
     thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
     draws = np.array([own.law(theta).force(extension, 0.0) for theta in thinned])
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
-    return ForceBand(own.name, draws.mean(axis=0), low, high)
+    return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
 
 
 def _force(coefficients: Mapping[str, float], extension: FloatArray) -> FloatArray:
