@@ -10,7 +10,6 @@ the band that is to hold 95 %. Frequencies and damping ratios are those of the e
 import argparse
 import os
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -20,7 +19,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import opid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
-from real_records import SETS, records_of, write_logs
+from real_records import SETS, read_set, records_of
 
 # laws that are given, None to search one; whether each record is identified alone
 CASES = {
@@ -37,8 +36,7 @@ def print_rows(name: str, data: Path) -> None:
     groups = [(record,) for record in records_of(name)] if alone else [()]
     for law in laws:
         for records in groups:
-            with tempfile.TemporaryDirectory() as folder:
-                study = opid.read_study(write_logs(name, data, Path(folder), records))
+            study = read_set(name, data, records)
             begun = time.process_time()
             found = opid.identify(study, law=law, band_hz=each.band_hz)
             busy_s = time.process_time() - begun
@@ -76,14 +74,14 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder that holds the sets")
-    parser.add_argument("--sets", help=f"names joined by commas, of {', '.join(SETS)}; all where left out")
+    parser.add_argument("--sets", help=f"names joined by commas, of {', '.join(CASES)}; all where left out")
     options = parser.parse_args()
     print(
         "| record | law | limited by | frequency, Hz | damping ratio | lag, ms | unexplained | left out | inside, % | "
         "processor, s |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
-    for name in options.sets.split(",") if options.sets else SETS:
+    for name in options.sets.split(",") if options.sets else CASES:
         print_rows(name, options.data)
 
 

@@ -49,10 +49,10 @@ def test_a_study_gives_what_the_options_give(bench, tmp_path):
     told = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
     study = opid.read_study(path)
     assert isinstance(study, BenchStudy)
-    found = opid.law_of_bench(study)
+    found = opid.suspensions.law_of_bench(study)
     assert told == json.loads(json.dumps(found.to_dict()))
     log = opid.read_log(bench)
-    same = opid.bench_from_recording(log, force="load", travel="stroke", velocity="speed")
+    same = opid.suspensions.bench_from_recording(log, force="load", travel="stroke", velocity="speed")
     np.testing.assert_array_equal(study.bench.force, same.force)
     np.testing.assert_array_equal(study.bench.velocity, same.velocity)
     assert found.title == told["title"] == "a damper"
@@ -65,8 +65,8 @@ def test_a_study_gives_what_the_options_give(bench, tmp_path):
 
 def test_an_argument_goes_before_what_the_study_says(bench, tmp_path):
     study = opid.read_study(study_file(tmp_path, more="most_terms = 0\n", bench="force = 'load'\ntravel = 'stroke'\n"))
-    assert opid.law_of_bench(study).law.name == "linear"
-    found = opid.law_of_bench(study, title="another", candidates=("arctan_velocity",), most_terms=1)
+    assert opid.suspensions.law_of_bench(study).law.name == "linear"
+    found = opid.suspensions.law_of_bench(study, title="another", candidates=("arctan_velocity",), most_terms=1)
     assert (found.title, found.law.name, found.candidates) == ("another", "arctan_velocity", ("arctan_velocity",))
 
 

@@ -312,6 +312,12 @@ def test_a_piston_of_no_size_is_refused(area_m2):
         strut_study(on_air(0.004), piston_area_m2=area_m2)
 
 
+@pytest.mark.parametrize(("axis", "remedy"), [("horizontal", "up; leave the area out"), ("down", "give both channels")])
+def test_gas_that_carries_no_weight_or_counts_downwards_has_no_pressure(axis, remedy):
+    with pytest.raises(InputError, match=rf"its axis is '{axis}': gas is told where it carries weight .*{remedy}"):
+        strut_study(on_air(0.004), piston_area_m2=0.004, axis=axis)
+
+
 @pytest.mark.parametrize("area_m2", [4e-4, 0.3])
 def test_a_piston_area_that_contradicts_the_static_pressure_is_doubted(area_m2):
     found = identify(strut_study(on_air(0.004), piston_area_m2=area_m2), law="gas_column")

@@ -5,6 +5,7 @@ import pytest
 from measured_data import DATA, needs_data
 from scripts import script
 
+from opid.signals.recording import recording_from_arrays
 from opid.suspensions.bench.law import law_of_bench
 
 # of all kinds it takes five times as long
@@ -19,9 +20,9 @@ def real_bench():
 @pytest.fixture(scope="module")
 def dampers(real_bench):
     """Laws of the friction damper by frequency, tension of its band and amplitude."""
-    records = real_bench.friction_records(DATA)
-    named = {real_bench.tested(name): bench for name, bench in records.items()}
-    return {test: law_of_bench(bench, candidates=REMEMBERING) for test, bench in named.items() if test is not None}
+    studies = real_bench.studies_of("friction_damper_brfd", DATA)
+    named = {real_bench.tested(name): study for name, study in studies.items()}
+    return {test: law_of_bench(study, candidates=REMEMBERING) for test, study in named.items() if test is not None}
 
 
 @needs_data("friction_damper_brfd")
@@ -66,10 +67,10 @@ def test_its_friction_grows_little_with_the_amplitude(dampers):
 @needs_data("mr_damper")
 def test_a_magnetorheological_damper_has_a_law_for_each_voltage(real_bench):
     """Friction grows with the voltage; held, a law explains what it cannot where the voltage is not told."""
-    records = real_bench.mr_records(DATA)
+    records = real_bench.studies_of("mr_damper", DATA)
     kinds = ("arctan_velocity", "coulomb_friction", "signed_power_damping", "dahl_friction")
     on, off, mixed = (
-        law_of_bench(records[name], candidates=kinds) for name in ("voltage on", "voltage off", "voltage not told")
+        law_of_bench(records[name], candidates=kinds) for name in ("voltage_on", "voltage_off", "voltage_not_told")
     )
     assert on.r2_left_out > 0.95
     assert off.r2_left_out > 0.9
@@ -104,11 +105,8 @@ def test_the_pace_of_a_quasi_static_test_means_nothing(real_bench):
         # every second stretch of the record passed slowly
         n = force.size
         places = np.sort(np.concatenate([np.arange(n), *[np.arange(n // 2) + 0.5] * (times - 1)]))
-        columns = {
-            "F": (np.interp(places, np.arange(n), force), "N"),
-            "z": (np.interp(places, np.arange(n), travel), "m"),
-        }
-        record = real_bench.recording_of(columns, 1.0)
+        columns = [np.interp(places, np.arange(n), each) for each in (force, travel)]
+        record = recording_from_arrays(columns, ["F", "z"], fs=1.0, unit=["N", "m"])
         found.append(law_of_bench_of_travel(real_bench.quasi_static_bench(record, force="F", travel="z")))
     assert found[0].law.name == found[1].law.name
     assert found[1].cycle.friction_n.value == pytest.approx(found[0].cycle.friction_n.value, rel=0.1)

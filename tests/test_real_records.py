@@ -1,10 +1,10 @@
-"""Real records of structures measured on both sides, by the study files in `examples/real_records`.
+"""Real records of structures measured on both sides and of test benches, by the study files in `examples/real_records`.
 
 What is asked holds of every record of a set; other records of the same sets are kept elsewhere.
 """
 
-import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +12,10 @@ from measured_data import DATA, measured
 from scripts import script
 
 from opid.signals.health.inspection import check_pair
+from opid.studies.bench_study import document_faults as bench_faults
 from opid.studies.study_file import read_study
 from opid.studies.suspension_tables import document_faults
+from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.identification import identify
 
 
@@ -38,9 +40,13 @@ def test_each_set_has_a_sound_study_that_names_the_band_of_its_script(records):
     files = {path.stem: path.read_text() for path in records.STUDIES.glob("*.toml")}
     assert files.keys() == records.SETS.keys()
     for name, text in files.items():
-        assert not list(document_faults(tomllib.loads(text)))
-        (command,) = re.findall(rf"opid identify records/{name}\.toml --band (\S+) (\S+)", text)
-        assert tuple(map(float, command)) == records.SETS[name].band_hz
+        faults = bench_faults if "[bench]" in text else document_faults
+        assert not list(faults(tomllib.loads(text)))
+        band_hz = records.SETS[name].band_hz
+        command = f"opid law records/{name}.toml\n"
+        if band_hz is not None:
+            command = f"opid identify records/{name}.toml --band {band_hz[0]:g} {band_hz[1]:g} "
+        assert command in text
 
 
 def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(found):
@@ -59,6 +65,23 @@ def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(foun
         frequency = equivalent.natural_frequency_hz
         assert 0.25 < frequency.value < 0.6
         assert frequency.std > 0.02 * frequency.value
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds", "law"),
+    [
+        ("sliding_isolators_bench", None, "coulomb_friction"),
+        ("water_impact", None, "linear"),
+        ("mr_damper", ("arctan_velocity", "lugre_friction", "dahl_friction"), "lugre_friction"),
+        ("friction_damper_brfd", ("arctan_velocity", "iwan_friction", "bouc_wen"), "bouc_wen"),
+    ],
+)
+def test_the_study_of_a_bench_has_the_law_of_its_record(records, name, kinds, law):
+    measured(records.folder_of(name, Path()))
+    found = law_of_bench(records.read_set(name, DATA), candidates=kinds)
+    assert found.not_determined is None
+    assert found.law.name == law
+    assert found.r2_left_out > 0.94
 
 
 def test_a_stiff_frame_has_one_frequency_and_one_delay_in_all_records(records, found):

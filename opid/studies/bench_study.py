@@ -56,7 +56,7 @@ _STUDY = {
 
 def build_bench_study(document: Document, source: Path, say: Say) -> BenchStudy:
     """Read the log that a study file of a test bench names, and return the study."""
-    refuse(list(_document_faults(document)), source)
+    refuse(list(document_faults(document)), source)
     with prefixed(f"{source}: "):
         return _study(document, source.parent, say, title=document.get("title", source.stem), source=source)
 
@@ -85,7 +85,8 @@ def write_bench_log(study: BenchStudy, directory: Path) -> str:
     return toml_of({"title": study.title, "bench": {"log": "bench.csv", **table}})
 
 
-def _document_faults(document: Document) -> Iterator[str]:
+def document_faults(document: Document) -> Iterator[str]:
+    """Yield what is wrong with a study file of a test bench."""
     yield from table_faults("the study", document, _STUDY)
     for kind in list_at(dict_at(document, "bench"), "candidates"):
         if not isinstance(kind, str):

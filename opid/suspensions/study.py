@@ -406,10 +406,10 @@ def _interface_faults(study: Study) -> Iterator[str]:
                 f"and at most {LARGEST_PISTON_M2:g} m^2 ({usual})"
             )
         if area is not None and each.axis in ("down", "horizontal"):
+            turned = "give both channels sign = -1 and the axis 'up', or " * (each.axis == "down")
             yield (
                 f"the piston_area_m2{_of(study, each)} is stated and its axis is {each.axis!r}: gas is told where it "
-                "carries weight and the channels count up; give both channels sign = -1 and the axis 'up', or leave "
-                "the area out"
+                f"carries weight and the channels count up; {turned}leave the area out"
             )
     axes = [axis for axis in allowed if any(each.axis == axis for each in study.interfaces)]
     if len(axes) > 1 and not wrong:
