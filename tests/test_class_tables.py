@@ -6,34 +6,33 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.studies.class_tables import class_table, kind_named, model_class, prior_of
+from opid.studies.class_tables import ClassTable, kind_named, table_of_class
 from opid.updating.model_class import Prior
 
 
 def test_laws_have_short_and_full_names_and_scales_have_units():
     assert kind_named("Even quadratic") == "even_quadratic_stiffness"
     assert kind_named("cubic_stiffness") == "cubic_stiffness"
-    table = {"law": "cubic+quartic", "scale": ["0.0884 N/mm^3", "-0.0027 N/mm4"]}
-    found = model_class(table)
+    table = {"law": "cubic+quartic", "scale": ("0.0884 N/mm^3", "-0.0027 N/mm4")}
+    found = ClassTable(**table).model
     assert found.name == "cubic+quartic"
     np.testing.assert_allclose(found.scales, [8.84e7, -2.7e9], rtol=1e-12)
     assert found.priors == (Prior(), Prior())
-    assert model_class({"law": "quadratic", "scale": "0.216 kN / m^2"}).scales == (216.0,)
-    assert model_class(class_table(found)) == replace(found, name="cubic+quartic")
+    assert ClassTable(law="quadratic", scale="0.216 kN / m^2").model.scales == (216.0,)
+    assert table_of_class(found).model == replace(found, name="cubic+quartic")
 
 
 @pytest.mark.parametrize(
     ("table", "words"),
     [
         ({"law": "cubik", "scale": 1}, "did you mean 'cubic'"),
-        ({"law": "cubic + quintic", "scale": [1]}, "2 term(s) and 1 scale(s)"),
+        ({"law": "cubic + quintic", "scale": (1,)}, "2 term(s) and 1 scale(s)"),
         ({"law": "cubic", "scale": "0.068 N/mm^2"}, "its unit is N/m^3"),
         ({"law": "cubic", "scale": "much"}, "give a number in N/m^3"),
         ({"law": "cubic", "scale": 0}, "other than 0"),
-        ({"law": "cubic", "scale": 1, "prior": ["flat", 0, 1]}, "no prior 'flat'"),
-        ({"law": "cubic", "scale": 1, "prior": ["uniform", 0]}, 'give a list like ["uniform", 0, 10]'),
-        ({"law": "cubic", "scale": 1, "prior": ["uniform", 5, 0]}, "lower end first"),
-        ({"law": "cubic + quintic", "scale": 1, "prior": [["uniform", 0, 1]]}, "2 term(s) and 1 prior(s)"),
+        ({"law": "cubic", "scale": 1, "prior": ("flat", 0, 1)}, "no prior 'flat'"),
+        ({"law": "cubic", "scale": 1, "prior": ("uniform", 5, 0)}, "lower end first"),
+        ({"law": "cubic + quintic", "scale": 1, "prior": (("uniform", 0, 1),)}, "2 term(s) and 1 prior(s)"),
         ({"law": "cubic + cubic", "scale": 1}, "twice"),
         ({"law": "signed power", "scale": 1}, "no spring with one coefficient"),
         ({"law": "cubic damping", "scale": 1}, "no spring"),
@@ -41,12 +40,5 @@ def test_laws_have_short_and_full_names_and_scales_have_units():
 )
 def test_a_class_that_cannot_be_is_refused(table, words):
     with pytest.raises(InputError) as caught:
-        model_class(table)
+        ClassTable(**table)
     assert words in str(caught.value)
-
-
-def test_priors_are_lists():
-    assert prior_of(["uniform", -9, 9]) == Prior("uniform", -9.0, 9.0)
-    for given in (None, [], ["uniform", "a", 1], "uniform"):
-        with pytest.raises(InputError, match="give a list like"):
-            prior_of(given)

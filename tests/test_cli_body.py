@@ -76,7 +76,9 @@ def test_tables_of_a_body_in_the_study_of_one_gear_point_to_its_interfaces(tmp_p
         encoding="utf-8",
     )
     done = opid("identify", tmp_path / "study.toml", "--out", tmp_path / "r")
-    refused(done, "the study has 'structure', which belongs to a body", "[[runs]] has 'loading'", "[[interfaces]]")
+    refused(
+        done, "the study has 'structure', which belongs to a body", "has 'loading', which belongs", "[[interfaces]]"
+    )
     assert "did you mean" not in done.stderr
 
 
@@ -155,7 +157,8 @@ def test_faults_of_the_study_are_one_sentence(simulated, tmp_path):
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     (tmp_path / "study.toml").write_text(text.replace('unsprung = "nose_lower_z"\n', ""), encoding="utf-8")
     refused(
-        opid("identify", tmp_path / "study.toml", "--out", tmp_path / "r"), "'nose' has 'sprung' without 'unsprung'"
+        opid("identify", tmp_path / "study.toml", "--out", tmp_path / "r"),
+        "'nose' lacks 'unsprung', give the",
     )
 
 

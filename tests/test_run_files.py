@@ -246,9 +246,9 @@ def test_dated_logs_share_their_time(tmp_path):
         ("fs_hz = 0\n" + MIXED, "'fs_hz' in the study is 0, give a positive rate"),
         (MIXED + "[runs.channels.sprung]\ngain_tolerance = 0.05\n", "'gain_tolerance' stands in .runs.channels"),
         (MIXED.replace("[[runs]]", "[channels.third]\nchannel = 1\ncorner_hz = 1\n[[runs]]"), "'corner_hz' stands"),
-        (MIXED.replace("[[runs]]", "[channels.lower_z]\nchannel = 1\n[[runs]]"), "both give a channel"),
+        (MIXED.replace("[[runs]]", "[channels.lower_z]\nchannel = 1\n[[runs]]"), "are both called"),
         (MIXED.replace("sign = -1", "sign = 3"), r"\[channels.sprung\]: sign is 3"),
-        ("[log]\nnames = [1, 2]\n" + MIXED, r"\[log\]: names holds 1: give the name of each column as text"),
+        ("[log]\nnames = [1, 2]\n" + MIXED, r"'names' in \[log\] holds 1, give a list of names"),
         (MIXED + "start_s = nan\n", "start_s is nan: give a time in s"),
         (
             MIXED.replace('"lower_z"', "{channel = 1}").replace('"az"', '"lower_z"')

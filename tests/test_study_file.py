@@ -11,9 +11,9 @@ from made_body import LOADING, PLACES, short_test
 from opid.errors import InputError
 from opid.signals.logs import write_log
 from opid.signals.recording import recording_from_arrays
+from opid.studies.loading_file import read_loading
 from opid.studies.study_file import read_study, write_study
 from opid.studies.suspension_study import log_readings, study_from_logs
-from opid.studies.suspension_tables import read_loading
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair
 from opid.suspensions.study import (
     BodySensor,
@@ -443,16 +443,20 @@ def test_logs_of_one_name_in_two_directories(tmp_path):
 GEAR_FAULTS = [
     ("title", "tittle", "the study has an unknown key 'tittle' .did you mean 'title'"),
     ("sprung =", "sprong =", r"\[channels\] lacks 'sprung', .*did you mean 'sprong'"),
-    ("start_s", "begin_s", r"\[\[runs\]\] number 2 has an unknown key 'begin_s'"),
-    ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] number 2 is '-220', give a number"),
+    ("start_s", "begin_s", r"\[\[runs\]\] 'light' has an unknown key 'begin_s'"),
+    ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] 'light' is '-220', give a number"),
     ("-220.5", "true", "is True, give a number"),
     ("-220.5", "nan", "the mass change is nan kg"),
     ('"a taxi test"', "7", "'title' in the study is 7, give text in quotes"),
     ("[channels]", "[chanels]", r"^[^;]*the study has an unknown key 'chanels' .did you mean 'channels'..$"),
     ("mass_change_kg = -220.5", "mas_change_kg = -220.5", r"^[^;]*'mas_change_kg' .did you mean 'mass_change_kg'..$"),
     ("[channels]", "[structure]\nkind = 'single'\n[channels]", r"the study has 'structure', which belongs to a body"),
-    ("start_s", "loading = [[1, 2, 3]]\nstart_s", r"\[\[runs\]\] has 'loading', which belongs to a body on several"),
-    ('log = "heavy.csv"\n', "", "run 'heavy' has no 'log', and .channels.upper_z. no 'file'"),
+    (
+        "start_s",
+        "loading = [[1, 2, 3]]\nstart_s",
+        r"\[\[runs\]\] 'light' has 'loading', which belongs to a body on several",
+    ),
+    ('log = "heavy.csv"\n', "", "run 'heavy' has no 'log', and .channels.lower_z. no 'file'"),
     ('title = "a taxi test"', "title = ", r"is no TOML: .*line 1"),
     ("heavy.csv", "havy.csv", "run 'heavy': there is no file .*did you mean 'heavy.csv'"),
     ('"light"', '"heavy"', "2 runs are called 'heavy', rename"),
@@ -462,39 +466,55 @@ GEAR_FAULTS = [
     ("start_s = 0.5", "start_s = 1.4", r"run 'light': it has 51 samples .* 256 are needed"),
     ("[channels]", "[channels]\nx = {channel = 'upper_x', corner_hz = 1}", r"give it in \[channels.sprung\] or"),
     ("title", "date = '1 March'\ntitle", "'date' in the study is '1 March', give a date without quotes"),
-    ("title", "date = 2026-03-01T10:00:00\ntitle", "give the day alone, as 2026-03-01"),
-    ("title", "axis = 'upwards'\ntitle", "the axis is 'upwards', give one of 'up', 'down', 'horizontal'$"),
+    (
+        "title",
+        "date = 2026-03-01T10:00:00\ntitle",
+        "is 2026-03-01 10:00:00, give a date without quotes and without a time",
+    ),
+    ("title", "axis = 'upwards'\ntitle", "'axis' in the study is 'upwards', give one of 'up', 'down', 'horizontal'$"),
     ("title", "axis = 1\ntitle", "'axis' in the study is 1, give one of 'up', 'down', 'horizontal'$"),
 ]
 SENSOR_FAULTS = [
     ("[sensors.sprung]", "[sensors.sprong]", r"\[sensors\] has an unknown key 'sprong' .did you mean 'sprung'"),
-    ("[sensors.sprung]", "[sensors.upper_z]", r"^[^;]*upper_z. is called by its channel, write \[sensors.sprung\]$"),
+    (
+        "[sensors.sprung]",
+        "[sensors.upper_z]",
+        r"^[^;]*\[sensors\] has 'upper_z', call it by its side, \[sensors.sprung\] or",
+    ),
     ("gain_tolerance", "gain_tolerence", r"\[sensors.sprung\] has an unknown key .* mean 'gain_tolerance'"),
     ("0.02", '"2 %"', r"'gain_tolerance' in \[sensors.sprung\] is '2 %', give a number"),
     ("into", "to", r"\[\[sensors.leak\]\] number 1 has an unknown key 'to'"),
     ('sprung = "upper_z"', 'sprung = ["upper_z"]', r"'sprung' in \[channels\] is \['upper_z'\], give the name of a"),
     ('channel = "upper_x"', "", r"\[\[sensors.leak\]\] number 2 lacks 'channel', give text in quotes"),
     ("[[sensors.leak]]", "[sensors.leak]", "is no TOML"),
-    ("0.33", "-0.33", r"\[sensors\] corner_hz is -0.33: give zero or a positive number"),
-    ("corner_hz = 0.33\n", "", r"\[sensors\] corner_tolerance is given without corner_hz"),
-    ("= 1\n", "= 0\n", r"\[sensors\] noise_m_per_s2 is 0: give a positive number"),
-    ('"sprung"\ntol', '"both"\ntol', r"\[sensors\] a leak goes into 'both': give 'sprung' or 'unsprung'"),
+    ("0.33", "-0.33", r"\[sensors.sprung\]: corner_hz is -0.33: give zero or a positive number"),
+    ("corner_hz = 0.33\n", "", r"\[sensors.sprung\]: corner_tolerance is given without corner_hz"),
+    ("= 1\n", "= 0\n", r"\[sensors.unsprung\]: noise_m_per_s2 is 0: give a positive number"),
+    (
+        '"sprung"\ntol',
+        '"both"\ntol',
+        r"'into' in \[\[sensors.leak\]\] number 1 is 'both', give one of 'sprung', 'unsprung'",
+    ),
     ('channel = "lower_x"', 'channel = "lower_y"', "run 'heavy': there is no channel 'lower_y' in .*heavy.csv"),
 ]
 BODY_FAULTS = [
     ("x_m = 5\n", "x_m = 5\nsensor_xm = 5.3\n", "key 'sensor_xm' \\(did you mean 'sensor_x_m'"),
     ("[structure]", "[structures]", "unknown key 'structures' \\(did you mean 'structure'"),
     ("[[sensors.leak]]", "[[sensrs.leak]]", "unknown key 'sensrs' .did you mean 'sensors'..$"),
-    ('unsprung = "n_low"\n', "", "'nose' has 'sprung' without 'unsprung', give the channel below"),
-    ('sprung = "r_up"\nun', "un", "'right' has 'unsprung' without 'sprung', give the"),
-    ("start_s", "mass_change_kg = 280\nstart_s", "leave out 'mass_change_kg'"),
-    ('[["left", "right"]]', '["left", "right"]', 'give a list of groups: \\[\\["left", "right"\\]\\]'),
-    ('sprung = "r_up"\nunsprung = "r_low"\n', "", "'right' has neither"),
+    ('unsprung = "n_low"\n', "", "'nose' lacks 'unsprung', give the channel below"),
+    ('sprung = "r_up"\nun', "un", "'right' lacks 'sprung', give the channel on the body"),
+    ("start_s", "mass_change_kg = 280\nstart_s", "say where that mass is, too: loading = .*280, x_m, y_m"),
+    ('[["left", "right"]]', '["left", "right"]', "'shared' in .structure. holds 'left', give a list of lists of names"),
+    ('sprung = "r_up"\nunsprung = "r_low"\n', "", "'right' lacks 'sprung', .*'right' lacks 'unsprung'"),
     ('log = "heavy.csv"', 'log = "heavy.csv"\nmass_change_kg = 99', "loading = \\[\\[99, x_m, y_m\\]\\] in its place"),
-    ("[[300, 1.0, 0.5], [-20.5, 1, -0.5]]", "[300, 1.0, 0.5]", "a list of rows: \\[\\[300, 1, 0.5"),
-    ("[-20.5, 1, -0.5]", "[-20.5, 1]", "row 2 of 'loading' in .* is \\[-20.5, 1\\]"),
+    (
+        "[[300, 1.0, 0.5], [-20.5, 1, -0.5]]",
+        "[300, 1.0, 0.5]",
+        "'loading' in .*'full' holds 300, give rows .*mass_kg, x_m, y_m",
+    ),
+    ("[-20.5, 1, -0.5]", "[-20.5, 1]", "'loading' in .* holds \\[-20.5, 1\\], give rows"),
     ('[["left", "right"]]', '[["left"]]', "give two names or more"),
-    ("2026-03-01", "2026-03-01T12:00:00", "give the day alone, as 2026-03-01"),
+    ("2026-03-01", "2026-03-01T12:00:00", "without a time, as 2026-03-01"),
     ("x_m = 5\n", 'x_m = "front"\n', "'x_m' in .* is 'front', give a number"),
     ('"rigid_body"', '"rigid"', "kind of structure is 'rigid': did you mean 'rigid_body'"),
     ('"r_up"', '"r_upp"', "there is no channel 'r_upp'"),
@@ -503,11 +523,11 @@ BODY_FAULTS = [
     (
         "[structure]",
         "[sensors.sprung]\ngain_tolerance = 0.1\n[structure]",
-        r"\[sensors.sprung\] is no table of the study of a body: .* \[channels.NAME\]; known are 'leak', .*'r_up'",
+        r"\[sensors\] has 'sprung', what is known of a sensor of a body stands in \[channels.NAME\]$",
     ),
     ("[[interfaces]]", "[[interfacs]]", r"key 'interfacs' .did you mean 'interfaces'..$"),
-    ("[structure]", "[sensors.r_up]\ngain_tolerance = 0.1\n[structure]", r"write \[channels.r_up\]: what is known"),
-    ("[structure]", "[sensors.rup]\ngain_tolerance = 0.1\n[structure]", r"\[channels.NAME\]; did you mean 'r_up'"),
+    ("[structure]", "[sensors.r_up]\ngain_tolerance = 0.1\n[structure]", r"'r_up', what is known of .* in \[channels"),
+    ("[[sensors.leak]]", "[[sensors.leaks]]", r"\[sensors\] has an unknown key 'leaks' .did you mean 'leak'"),
     ('unsprung = "n_low"', 'unsprng = "n_low"', r"^[^;]*unknown key 'unsprng' .did you mean 'unsprung'..$"),
     ("[[body_sensors]]", "[[sensors]]", "TOML|call further sensors on the body"),
     (
@@ -518,7 +538,7 @@ BODY_FAULTS = [
     ("corner_tolerance = 0.1", "corner_tolerance = 5", r"corner_tolerance is 5: it is relative"),
     ('log = "heavy.csv"\n', "", "run 'empty' has no 'log'"),
     ("[channels]", "fs_hz = 0\n[channels]", "give a positive rate"),
-    ("x_m = 5\n", "x_m = 5\naxis = 'z'\n", "the axis of 'nose' is 'z', give one of 'up', 'down', 'horizontal'$"),
+    ("x_m = 5\n", "x_m = 5\naxis = 'z'\n", "'axis' in .*'nose' is 'z', give one of 'up', 'down', 'horizontal'$"),
     (
         "x_m = 5\n",
         "x_m = 5\naxis = true\n",
@@ -549,7 +569,7 @@ def test_what_is_wrong_with_a_study_file_is_named(read, tmp_path, study, old, ne
     ("text", "words"),
     [
         ("", "lacks 'channels', .*lacks 'runs'"),
-        ("runs = [3]\nchannels = 4", r"'channels' in the study is 4, .*\[\[runs\]\] number 1 is 3 where a table"),
+        ("runs = [3]\nchannels = 4", r"\[\[runs\]\] number 1 is 3 where a table .*'channels' in the study is 4"),
         ('runs = []\n[channels]\nsprung = "a"\nunsprung = "b"', "there are no runs"),
         ("interfaces = []\nruns = []", "there are no interfaces"),
     ],

@@ -137,9 +137,12 @@ def test_everything_that_is_wrong_is_said_at_once(place):
     text = STUDY.replace("mode = 1", 'mode = "1"').replace('law = "cubic"', 'law = "cubik"').replace("seed", "sead")
     text = text.replace('["c", "tip"]', '["c"]').replace("E = [", "F = [") + "[noise]\npoint_nois = 1\nshapes = 3\n"
     told = refused(place, text, "'mode' in [[backbones]] number 1 is '1'", "'cubik'", "did you mean 'seed'")
-    for words in ("the joint 'end' is ['c']", "'F', which is no parameter", "point_noise", "give true or false"):
+    for words in ("'end' in [structure.joints] is ['c'], give the two", "point_noise", "give true or false"):
         assert words in told
-    assert "7 faults" in told
+    assert "6 faults" in told
+    refused(place, STUDY.replace("E = [", "F = ["), "[structure.priors] has 'F', which is no parameter to update")
+    refused(place, STUDY.replace('"lognormal"', '"flat"'), "'E' in [structure.priors] holds 'flat', give a list like")
+    refused(place, STUDY.replace("1, 0.3", "1, -3"), "[structure.priors] 'E': a lognormal prior with a standard deviat")
 
 
 def test_a_table_at_fault_does_not_hide_what_is_wrong_elsewhere(place):
@@ -155,7 +158,7 @@ def test_a_table_at_fault_does_not_hide_what_is_wrong_elsewhere(place):
     assert "there is no backbone" in told
     for odd in ('structure = 3\nform = "best"', "backbones = 3\nclasses = 4\nnoise = 5\nlog = 6\nsampling = 7"):
         refused(place, odd, "faults", "give a table [structure]")
-    refused(place, 'harmonics = ["1", 2]\n' + STUDY, "harmonics are ['1', 2], give 1 and others beside it")
+    refused(place, 'harmonics = ["1", 2]\n' + STUDY, "'harmonics' in the study holds '1', give a list of harm")
 
 
 def test_what_is_wrong_with_many_files_is_said_once(place):

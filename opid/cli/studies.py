@@ -155,7 +155,7 @@ def _study_in(path: Path) -> Path:
 
 def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
     """Whether it is about one gear, as logs without a study are; what is wrong with a file is said when it is read."""
-    from opid.studies.tables import load
+    from opid.studies.schema import load
 
     if len(paths) != 1 or paths[0].suffix.lower() != ".toml":
         return True

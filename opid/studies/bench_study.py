@@ -2,63 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
+from opid.signals.log_settings import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
+from opid.studies.channels import CHANNEL, ChannelTable, as_table, sources_of
 from opid.studies.kinds import TEST_BENCH
 from opid.studies.run_files import RunFiles, run_from_files
-from opid.studies.suspension_study import run_files_of
-from opid.studies.tables import (
-    CHANNEL,
-    LOG,
-    MAYBE_NUMBER,
-    MAYBE_TEXT,
-    TEXT,
-    Document,
-    Key,
-    Say,
-    dict_at,
-    keys_of,
-    list_at,
-    maybe,
-    prefixed,
-    stated,
-    table_faults,
-    toml_of,
-)
+from opid.studies.schema import Document, Say, fields_of, prefixed, read_tables, recast, text_of
 from opid.suspensions.bench.study import BenchStudy
 from opid.suspensions.study import Run
 
-_OF_THE_FILE = ("title", "recording", "findings", "source", "log")
-"""Fields of the record that no key of [bench] gives."""
-_CHANNELS = ("force", "travel", "velocity", "counted")
-_BENCH = keys_of(
-    BenchStudy,
-    without=_OF_THE_FILE,
-    log=TEXT,
-    **dict.fromkeys(_CHANNELS[:2], Key(str, "the name of a channel in quotes")),
-    **dict.fromkeys(_CHANNELS[2:], maybe(str, "the name of a channel in quotes")),
-    candidates=maybe(list, "a list of kinds of law in quotes"),
-    start_s=MAYBE_NUMBER,
-    stop_s=MAYBE_NUMBER,
-)
-_STUDY = {
-    "title": MAYBE_TEXT,
-    "bench": Key(dict, TEST_BENCH.needs["bench"], keys=_BENCH),
-    "log": maybe(dict, "a table [log]", keys=LOG),
-    "channels": maybe(dict, "a table [channels]", entries=CHANNEL),
-}
+_NAME = "the name of a channel in quotes"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bench(fields_of(BenchStudy, "title", "recording", "findings", "source")):  # type: ignore[misc]
+    log: str
+    force: Annotated[str, _NAME]
+    travel: Annotated[str, _NAME]
+    velocity: Annotated[str | None, _NAME] = None
+    counted: Annotated[str | None, _NAME] = None
+    candidates: Annotated[tuple[str, ...] | None, "a list of kinds of law in quotes"] = None
+    start_s: float | None = None
+    stop_s: float | None = None
+
+    @property
+    def channels(self) -> list[str]:
+        used = (self.force, self.travel, self.velocity, self.counted)
+        return list(dict.fromkeys(name for name in used if name is not None))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Study:
+    title: str | None = None
+    bench: Annotated[_Bench, TEST_BENCH.needs["bench"]]
+    log: LogSettings = AS_WRITTEN
+    channels: Mapping[str, Annotated[str | int | ChannelTable, CHANNEL]] = field(default_factory=dict)
 
 
 def build_bench_study(document: Document, source: Path, say: Say) -> BenchStudy:
     """Read the log that a study file of a test bench names, and return the study."""
-    refuse(list(document_faults(document)), source)
+    study, faults = bench_tables(document)
+    refuse(faults, source)
     with prefixed(f"{source}: "):
-        return _study(document, source.parent, say, title=document.get("title", source.stem), source=source)
+        return _read(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
+
+
+def bench_tables(document: Document) -> tuple[_Study, list[str]]:
+    """Return what a study file of a test bench says, and what is wrong with it."""
+    study, faults = read_tables(_Study, document)
+    if study.bench:
+        faults += [
+            f"[bench] takes no channel {name!r}, which stands in [channels] ({nearest(name, study.bench.channels)})"
+            for name in study.channels
+            if name not in study.bench.channels
+        ]
+    return study, faults
 
 
 def bench_study_from_log(log: Path, *, progress: Say, **bench: Any) -> BenchStudy:
@@ -72,54 +76,30 @@ def bench_study_from_log(log: Path, *, progress: Say, **bench: Any) -> BenchStud
     Raises:
         InputError: the log is at fault, or as `BenchStudy`.
     """
-    known = {name: value for name, value in bench.items() if value is not None}
-    return _study({"bench": {"log": str(log), **known}}, Path(), progress, title=log.name, log=log)
+    return _read(_Study(bench=_Bench(log=str(log), **bench)), Path(), progress, title=log.name, log=log, source=None)
 
 
 def write_bench_log(study: BenchStudy, directory: Path) -> str:
     """Write the log of a test bench, and return the text of the study file."""
     write_log(study.recording, directory / "bench.csv")
-    table = stated(study, without=_OF_THE_FILE)
-    if "candidates" in table:
-        table["candidates"] = list(table["candidates"])
-    return toml_of({"title": study.title, "bench": {"log": "bench.csv", **table}})
+    return text_of(_Study(title=study.title, bench=recast(_Bench, study, log="bench.csv")))
 
 
-def document_faults(document: Document) -> Iterator[str]:
-    """Yield what is wrong with a study file of a test bench."""
-    yield from table_faults("the study", document, _STUDY)
-    for kind in list_at(dict_at(document, "bench"), "candidates"):
-        if not isinstance(kind, str):
-            yield f"'candidates' in [bench] holds {kind!r}, give {_BENCH['candidates'].what}"
-    used = [name for name in map(dict_at(document, "bench").get, _CHANNELS) if isinstance(name, str)]
-    for name in dict_at(document, "channels"):
-        if name not in used:
-            yield f"[bench] takes no channel {name!r}, which stands in [channels] ({nearest(name, used)})"
-
-
-def _study(document: Document, directory: Path, say: Say, *, title: str, **origin: Any) -> BenchStudy:
-    table = document["bench"]
-    files = _files_of(document, directory, title)
-    if table.get("quasi_static"):
+def _read(study: _Study, directory: Path, say: Say, *, title: str, **origin: Any) -> BenchStudy:
+    bench = study.bench
+    channels = {name: as_table(ChannelTable, name, study.channels.get(name, name)) for name in bench.channels}
+    sources = sources_of(channels, run=title, log=bench.log, settings=study.log, directory=directory)
+    files = RunFiles(title, sources, 0.0, bench.start_s, bench.stop_s)
+    if bench.quasi_static:
         for name in ("start_s", "stop_s"):
-            if name in table:
+            if getattr(bench, name) is not None:
                 raise InputError(
                     f"[bench]: {name} beside quasi_static, where time means nothing: leave one of them out"
                 )
         run = run_from_files(_without_time(files), is_bench=True, progress=say)
     else:
         run = _with_time(files, say)
-    known = {name: value for name, value in table.items() if name not in ("log", "start_s", "stop_s")}
-    return BenchStudy(title, run.recording, findings=run.findings, **known, **origin)
-
-
-def _files_of(document: Document, directory: Path, title: str) -> RunFiles:
-    """Where each channel of the bench is found, and how it is read: as those of a run."""
-    table, named = document["bench"], document.get("channels", {})
-    wanted = [table[name] for name in _CHANNELS if name in table]
-    channels = {name: named.get(name, name) for name in dict.fromkeys(wanted)}
-    channels = {name: each if isinstance(each, Mapping) else {"channel": each} for name, each in channels.items()}
-    return run_files_of({**document, "channels": channels}, {**table, "name": title}, directory)
+    return recast(BenchStudy, bench, title=title, recording=run.recording, findings=run.findings, **origin)
 
 
 def _with_time(files: RunFiles, say: Say) -> Run:

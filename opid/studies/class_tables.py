@@ -3,68 +3,73 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Any
+from dataclasses import astuple, dataclass
+from typing import Annotated
 
 from opid.errors import InputError, nearest
 from opid.mechanics.laws.kinds import LAWS
-from opid.studies.tables import MAYBE_TEXT, TEXT, Key, maybe, table_faults
-from opid.updating.model_class import FAMILIES, ModelClass, Prior
+from opid.updating.model_class import Family, ModelClass, Prior
 
-CLASS = {
-    "name": MAYBE_TEXT,
-    "law": TEXT,
-    "scale": Key((int, float, str, list), 'a number in SI units, text like "0.068 N/mm^3", or a list of such'),
-    "prior": maybe(list, 'a list like ["uniform", 0, 10], or one such list for each term'),
-}
-"""What may stand in [[classes]]."""
+PRIOR = 'a list like ["uniform", 0, 10], ["normal", 1, 0.3] or ["lognormal", 1, 0.3]'
+PriorRow = Annotated[tuple[Family, float, float], PRIOR]
+"""Family, first and second value of a `Prior`."""
 
 _WITH_UNIT = re.compile(r"\s*([-+0-9.eE]+)\s*([kM]?)N\s*/\s*(m|mm|cm|in)\s*(?:\^|\*\*)?\s*(\d*)\s*")
 _PER_METRE = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254}
 _FORCE = {"": 1.0, "k": 1e3, "M": 1e6}
 
 
-def class_faults(number: int, table: object) -> Iterator[str]:
-    """Yield what is wrong with one table of a class whose keys and types are right."""
-    if isinstance(table, Mapping) and not list(table_faults("", table, CLASS)):
-        try:
-            model_class(table)
-        except InputError as error:
-            yield f"[[classes]] number {number}: {error}"
-
-
-def model_class(table: Mapping[str, Any]) -> ModelClass:
-    """Return the class that a table describes.
+@dataclass(frozen=True, kw_only=True)
+class ClassTable:
+    """A table of [[classes]].
 
     Args:
-        table: `law` (kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +), `scale` (one for
-            all terms or one each, in SI units or with the unit in a text), and optionally `name` (the law where left
-            out) and `prior` (one for all terms or one each; uniform from 0 to 10 where left out).
+        name: of the class; the law where left out.
+        law: kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +.
+        scale: one for all terms or one each, in SI units or with the unit in a text.
+        prior: one for all terms or one each; uniform from 0 to 10 where left out.
 
     Raises:
         InputError: an unknown law, a scale in no unit of its term, a prior that is none, or counts that do not match.
 
-    >>> model_class({"law": "cubic + quintic", "scale": ["0.0748 N/mm^3", -8.4e11]}).scales
+    >>> ClassTable(law="cubic + quintic", scale=("0.0748 N/mm^3", -8.4e11)).model.scales
     (74800000.0, -840000000000.0)
     """
-    kinds = tuple(kind_named(part) for part in table["law"].split("+"))
-    name = table.get("name", table["law"])
-    scales = table["scale"] if isinstance(table["scale"], list) else [table["scale"]] * len(kinds)
-    if len(scales) != len(kinds):
-        raise InputError(f"class {name!r} has {len(kinds)} term(s) and {len(scales)} scale(s): give one a term")
-    priors = _priors(table.get("prior"), len(kinds), name)
-    values = tuple(_scale(scale, kind) for scale, kind in zip(scales, kinds, strict=True))
-    return ModelClass(name, kinds, values, priors)
+
+    name: str | None = None
+    law: str
+    scale: Annotated[
+        float | str | tuple[float | str, ...], 'a number in SI units, text like "0.068 N/mm^3", or a list of such'
+    ]
+    prior: Annotated[PriorRow | tuple[PriorRow, ...] | None, f"{PRIOR}, or one such list for each term"] = None
+
+    def __post_init__(self) -> None:
+        _ = self.model  # so that what is wrong with it is said where it is read
+
+    @property
+    def model(self) -> ModelClass:
+        """The class that the table describes."""
+        kinds = tuple(kind_named(part) for part in self.law.split("+"))
+        name = self.law if self.name is None else self.name
+        scales = self.scale if isinstance(self.scale, tuple) else (self.scale,) * len(kinds)
+        prior = astuple(Prior()) if self.prior is None else self.prior
+        rows = prior if prior and isinstance(prior[0], tuple) else (prior,) * len(kinds)
+        for what, given in (("scale", scales), ("prior", rows)):
+            if len(given) != len(kinds):
+                raise InputError(f"class {name!r} has {len(kinds)} term(s) and {len(given)} {what}(s): give one a term")
+        values = tuple(_scale(scale, kind) for scale, kind in zip(scales, kinds, strict=True))
+        return ModelClass(name, kinds, values, tuple(Prior(*row) for row in rows))
 
 
-def class_table(model: ModelClass) -> dict[str, Any]:
-    """Return the table that `model_class` makes a class of."""
-    return {
-        "name": model.name,
-        "law": " + ".join(kind.removesuffix("_stiffness") for kind in model.kinds),
-        "scale": list(model.scales) if model.n_parameters > 1 else model.scales[0],
-        "prior": [prior_list(each) for each in model.priors] if model.n_parameters > 1 else prior_list(model.priors[0]),
-    }
+def table_of_class(model: ModelClass) -> ClassTable:
+    """Return the table that describes a class."""
+    scales, priors = model.scales, tuple(astuple(each) for each in model.priors)
+    return ClassTable(
+        name=model.name,
+        law=" + ".join(kind.removesuffix("_stiffness") for kind in model.kinds),
+        scale=scales if model.n_parameters > 1 else scales[0],
+        prior=priors if model.n_parameters > 1 else priors[0],
+    )
 
 
 def kind_named(text: str) -> str:
@@ -84,47 +89,12 @@ def kind_named(text: str) -> str:
     raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, springs)}")
 
 
-def prior_of(given: object) -> Prior:
-    """Return the prior that a list describes.
-
-    Args:
-        given: ["uniform", low, high], ["normal", mean, deviation] or ["lognormal", median, deviation of the logarithm].
-
-    Raises:
-        InputError: it describes none.
-
-    >>> prior_of(["normal", 1, 0.1])
-    Prior(family='normal', first=1.0, second=0.1)
-    """
-    match given:
-        case [str() as family, (int() | float()) as first, (int() | float()) as second]:
-            if family not in FAMILIES:
-                raise InputError(f"there is no prior {family!r}: {nearest(family, FAMILIES)}")
-            return Prior(next(each for each in FAMILIES if each == family), float(first), float(second))
-    raise InputError(f'the prior is {given!r}: give a list like ["uniform", 0, 10]')
-
-
-def prior_list(prior: Prior) -> list[Any]:
-    """Return the list that `prior_of` makes a prior of."""
-    return [prior.family, prior.first, prior.second]
-
-
-def _priors(given: object, n: int, name: str) -> tuple[Prior, ...]:
-    if given is None:
-        return (Prior(),) * n
-    if isinstance(given, list) and given and isinstance(given[0], list):
-        if len(given) != n:
-            raise InputError(f"class {name!r} has {n} term(s) and {len(given)} prior(s): give one a term")
-        return tuple(prior_of(each) for each in given)
-    return (prior_of(given),) * n
-
-
-def _scale(given: object, kind: str) -> float:
+def _scale(given: float | str, kind: str) -> float:
     """The scale of a term in SI units."""
     unit = LAWS[kind].parameters[0].unit
-    if isinstance(given, (int, float)) and not isinstance(given, bool):
+    if not isinstance(given, str):
         return float(given)
-    found = _WITH_UNIT.fullmatch(given) if isinstance(given, str) else None
+    found = _WITH_UNIT.fullmatch(given)
     try:
         number, force, length, power = found.groups() if found else ("", "", "m", "")
         value = float(number)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from opid.errors import InputError
-from opid.studies.tables import Document, misspelt
+from opid.studies.schema import Document, misspelt
 
 
 @dataclass(frozen=True)

@@ -2,105 +2,122 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
 from opid.modal.linear.coordinates import ModalTest, modal_test
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.modes_file import read_modes, write_modes
-from opid.modal.study import THRESHOLDS, USES, ModalStudy, StudyTest
+from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.signals.conversion import recording_of, require_distinct
 from opid.signals.log import Log
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import open_log, write_log
 from opid.signals.recording import Recording
 from opid.signals.units import to_si
+from opid.studies.channels import CHANNEL, ChannelTable, as_table
 from opid.studies.kinds import MODAL_TESTS
-from opid.studies.tables import (
-    CHANNEL,
-    LOG,
-    MAYBE_NUMBER,
-    MAYBE_TEXT,
-    TEXT,
+from opid.studies.schema import (
+    NO_KEY,
     Document,
-    Key,
     Say,
-    channel_settings,
-    dict_at,
-    keys_of,
-    list_at,
-    log_settings,
-    maybe,
+    fields_of,
     noted,
-    one_of,
-    prefixed,
+    read_tables,
+    recast,
     require_plain,
     stated,
-    table_faults,
-    toml_of,
+    text_of,
 )
 
 LARGEST_CSV = 3_000_000
 """Values in all logs of a study beyond which they are written as HDF5, where that can be: some 60 MB of text."""
 
-_MODEL = keys_of(
-    ModalStudy,
-    without=["title", "modes", "tests", "source"],
-    drive_point=maybe(str, "the name of a sensor in quotes"),
-    nonlinear=maybe(list, "a list of modes counted from 1, like [7, 11]"),
-    **dict.fromkeys(THRESHOLDS, maybe((int, float), "a share, 0.01 for 1 %")),
-)
-"""What may stand in [modes] or beside it."""
-# the channels of a test come from one recorder
-_CHANNEL = {name: key for name, key in CHANNEL.items() if name not in ("file", "log", "shift_s")}
-_TEST = {
-    "log": TEXT,
-    "name": MAYBE_TEXT,
-    "force": maybe(str, "the name of a channel in quotes"),
-    "use": maybe(str, one_of(USES)),
-    "mode": maybe(int, "the number of a mode, from 1"),
-    "modes": maybe(str, "the name of a file in quotes"),
-    "start_s": MAYBE_NUMBER,
-    "stop_s": MAYBE_NUMBER,
-}
-_STUDY = {
-    "title": MAYBE_TEXT,
-    "modes": Key(dict, MODAL_TESTS.needs["modes"], keys={"file": TEXT, **_MODEL}),
-    "log": maybe(dict, "a table [log]", keys=LOG),
-    "channels": maybe(dict, "a table [channels]", entries=_CHANNEL),
-    "tests": Key(list, MODAL_TESTS.needs["tests"], keys=_TEST),
-    **_MODEL,
-}
+_Settings: Any = fields_of(ModalStudy, "title", "modes", "tests", "source", nonlinear=())
+"""What is said of the model, in [modes] or beside it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Modes(_Settings):
+    file: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Channel(ChannelTable):
+    # the channels of a test come from one recorder
+    file: Annotated[None, NO_KEY] = None
+    log: Annotated[None, NO_KEY] = None
+    shift_s: Annotated[float, NO_KEY] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Test:
+    log: str
+    name: str = ""
+    use: Use | None = None
+    force: Annotated[str | None, "the name of a channel in quotes"] = None
+    mode: Annotated[int | None, "the number of a mode, from 1"] = None
+    modes: Annotated[str | None, "the name of a file in quotes"] = None
+    start_s: float | None = None
+    stop_s: float | None = None
+
+    @property
+    def called(self) -> str:
+        return self.name or Path(self.log).stem
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Study(_Settings):
+    title: str | None = None
+    modes: Annotated[_Modes, MODAL_TESTS.needs["modes"]]
+    log: LogSettings = AS_WRITTEN
+    channels: Mapping[str, Annotated[str | int | _Channel, CHANNEL]] = field(default_factory=dict)
+    tests: Annotated[tuple[_Test, ...], MODAL_TESTS.needs["tests"]]
 
 
 def build_modal_study(document: Document, source: Path, say: Say) -> ModalStudy:
     """Read what a study file of modal tests names, and return the study."""
-    refuse(list(_document_faults(document)), source)
-    settings = {name: document["modes"].get(name, document.get(name)) for name in _MODEL}
-    modes, faults = _all_modes(document, source.parent)
-    linear = modes.get(document["modes"]["file"])
+    study, faults = read_tables(_Study, document)
+    refuse(faults, source)
+    names = {each.name for each in fields(_Settings)}
+    inside, beside = (
+        {name: value for name, value in stated(table).items() if name in names} for table in (study.modes, study)
+    )
+    faults += [f"{name!r} stands in [modes] and beside it, give it once" for name in inside if name in beside]
+    modes: dict[str | None, LinearModes] = {}
+    for name in dict.fromkeys([study.modes.file, *(each.modes for each in study.tests if each.modes is not None)]):
+        with noted(faults):
+            modes[name] = read_modes(source.parent / name)
+    settings: dict[str, Any] = {"nonlinear": (), "drive_point": None} | beside | inside
+    linear = modes.get(study.modes.file)
     if linear is not None:
-        faults += _drive_point_faults(document, settings["drive_point"], linear)
-        faults += _channel_faults(document, linear)
+        faults += _drive_point_faults(study, settings["drive_point"], linear)
+        # a slip in the name of a sensor would leave the sensor out without a word
+        known = [*linear.sensors, *dict.fromkeys(each.force for each in study.tests if each.force is not None)]
+        faults += [
+            f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
+            for name in study.channels
+            if name not in known
+        ]
     refuse(faults, source)
     assert linear is not None  # or it would have been refused
-    with prefixed(f"{source}: "):
-        how = log_settings(document.get("log", {}))
-        channels = {name: channel_settings(name, entry) for name, entry in document.get("channels", {}).items()}
+    channels = {
+        name: recast(ChannelSettings, as_table(_Channel, name, entry)) for name, entry in study.channels.items()
+    }
     tests = []
-    for entry in document["tests"]:
-        say(entry["log"])
-        own, use = modes[entry.get("modes", document["modes"]["file"])], "fit" if "force" in entry else "decay"
-        with noted(faults, f"test {_name(entry)!r}: "):
-            test = _test(entry, source.parent, own, settings["drive_point"], how, channels)
-            tests.append(StudyTest(test, entry.get("use", use), entry.get("mode")))
+    for each in study.tests:
+        say(each.log)
+        with noted(faults, f"test {each.called!r}: "):
+            own = modes[each.modes or study.modes.file]
+            test = _test(each, source.parent, own, settings["drive_point"], study.log, channels)
+            tests.append(StudyTest(test, each.use or ("decay" if each.force is None else "fit"), each.mode))
     refuse(faults, source)
-    nonlinear = tuple(settings.pop("nonlinear") or ())
-    settings = {name: value for name, value in settings.items() if value is not None}
-    return ModalStudy(document.get("title", source.stem), linear, nonlinear, tuple(tests), source=source, **settings)
+    title = source.stem if study.title is None else study.title
+    return ModalStudy(title, linear, tests=tuple(tests), source=source, **settings)
 
 
 def write_modal_logs(study: ModalStudy, directory: Path) -> str:
@@ -119,39 +136,16 @@ def write_modal_logs(study: ModalStudy, directory: Path) -> str:
             write_modes(test.modes, directory / files[id(test.modes)])
         log = f"{test.name}{ending}"
         write_log(test.recording, directory / log)
-        entries.append(_entry(each, log, files[id(test.modes)]))
-    return _toml(study, entries)
+        own = None if test.modes is study.modes else files[id(test.modes)]
+        entries.append(_Test(log=log, use=each.use, force=_force_channel(test), mode=each.mode, modes=own))
+    return text_of(_Study(title=study.title, modes=recast(_Modes, study, file="modes.npz"), tests=tuple(entries)))
 
 
 # ---- tables -> tests -------------------------------------------------------------------------------
 
 
-def _document_faults(document: Document) -> Iterator[str]:
-    yield from table_faults("the study", document, _STUDY)
-    modes = dict_at(document, "modes")
-    for name in _MODEL:
-        if name in modes and name in document:
-            yield f"{name!r} stands in [modes] and beside it, give it once"
-    for mode in (*list_at(document, "nonlinear"), *list_at(modes, "nonlinear")):
-        if not _TEST["mode"].takes(mode):
-            yield f"'nonlinear' holds {mode!r}, give numbers of modes counted from 1"
-    for number, entry in enumerate(list_at(document, "tests"), start=1):
-        if isinstance(entry, dict) and isinstance(entry.get("use"), str) and entry["use"] not in USES:
-            yield f"'use' in [[tests]] number {number} is {entry['use']!r}, give {_TEST['use'].what}"
-
-
-def _all_modes(document: Document, directory: Path) -> tuple[dict[str, LinearModes], list[str]]:
-    """The linear modes by the name of their file, each read once, and what is wrong with them."""
-    modes: dict[str, LinearModes] = {}
-    faults: list[str] = []
-    for name in dict.fromkeys([document["modes"]["file"], *(e["modes"] for e in document["tests"] if "modes" in e)]):
-        with noted(faults):
-            modes[name] = read_modes(directory / name)
-    return modes, faults
-
-
-def _drive_point_faults(document: Document, drive_point: str | None, modes: LinearModes) -> list[str]:
-    forced = [_name(entry) for entry in document["tests"] if "force" in entry]
+def _drive_point_faults(study: _Study, drive_point: str | None, modes: LinearModes) -> list[str]:
+    forced = [each.called for each in study.tests if each.force is not None]
     if drive_point is None:
         return [f"[modes] lacks 'drive_point', name the sensor at which the force of {forced[0]!r} acts"] * bool(forced)
     faults: list[str] = []
@@ -160,36 +154,25 @@ def _drive_point_faults(document: Document, drive_point: str | None, modes: Line
     return faults
 
 
-def _channel_faults(document: Document, modes: LinearModes) -> list[str]:
-    """A slip in the name of a sensor would leave the sensor out without a word."""
-    forces = [entry["force"] for entry in document["tests"] if "force" in entry]
-    known = [*modes.sensors, *dict.fromkeys(forces)]
-    return [
-        f"[channels] has {name!r}, which is no sensor of the shapes and no force of a test ({nearest(name, known)})"
-        for name in document.get("channels", {})
-        if name not in known
-    ]
-
-
 def _test(
-    entry: Mapping[str, Any],
+    entry: _Test,
     directory: Path,
     modes: LinearModes,
     drive_point: str | None,
     how: LogSettings,
     channels: Mapping[str, ChannelSettings],
 ) -> ModalTest:
-    log = open_log(directory / entry["log"], how)
-    force = entry.get("force")
-    if force is None and "use" not in entry and (seen := _force_seen(log)):
+    log = open_log(directory / entry.log, how)
+    force = entry.force
+    if force is None and entry.use is None and (seen := _force_seen(log)):
         raise InputError(
             f'its log has a force, {seen!r}, and the test names none: give force = "{seen}", or use = "decay" '
             "if nothing acts in the stretch that is used"
         )
     wanted = _wanted(log, modes, force, channels)
-    recording = recording_of(log, how, channels=wanted, start_s=entry.get("start_s"), stop_s=entry.get("stop_s"))
+    recording = recording_of(log, how, channels=wanted, start_s=entry.start_s, stop_s=entry.stop_s)
     _require_alive(recording, modes)
-    return modal_test(recording, modes, name=_name(entry), force=force, drive_point=drive_point)
+    return modal_test(recording, modes, name=entry.called, force=force, drive_point=drive_point)
 
 
 def _wanted(
@@ -230,35 +213,12 @@ def _require_alive(recording: Recording, modes: LinearModes) -> None:
             )
 
 
-def _name(entry: Mapping[str, Any]) -> str:
-    return entry.get("name", Path(entry["log"]).stem)
-
-
-# ---- tests -> tables -------------------------------------------------------------------------------
-
-
-def _entry(each: StudyTest, log: str, modes: str) -> dict[str, Any]:
-    """The table of a test, without what goes without saying."""
-    entry: dict[str, Any] = {"log": log, "use": each.use}
-    if each.test.force is not None:
-        entry["force"] = _force_channel(each.test)
-    if each.mode is not None:
-        entry["mode"] = each.mode
-    if modes != "modes.npz":
-        entry["modes"] = modes
-    return entry
-
-
-def _force_channel(test: ModalTest) -> str:
-    """The channel of a test that holds its force."""
+def _force_channel(test: ModalTest) -> str | None:
+    """The channel of a test that holds its force, if it has one."""
+    if test.force is None:
+        return None
     recording = test.recording
     for channel in recording.channels:
         if channel.unit == "N" and (recording.channel(channel.name) == test.force).all():
             return channel.name
     raise InputError(f"test {test.name!r} has a force that is no channel of its recording: add it as a channel in N")
-
-
-def _toml(study: ModalStudy, entries: list[dict[str, Any]]) -> str:
-    modes = {"file": "modes.npz"} | ({"nonlinear": list(study.nonlinear)} if study.nonlinear else {})
-    modes |= stated(study, without=["title", "modes", "nonlinear", "tests", "source"])
-    return toml_of({"title": study.title, "modes": modes}, tests=entries)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 from opid.errors import InputError
 from opid.signals.files import written_whole
 from opid.studies.kinds import KINDS, MODAL_TESTS, SUSPENSIONS, TEST_BENCH, StudyKind, kind_of
-from opid.studies.tables import Say, load
+from opid.studies.schema import Say, load
 
 if TYPE_CHECKING:
     from opid.modal.study import ModalStudy

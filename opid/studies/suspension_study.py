@@ -2,35 +2,40 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import astuple, dataclass, field, fields, replace
+from datetime import date
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from opid.errors import InputError, nearest, refuse
 from opid.signals.health.result import Finding
-from opid.signals.log_settings import ChannelSettings, LogSettings
+from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
+from opid.studies.channels import CHANNEL, ChannelTable, as_table, sources_of
 from opid.studies.kinds import SUSPENSIONS, kind_of
+from opid.studies.loading_file import read_loading
 from opid.studies.run_files import RunFiles, Source, at_one_rate, run_from_files
-from opid.studies.suspension_tables import SENSOR_KEYS, document_faults, is_body_study, loading_of
-from opid.studies.tables import (
+from opid.studies.schema import (
+    NO_KEY,
     Document,
     Say,
-    channel_settings,
     load,
-    log_settings,
+    misspelt,
     noted,
     prefixed,
+    read_tables,
+    recast,
     require_plain,
     stated,
-    toml_of,
+    text_of,
 )
-from opid.suspensions.sensor_facts import SIDES, Leak, SensorFacts, SensorPair, Side
+from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, LEAK_TOLERANCE, SIDES, Leak, SensorFacts, SensorPair, Side
 from opid.suspensions.study import (
     Axis,
     BodySensor,
@@ -41,6 +46,196 @@ from opid.suspensions.study import (
     Study,
     study_of_gear,
 )
+
+# ---- the tables of a study file --------------------------------------------------------------------
+
+FACTS = tuple(each.name for each in fields(SensorFacts))
+OF_A_BODY = (
+    "which belongs to a body on several suspensions: describe each suspension in [[interfaces]] (name, sprung, "
+    "unsprung, x_m, y_m), or leave it out for one gear"
+)
+OF_ONE_GEAR = "which belongs to one gear: give it in each table [[interfaces]]"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Channel(SensorFacts, ChannelTable):
+    def __post_init__(self) -> None:
+        SensorFacts.__post_init__(self)
+        ChannelTable.__post_init__(self)
+
+
+_Channels = Mapping[str, Annotated[str | int | _Channel, CHANNEL]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    ELSEWHERE: ClassVar[dict[str, str]] = {"loading": OF_A_BODY}
+    name: str
+    log: str | None = None
+    mass_change_kg: float
+    start_s: float | None = None
+    stop_s: float | None = None
+    channels: _Channels = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _BodyRun(_Run):
+    mass_change_kg: float = 0.0
+    loading: Annotated[
+        str | tuple[tuple[float, float, float], ...],
+        "rows [[mass_kg, x_m, y_m], ...] or the name of a CSV file in quotes",
+    ] = ()
+
+    def __post_init__(self) -> None:
+        if self.mass_change_kg:
+            raise InputError(
+                f"'mass_change_kg' = {self.mass_change_kg:g} belongs to one gear, say where that mass is, too: "
+                f"loading = [[{self.mass_change_kg:g}, x_m, y_m]] in its place"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Leak:
+    channel: str
+    into: Annotated[str, "the name of the channel that lets it in"]
+    tolerance: float = LEAK_TOLERANCE
+
+
+@dataclass(frozen=True, kw_only=True)
+class _GearLeak(_Leak):
+    into: Side | None = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Sensors:
+    ELSEWHERE: ClassVar[dict[str, str]] = {"": "what is known of a sensor of a body stands in [channels.NAME]"}
+    leak: tuple[_Leak, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _GearSensors(_Sensors):
+    ELSEWHERE: ClassVar[dict[str, str]] = {"": "call it by its side, [sensors.sprung] or [sensors.unsprung]"}
+    sprung: SensorFacts = IDEAL
+    unsprung: SensorFacts = IDEAL
+    leak: tuple[_GearLeak, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Interface(MeasuredInterface):
+    sprung: Annotated[str, "the channel on the body above the suspension, its name in quotes"]
+    unsprung: Annotated[str, "the channel below the suspension, its name in quotes"]
+    x_m: float
+    y_m: float
+    facts: Annotated[SensorPair, NO_KEY] = IDEAL_PAIR
+
+
+@dataclass(frozen=True, kw_only=True)
+class _BodySensor(BodySensor):
+    facts: Annotated[SensorFacts, NO_KEY] = IDEAL
+    leaks: Annotated[tuple[Leak, ...], NO_KEY] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Study:
+    title: str | None = None
+    date: date | None = None
+    fs_hz: float | None = None
+    repeatability: float | None = None
+    log: LogSettings = AS_WRITTEN
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Body(_Study):
+    ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("axis", "piston_area_m2"), OF_ONE_GEAR)
+    channels: _Channels = field(default_factory=dict)
+    structure: StructureSettings = field(default_factory=StructureSettings)
+    sensors: Annotated[_Sensors, "tables [[sensors.leak]] (further sensors on the body are [[body_sensors]])"] = (
+        _Sensors()
+    )
+    interfaces: Annotated[tuple[_Interface, ...], "one table [[interfaces]] for each suspension"]
+    body_sensors: tuple[_BodySensor, ...] = ()
+    runs: Annotated[tuple[_BodyRun, ...], SUSPENSIONS.needs["runs"]]
+
+    @property
+    def sensor_channels(self) -> list[str]:
+        channels = [channel for each in self.interfaces or () for channel in (each.unsprung, each.sprung)]
+        return [*channels, *(each.channel for each in self.body_sensors)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Gear(_Study):
+    ELSEWHERE: ClassVar[dict[str, str]] = dict.fromkeys(("structure", "body_sensors"), OF_A_BODY)
+    axis: Axis = "up"
+    piston_area_m2: float | None = None
+    channels: Annotated[_Channels, SUSPENSIONS.needs["channels"]]
+    sensors: Annotated[_GearSensors, "tables [sensors.sprung], [sensors.unsprung], [[sensors.leak]]"] = _GearSensors()
+    runs: Annotated[tuple[_Run, ...], SUSPENSIONS.needs["runs"]]
+
+    def as_body(self) -> _Body:
+        """Return the body with one interface that it is; its channels are called as in the recordings."""
+        names = {key: entry if isinstance(entry, str) else key for key, entry in self.channels.items()}
+        channels: dict[str, str | int | _Channel] = {}
+        for key, entry in self.channels.items():
+            if channels.setdefault(names[key], entry) != entry:
+                raise InputError(f"[channels]: {key!r} and another entry are both called {names[key]!r}: rename one")
+        for side in SIDES:
+            beside, table = stated(getattr(self.sensors, side)), as_table(_Channel, side, self.channels[side])
+            for fact in sorted(beside.keys() & table.given):
+                raise InputError(f"{fact!r} stands in [channels.{side}] and in [sensors.{side}]: give it once")
+            channels[names[side]] = replace(table, **beside)
+        leaks = tuple(
+            _Leak(channel=names.get(leak.channel, leak.channel), into=names[side], tolerance=leak.tolerance)
+            for leak in self.sensors.leak
+            for side in ([leak.into] if leak.into else SIDES[::-1])
+        )
+        runs = tuple(
+            recast(
+                _BodyRun,
+                run,
+                mass_change_kg=0.0,
+                loading=((run.mass_change_kg, 0.0, 0.0),) if run.mass_change_kg else (),
+                channels={names.get(key, key): entry for key, entry in run.channels.items()},
+            )
+            for run in self.runs
+        )
+        sides = {side: names[side] for side in SIDES}
+        gear = recast(_Interface, self, name="gear", x_m=0.0, y_m=0.0, **sides)
+        return recast(_Body, self, channels=channels, sensors=_Sensors(leak=leaks), interfaces=(gear,), runs=runs)
+
+
+def suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]]:
+    """Return what a study file of suspensions says, and what is wrong with it: about a body if it has [[interfaces]].
+
+    >>> suspension_tables({"interfacs": [], "runs": []})[1]
+    ["the study has an unknown key 'interfacs' (did you mean 'interfaces'?)"]
+    """
+    is_body = "interfaces" in {*document, *misspelt(document, [each.name for each in fields(_Body)])}
+    study, faults = read_tables(_Body, document) if is_body else read_tables(_Gear, document)
+    if study.fs_hz is not None and not (math.isfinite(study.fs_hz) and study.fs_hz > 0):
+        faults.append(f"'fs_hz' in the study is {study.fs_hz}, give a positive rate in Hz")
+    channels = study.channels or {}
+    if isinstance(study, _Gear):
+        known, right = [str(side) for side in SIDES], "[channels.sprung] or [channels.unsprung]"
+        faults += [
+            f"[channels] lacks {side!r}, give {CHANNEL} ({nearest(side, channels)})"
+            for side in SIDES
+            if study.channels is not None and side not in document["channels"]
+        ]
+    else:
+        known, right = study.sensor_channels, "[channels.NAME] of a sensor of an interface or of the body"
+    places = [("channels", channels, known), *(("runs.channels", run.channels, []) for run in study.runs or ())]
+    faults += [
+        f"{fact!r} stands in [{where}.{name}], give it in {right}"
+        for where, entries, sensors in places
+        for name, entry in entries.items()
+        if isinstance(entry, _Channel) and name not in sensors
+        for fact in FACTS
+        if fact in entry.given
+    ]
+    return study, faults
+
+
+# ---- tables -> study -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -60,31 +255,77 @@ class LogReading:
 
 def build_suspension_study(document: Document, source: Path, say: Say) -> Study:
     """Read the logs and loading tables that a study file of suspensions names, and return the study."""
-    refuse(list(document_faults(document)), source)
-    is_body = is_body_study(document)
+    study = _sound_body(document, source)
     with prefixed(f"{source}: "):
-        interfaces, further = _body_sensors(document) if is_body else ((), ())
-        pair = SensorPair() if is_body else _sensors(document)
-        all_files = [run_files_of(document, entry, source.parent) for entry in document["runs"]]
+        interfaces, further = _with_facts(study)
+        all_files = [_run_files(study, run, source.parent) for run in study.runs]
     runs: list[Run] = []
     faults: list[str] = []
-    for entry, files in zip(document["runs"], all_files, strict=True):
-        loading: tuple[PointMass, ...] | float = files.mass_change_kg
+    for each, files in zip(study.runs, all_files, strict=True):
+        rows, loading = each.loading, tuple[PointMass, ...]()
         with noted(faults, f"run {files.name!r}: "):
-            loading = loading_of(entry, source.parent) if is_body else loading
+            loading = (
+                read_loading(source.parent / rows) if isinstance(rows, str) else tuple(PointMass(*row) for row in rows)
+            )
         with noted(faults, f"run {files.name!r}: "):
-            run = run_from_files(files, fs_hz=document.get("fs_hz"), progress=say)
+            run = run_from_files(files, fs_hz=study.fs_hz, progress=say)
             runs.append(replace(run, loading=loading))
     refuse(faults, source)
-    runs = _with_stretches_of_one_log(runs, all_files)
-    shared: dict[str, Any] = {"title": document.get("title", source.stem), "runs": at_one_rate(runs), "source": source}
-    shared |= {name: document[name] for name in ("date", "repeatability") if name in document}
-    if is_body:
-        structure = _structure(document.get("structure", {}))
-        return Study(interfaces=interfaces, structure=structure, sensors=further, **shared)
-    shared |= {name: document[name] for name in ("axis", "piston_area_m2") if name in document}
-    shared |= {side: _name(document["channels"], side) for side in SIDES}
-    return study_of_gear(sensors=pair, **shared)
+    return recast(
+        Study,
+        study,
+        title=source.stem if study.title is None else study.title,
+        interfaces=interfaces,
+        runs=at_one_rate(_with_stretches_of_one_log(runs, all_files)),
+        sensors=further,
+        source=source,
+    )
+
+
+def _sound_body(document: Document, source: Path) -> _Body:
+    study, faults = suspension_tables(document)
+    refuse(faults, source)
+    with prefixed(f"{source}: "):
+        return study.as_body() if isinstance(study, _Gear) else study
+
+
+def _run_files(study: _Body, run: _BodyRun, directory: Path) -> RunFiles:
+    """Where each channel of a run is found, and how it is read."""
+    named = [*study.sensor_channels, *study.channels, *(leak.channel for leak in study.sensors.leak)]
+    channels = {name: as_table(_Channel, name, study.channels.get(name, name)) for name in named}
+    for name, own in run.channels.items():
+        if isinstance(own, _Channel) and name in channels:
+            channels[name] = replace(channels[name], **{each: getattr(own, each) for each in own.given})
+        else:
+            channels[name] = as_table(_Channel, name, own)
+    sources = sources_of(channels, run=run.name, log=run.log, settings=study.log, directory=directory)
+    return RunFiles(run.name, sources, 0.0, run.start_s, run.stop_s)
+
+
+def _with_facts(study: _Body) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
+    """Interfaces and further sensors on the body, with what is known of each sensor."""
+    for leak in study.sensors.leak:
+        if leak.into not in study.sensor_channels:
+            raise InputError(
+                f"[[sensors.leak]] leaks into {leak.into!r}, which is no sensor of an interface or on the body: "
+                f"{nearest(leak.into, study.sensor_channels)}"
+            )
+
+    def facts(channel: str) -> SensorFacts:
+        return recast(SensorFacts, as_table(_Channel, channel, study.channels.get(channel, channel)))
+
+    def leaks(**channels: str) -> tuple[Leak, ...]:
+        into = [(leak, side) for leak in study.sensors.leak for side in SIDES if channels.get(side) == leak.into]
+        return tuple(recast(Leak, leak, into=side) for leak, side in into)
+
+    interfaces = (
+        (each, SensorPair(facts(each.unsprung), facts(each.sprung), leaks(unsprung=each.unsprung, sprung=each.sprung)))
+        for each in study.interfaces
+    )
+    return tuple(recast(MeasuredInterface, each, facts=pair) for each, pair in interfaces), tuple(
+        recast(BodySensor, each, facts=facts(each.channel), leaks=leaks(sprung=each.channel))
+        for each in study.body_sensors
+    )
 
 
 def _with_stretches_of_one_log(runs: Sequence[Run], files: Sequence[RunFiles]) -> list[Run]:
@@ -190,154 +431,14 @@ def log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str]) -> t
     document = load(source)
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
         raise InputError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
-    refuse(list(document_faults(document)), source)
+    study = _sound_body(document, source)
     with prefixed(f"{source}: "):
-        settings = log_settings(document.get("log", {}))
-        all_files = [run_files_of(document, entry, source.parent) for entry in document["runs"]]
+        all_files = [_run_files(study, run, source.parent) for run in study.runs]
     users = [(files.name, taken) for files in all_files if (taken := _taken(files, _place(log)))]
     if not users:
-        return (LogReading(settings),)
+        return (LogReading(study.log),)
     runs = tuple(name for name, _ in users)
     return tuple(LogReading(how, channels, runs) for how, channels in users[0][1].items())
-
-
-def write_suspension_logs(study: Study, directory: Path) -> str:
-    """Write the log of each run, and return the text of the study file."""
-    for run in study.runs:
-        require_plain("run", run.name)
-    for run in study.runs:
-        write_log(run.recording, directory / f"{run.name}.csv")
-    return _gear_text(study) if _is_told_by_channels(study) else _body_text(study)
-
-
-def _is_told_by_channels(study: Study) -> bool:
-    """Whether a study file with [channels] says all that is known."""
-    first = study.interfaces[0]
-    plain = MeasuredInterface(
-        "gear",
-        first.sprung,
-        first.unsprung,
-        facts=first.facts,
-        axis=first.axis,
-        piston_area_m2=first.piston_area_m2,
-    )
-    return study.is_one_gear and first == plain and study.structure == StructureSettings()
-
-
-# ---- Study -> text ---------------------------------------------------------------------------------
-
-
-_OF_THE_BODY = ("name", "sprung", "unsprung", "x_m", "y_m", "sensor_x_m", "sensor_y_m", "facts")
-"""Fields of an interface that the study of one gear gives in other words, or not at all."""
-
-
-def _gear_text(study: Study) -> str:
-    channels = {"unsprung": study.unsprung, "sprung": study.sprung}
-    sensors = _sensor_tables(study.interfaces[0].facts)
-    head = (
-        _head_of(study)
-        | stated(study.interfaces[0], without=_OF_THE_BODY)
-        | {"channels": channels | _further_of(study, channels.values())}
-    )
-    runs = [_run_table(run, mass_change_kg=run.mass_change_kg) for run in study.runs]
-    return toml_of(head | ({"sensors": sensors} if sensors else {}), runs=runs)
-
-
-def _head_of(study: Study) -> dict[str, Any]:
-    known = {"title": study.title, "date": study.date, "repeatability": study.repeatability}
-    return {name: value for name, value in known.items() if value is not None}
-
-
-def _further_of(study: Study, used: Collection[str]) -> dict[str, str]:
-    """Every further channel of the runs by its own name, so that it is read back."""
-    return {name: name for run in study.runs for name in run.recording.names if name not in used}
-
-
-def _run_table(run: Run, **more: float) -> dict[str, Any]:
-    # all of it: without a start the stretch in motion would be looked for
-    return {"name": run.name, "log": f"{run.name}.csv", **more, "start_s": run.recording.start_s}
-
-
-def _body_text(study: Study) -> str:
-    head = _head_of(study)
-    facts = {name: stated(known) for name, known in _facts_by_channel(study).items() if stated(known)}
-    used = {*study.channels("unsprung"), *study.channels("sprung")}
-    channels: dict[str, Any] = _further_of(study, used)
-    channels |= {name: {"channel": name, **known} for name, known in facts.items()}
-    if channels:
-        head["channels"] = channels
-    head["structure"] = stated(study.structure, "kind")
-    leaks = [
-        {"channel": channel, "into": study.channels(side)[place], "tolerance": tolerance}
-        for channel, side, place, tolerance in study.leaks()
-    ]
-    interfaces = [stated(each, "x_m", "y_m", without=["facts"]) for each in study.interfaces]
-    sensors = [stated(each, without=["facts", "leaks"]) for each in study.sensors]
-    loadings = [[[each.mass_kg, each.x_m, each.y_m] for each in run.masses] for run in study.runs]
-    runs = [
-        _run_table(run) | ({"loading": rows} if rows else {}) for run, rows in zip(study.runs, loadings, strict=True)
-    ]
-    head |= {"sensors": {"leak": leaks}} if leaks else {}
-    return toml_of(head, interfaces=interfaces, body_sensors=sensors, runs=runs)
-
-
-def _facts_by_channel(study: Study) -> dict[str, SensorFacts]:
-    known = {interface.sprung: interface.facts.sprung for interface in study.interfaces}
-    known |= {interface.unsprung: interface.facts.unsprung for interface in study.interfaces}
-    return known | {sensor.channel: sensor.facts for sensor in study.sensors}
-
-
-def _sensor_tables(sensors: SensorPair) -> dict[str, Any]:
-    tables: dict[str, Any] = {side: stated(getattr(sensors, side)) for side in SIDES}
-    tables["leak"] = [asdict(leak) for leak in sensors.leaks]
-    return {name: table for name, table in tables.items() if table}
-
-
-# ---- tables -> settings ----------------------------------------------------------------------------
-
-
-def _name(channels: Mapping[str, Any], key: str) -> str:
-    """What a channel is called in the recordings: by its name in the log, or by its table."""
-    entry = channels[key]
-    return entry if isinstance(entry, str) else key
-
-
-def run_files_of(document: Document, entry: Mapping[str, Any], directory: Path) -> RunFiles:
-    """Return where each channel of a run is found, and how it is read, from its table [[runs]]."""
-    channels = _body_channels(document) if is_body_study(document) else document["channels"]
-    wanted: dict[str, str | int | Mapping[str, Any]] = {}
-    for key in channels:
-        name = _name(channels, key)
-        if name in wanted and channels[key] != wanted[name]:
-            raise InputError(f"[channels]: {key!r} and another entry both give a channel called {name!r}: rename one")
-        wanted[name] = channels[key]
-    for leak in document.get("sensors", {}).get("leak", []):
-        wanted.setdefault(_leaking(channels, leak), leak["channel"])
-    for key, own in entry.get("channels", {}).items():
-        name = _name(channels, key) if key in channels else key
-        before = wanted.get(name, {})
-        wanted[name] = {**_as_table(before), **own} if isinstance(own, Mapping) else own
-    sources = {}
-    for name, table in wanted.items():
-        settings = channel_settings(name, table, without=(*SENSOR_KEYS, "log"))
-        if settings.file is not None:
-            settings = replace(settings, file=settings.file.replace("{run}", entry["name"]))
-        how, where = document.get("log", {}), "[log]"
-        if isinstance(table, Mapping) and "log" in table:
-            how, where = table["log"], f"[channels.{name}.log]"
-        if settings.file is None and "log" not in entry:
-            raise InputError(f"run {entry['name']!r} has no 'log', and [channels.{name}] no 'file': give one of them")
-        sources[name] = Source(directory / (settings.file or entry["log"]), settings, log_settings(how, where))
-    change = float(entry.get("mass_change_kg", 0.0))
-    return RunFiles(entry["name"], sources, change, entry.get("start_s"), entry.get("stop_s"))
-
-
-def _body_channels(document: Document) -> dict[str, Mapping[str, Any]]:
-    """The channels of a body; in the recordings each has the name by which the study calls it."""
-    named = document.get("channels", {})
-    wanted = [side for each in document["interfaces"] for side in (each["unsprung"], each["sprung"])]
-    wanted += [each["channel"] for each in document.get("body_sensors", [])]
-    return {name: _as_table(named.get(name, name)) for name in dict.fromkeys([*wanted, *named])}
 
 
 def _taken(files: RunFiles, place: str) -> dict[LogSettings, dict[str, ChannelSettings]]:
@@ -357,76 +458,74 @@ def _place(path: str | os.PathLike[str]) -> str:
         return os.fspath(path)
 
 
-def _leaking(channels: Mapping[str, Any], leak: Mapping[str, Any]) -> str:
-    """What the channel of a leak is called in the recordings: it may be named by its key in [channels]."""
-    return _name(channels, leak["channel"]) if leak["channel"] in channels else leak["channel"]
+# ---- study -> tables -------------------------------------------------------------------------------
 
 
-def _leak_of(channels: Mapping[str, Any], entry: Mapping[str, Any], into: str) -> Leak:
-    with prefixed("[sensors] "):
-        return Leak(**{**entry, "channel": _leaking(channels, entry), "into": into})
+def write_suspension_logs(study: Study, directory: Path) -> str:
+    """Write the log of each run, and return the text of the study file."""
+    for run in study.runs:
+        require_plain("run", run.name)
+    for run in study.runs:
+        write_log(run.recording, directory / f"{run.name}.csv")
+    return text_of(_gear_of(study) if _is_told_by_channels(study) else _body_of(study))
 
 
-def _as_table(entry: str | int | Mapping[str, Any]) -> Mapping[str, Any]:
-    return entry if isinstance(entry, Mapping) else {"channel": entry}
-
-
-def _structure(table: Mapping[str, Any]) -> StructureSettings:
-    shared = tuple(tuple(group) for group in table.get("shared", []))
-    return StructureSettings(**{**table, "shared": shared})
-
-
-def _facts_of(table: Mapping[str, Any], more: Mapping[str, Any] | None = None) -> SensorFacts:
-    with prefixed("[sensors] "):
-        return SensorFacts(**(more or {}), **{key: value for key, value in table.items() if key in SENSOR_KEYS})
-
-
-def _body_sensors(document: Document) -> tuple[tuple[MeasuredInterface, ...], tuple[BodySensor, ...]]:
-    """Interfaces and further sensors of a body, with what is known of each sensor."""
-    channels = _body_channels(document)
-    sides: dict[str, tuple[int, Side]] = {}
-    for place, entry in enumerate(document["interfaces"]):
-        sides |= {entry["unsprung"]: (place, "unsprung"), entry["sprung"]: (place, "sprung")}
-    for place, entry in enumerate(document.get("body_sensors", []), start=len(document["interfaces"])):
-        sides |= {entry["channel"]: (place, "sprung")}
-    leaks: dict[int, list[Leak]] = {}
-    for entry in document.get("sensors", {}).get("leak", []):
-        if entry["into"] not in sides:
-            raise InputError(
-                f"[[sensors.leak]] leaks into {entry['into']!r}, which is no sensor of an interface or on the body: "
-                f"{nearest(entry['into'], list(sides))}"
-            )
-        place, side = sides[entry["into"]]
-        leaks.setdefault(place, []).append(_leak_of(channels, entry, side))
-    interfaces = tuple(
-        MeasuredInterface(
-            **entry,
-            facts=SensorPair(
-                _facts_of(channels[entry["unsprung"]]),
-                _facts_of(channels[entry["sprung"]]),
-                tuple(leaks.get(place, ())),
-            ),
-        )
-        for place, entry in enumerate(document["interfaces"])
+def _is_told_by_channels(study: Study) -> bool:
+    """Whether a study file with [channels] says all that is known."""
+    first = study.interfaces[0]
+    plain = MeasuredInterface(
+        "gear",
+        first.sprung,
+        first.unsprung,
+        facts=first.facts,
+        axis=first.axis,
+        piston_area_m2=first.piston_area_m2,
     )
-    further = tuple(
-        BodySensor(**entry, facts=_facts_of(channels[entry["channel"]]), leaks=tuple(leaks.get(place, ())))
-        for place, entry in enumerate(document.get("body_sensors", []), start=len(interfaces))
+    return study.is_one_gear and first == plain and study.structure == StructureSettings()
+
+
+def _gear_of(study: Study) -> _Gear:
+    gear = study.interfaces[0]
+    channels = {"unsprung": gear.unsprung, "sprung": gear.sprung}
+    facts = gear.facts
+    leaks = tuple(recast(_GearLeak, leak) for leak in facts.leaks)
+    return recast(
+        _Gear,
+        study,
+        axis=gear.axis,
+        piston_area_m2=gear.piston_area_m2,
+        channels=channels | _further_channels(study, channels.values()),
+        sensors=_GearSensors(unsprung=facts.unsprung, sprung=facts.sprung, leak=leaks),
+        runs=tuple(_Run(**_run_of(run), mass_change_kg=run.mass_change_kg) for run in study.runs),
     )
-    return interfaces, further
 
 
-def _sensors(document: Document) -> SensorPair:
-    """What is known of the sensors of one gear, from [sensors.SIDE] and from the tables of their channels."""
-    tables, facts = document.get("sensors", {}), {}
-    for side in SIDES:
-        entry = _as_table(document["channels"][side])
-        for key in sorted(tables.get(side, {}).keys() & entry.keys() & {*SENSOR_KEYS}):
-            raise InputError(f"{key!r} stands in [channels.{side}] and in [sensors.{side}]: give it once")
-        facts[side] = _facts_of(entry, tables.get(side, {}))
-    leaks = [
-        _leak_of(document["channels"], entry, into)
-        for entry in tables.get("leak", [])
-        for into in ([entry["into"]] if "into" in entry else ["unsprung", "sprung"])
-    ]
-    return SensorPair(facts["unsprung"], facts["sprung"], tuple(leaks))
+def _further_channels(study: Study, used: Collection[str]) -> dict[str, str]:
+    """Every further channel of the runs by its own name, so that it is read back."""
+    return {name: name for run in study.runs for name in run.recording.names if name not in used}
+
+
+def _run_of(run: Run) -> dict[str, Any]:
+    # all of it: without a start the stretch in motion would be looked for
+    return {"name": run.name, "log": f"{run.name}.csv", "start_s": run.recording.start_s}
+
+
+def _body_of(study: Study) -> _Body:
+    known = {interface.sprung: interface.facts.sprung for interface in study.interfaces}
+    known |= {interface.unsprung: interface.facts.unsprung for interface in study.interfaces}
+    known |= {sensor.channel: sensor.facts for sensor in study.sensors}
+    channels: dict[str, str | int | _Channel] = {**_further_channels(study, known)}
+    channels |= {name: recast(_Channel, facts, channel=name) for name, facts in known.items() if stated(facts)}
+    leaks = tuple(
+        _Leak(channel=channel, into=study.channels(side)[place], tolerance=tolerance)
+        for channel, side, place, tolerance in study.leaks()
+    )
+    return recast(
+        _Body,
+        study,
+        channels=channels,
+        interfaces=tuple(recast(_Interface, each) for each in study.interfaces),
+        body_sensors=tuple(recast(_BodySensor, each) for each in study.sensors),
+        sensors=_Sensors(leak=leaks),
+        runs=tuple(_BodyRun(**_run_of(run), loading=tuple(map(astuple, run.masses))) for run in study.runs),
+    )

@@ -503,6 +503,9 @@ def _structure_faults(study: Study) -> Iterator[str]:
         math.isfinite(settings.noise_m_per_s2) and settings.noise_m_per_s2 > 0
     ):
         yield f"noise_m_per_s2 is {settings.noise_m_per_s2}, give a positive number, or leave it out"
+    for group in settings.shared:
+        if len(group) < 2:
+            yield f"'shared' has the group {list(group)}, give two names or more in each"
     shared = [name for group in settings.shared for name in group]
     for name in dict.fromkeys(shared):
         if name not in names:

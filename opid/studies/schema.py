@@ -1,0 +1,318 @@
+"""Tables of a study file -> frozen records, and back: a key stands in a field of a record alone, with type and default.
+
+The records are the wings' own, or private ones of this folder where a file says it otherwise. A type says what is
+needed in words, too; `Annotated[type, "words"]` says it better. Everything that is wrong with a file is found in one
+walk, and what is sound is built even so, that files it names can be looked at in the same breath.
+
+Why no library: with pydantic 2.14 some 55 lines made its models of these records (in strict mode it takes no table for
+a dataclass and no array for a tuple, and a number 2 comes back as 2.0), some 75 turned its error codes and places into
+sentences with the nearest key, and what is sound needed a second validation; the walk below, which does all of it, has
+150 and loads nothing (pydantic: 11 MB, 0.2 s). msgspec stops at the first fault; cattrs wants a hook for each plain
+type and a walk over its groups of exceptions.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import MISSING, field as field_of, fields, is_dataclass, make_dataclass
+from datetime import date
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import tomli_w
+
+from opid.errors import InputError, meant_by, nearest
+
+Document = dict[str, Any]
+Say = Callable[[str], None]
+T = TypeVar("T")
+
+NO_KEY = object()
+"""`Annotated[type, NO_KEY]` is the type of a field that is no key; one called `given` has the names of the keys."""
+
+LONGEST_SHOWN = 80
+"""Characters of a refused value that are repeated."""
+
+_UNIONS = (Union, types.UnionType)
+_WORDS = {
+    str: "text in quotes",
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    date: "a date without quotes and without a time, as 2026-03-01",
+}
+_SEVERAL = {int: "whole numbers", float: "numbers"}
+_UNSOUND = object()
+
+
+class _UnfitError(Exception):
+    """A value is not of its type: what it is or holds, as the end of a sentence."""
+
+
+def load(source: Path) -> Document:
+    """Return what a study file holds.
+
+    Args:
+        source: the file.
+
+    Raises:
+        InputError: it is missing, or no TOML.
+    """
+    if not source.is_file():
+        raise InputError(f"there is no study file {source}: check the name")
+    try:
+        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"cannot read {source}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{source} is not UTF-8 text: a study is a TOML file") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{source} is no TOML: {error}") from error
+
+
+# ---- tables -> records -----------------------------------------------------------------------------
+
+
+def read_tables(kind: Callable[..., T], document: Document) -> tuple[T, list[str]]:
+    """Return the record that a study file describes, and what is wrong with the file.
+
+    Args:
+        kind: of the record. Where a required field is at fault it has None in its place, where another is its default,
+            and of a list of tables it has those that are sound. `ELSEWHERE` of this kind, or of one in it, says where
+            keys belong that it has not; under "" of any.
+        document: what the file holds.
+    """
+    faults: list[str] = []
+    given = _arguments(kind, document, "the study", "", faults)
+    lacking = {name: None for name, (_, default) in _keys(kind).items() if default is MISSING and name not in given}
+    return kind(**given, **lacking), faults
+
+
+def fields_of(record: Any, *others: str, **defaults: Any) -> Any:
+    """Return a record with the fields of another one but for some, and with some defaults, to derive a table from."""
+    hints, usual = get_type_hints(record), {each.name: each.default for each in fields(record)} | defaults
+    given = [(name, hints[name], field_of(default=usual[name])) for name in usual if name not in others]
+    return make_dataclass(record.__name__, given, frozen=True, kw_only=True)
+
+
+@cache
+def _keys(kind: Any) -> dict[str, tuple[Any, Any]]:
+    """The keys of the table that gives the fields of a record, with type and default (MISSING: it must be there)."""
+    hints, found = get_type_hints(kind, include_extras=True), {}
+    for field in fields(kind):
+        if NO_KEY not in getattr(hints[field.name], "__metadata__", ()):
+            default = field.default if field.default_factory is MISSING else field.default_factory()
+            found[field.name] = hints[field.name], default
+    return found
+
+
+def _arguments(kind: Any, table: Document, where: str, path: str, faults: list[str]) -> dict[str, Any]:
+    """The sound entries of a table, as arguments of its record."""
+    keys, elsewhere, given = _keys(kind), getattr(kind, "ELSEWHERE", {}), {}
+    for name, value in table.items():
+        if name in keys:
+            given[name] = _entry(keys[name][0], value, name, where, path, faults)
+        elif name in elsewhere or ("" in elsewhere and not meant_by(name, keys)):
+            faults.append(f"{where} has {name!r}, {elsewhere.get(name) or elsewhere['']}")
+        else:
+            faults.append(f"{where} has an unknown key {name!r} ({nearest(name, keys)})")
+    meant = misspelt(table, keys)
+    for name, (hint, default) in keys.items():
+        if default is MISSING and name not in table and name not in meant:
+            faults.append(f"{where} lacks {name!r}, give {_needed(hint, path + name)}")
+    return {name: value for name, value in given.items() if value is not _UNSOUND}
+
+
+def _record(kind: Any, table: object, where: str, path: str, faults: list[str]) -> Any:
+    if not isinstance(table, dict):
+        faults.append(f"{where} is {_shown(table)} where a table is needed")
+        return _UNSOUND
+    n_before = len(faults)
+    given = _arguments(kind, table, where, f"{path}.", faults)
+    if any(field.name == "given" for field in fields(kind)):
+        given["given"] = frozenset(table)
+    if len(faults) == n_before:
+        with noted(faults, f"{where}: "):
+            return kind(**given)
+    return _UNSOUND
+
+
+def _entry(hint: Any, value: object, name: str, where: str, path: str, faults: list[str]) -> Any:
+    try:
+        return _converted(hint, value, path + name, faults)
+    except _UnfitError as error:
+        faults.append(f"{name!r} in {where} {error}, give {_needed(hint, path + name)}")
+        return _UNSOUND
+
+
+def _converted(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
+    """A value as its type wants it: arrays as tuples, tables as records, numbers as they are written."""
+    kind = _bare(hint)
+    origin, within = get_origin(kind), get_args(kind)
+    unfit = f"is {_shown(value)}"
+    if origin in _UNIONS:
+        for member in within:
+            try:
+                return _converted(member, value, path, faults)
+            except _UnfitError as error:
+                unfit = max(unfit, str(error), key=lambda words: words.startswith("holds"))
+    is_whole = type(value) is int and -(2**63) <= value < 2**63  # as TOML has them
+    if kind in (int, float):
+        is_fit = is_whole or (kind is float and type(value) is float)
+    else:
+        is_fit = type(value) is kind if origin is not Literal else value in within
+    if is_fit:
+        return value
+    if isinstance(value, list) and origin is tuple and len(value) == (len(value) if ... in within else len(within)):
+        hints = within[:1] * len(value) if ... in within else within
+        found = [_item(*each, path, faults) for each in zip(hints, value, range(1, len(value) + 1), strict=True)]
+        return tuple(each for each in found if each is not _UNSOUND)
+    if isinstance(value, dict) and is_dataclass(kind):
+        return _record(kind, value, f"[{path}]", path, faults)
+    if isinstance(value, dict) and origin is Mapping:
+        pairs = {name: _entry(within[1], each, name, f"[{path}]", f"{path}.", faults) for name, each in value.items()}
+        if within[0] is int and not all(re.fullmatch(r"\d{1,9}", name) for name in pairs):
+            raise _UnfitError(unfit)
+        return {within[0](name): each for name, each in pairs.items() if each is not _UNSOUND}
+    raise _UnfitError(unfit)
+
+
+def _item(hint: Any, value: Any, number: int, path: str, faults: list[str]) -> Any:
+    if is_dataclass(_bare(hint)):
+        name = value.get("name") if isinstance(value, dict) else None
+        return _record(
+            hint,
+            value,
+            f"[[{path}]] {repr(name) if name and isinstance(name, str) else f'number {number}'}",
+            path,
+            faults,
+        )
+    try:
+        return _converted(hint, value, path, faults)
+    except _UnfitError:
+        raise _UnfitError(f"holds {_shown(value)}") from None
+
+
+def _bare(hint: Any) -> Any:
+    return get_args(hint)[0] if get_origin(hint) is Annotated else hint
+
+
+def _shown(value: object) -> str:
+    text = repr(value) if isinstance(value, str) else str(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def _needed(hint: Any, path: str) -> str:
+    """What a type needs, in words."""
+    origin, within = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return str(hint.__metadata__[0])
+    if origin in _UNIONS:
+        return " or ".join(_needed(each, path) for each in within if each is not type(None))
+    if origin is Literal:
+        return "one of " + ", ".join(map(repr, within))
+    if origin is tuple and is_dataclass(within[0]):
+        return f"tables [[{path}]]"
+    if origin is tuple:
+        is_nested = get_origin(within[0]) is tuple
+        return (
+            'a list of lists of names, as [["a", "b"]]'
+            if is_nested
+            else f"a list of {_SEVERAL.get(within[0], 'names')}"
+        )
+    return _WORDS.get(hint, f"a table [{path}]")
+
+
+def misspelt(table: Mapping[str, object], keys: Iterable[str]) -> set[str]:
+    """Return the keys that are missing because another one was written in their place: one fault, told once.
+
+    >>> misspelt({"mas": 1.0, "x": 2.0}, ["mass", "length"])
+    {'mass'}
+    """
+    known = list(keys)
+    return {meant for name in table if name not in known for meant in meant_by(name, known)[:1]}
+
+
+@contextmanager
+def prefixed(words: str) -> Iterator[None]:
+    """Put words before the message of an error that is raised in the block."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{words}{error}") from None
+
+
+@contextmanager
+def noted(faults: list[str], words: str = "") -> Iterator[None]:
+    """Add an error that is raised in the block to the faults, behind some words, and go on after the block."""
+    try:
+        yield
+    except InputError as error:
+        faults.append(f"{words}{error}")
+
+
+# ---- records -> tables -----------------------------------------------------------------------------
+
+
+def stated(record: Any) -> dict[str, Any]:
+    """Return the fields of a record that are not what they are where nothing is said.
+
+    >>> from opid.signals.log_settings import LogSettings
+    >>> stated(LogSettings(unit="g", skip_lines=2))
+    {'unit': 'g', 'skip_lines': 2}
+    """
+    said = {}
+    for name, (_, default) in _keys(record.__class__).items():
+        value = getattr(record, name)
+        # a number that was left out may be another thing than the same number that was stated: then they differ in type
+        is_other = value != default or type(value) is not type(default)
+        if value is not None and (stated(value) if is_dataclass(value) and default is not MISSING else is_other):
+            said[name] = value
+    return said
+
+
+def recast(kind: Callable[..., T], record: Any, **others: Any) -> T:
+    """Return a record with the fields that another one has, too, and with some given otherwise."""
+    shared = {field.name for field in fields(kind)} & {field.name for field in fields(record)}  # type: ignore[arg-type]
+    return kind(**{name: getattr(record, name) for name in shared} | others)
+
+
+def text_of(record: Any) -> str:
+    """Return the text of a study file from which `read_tables` reads a record: no defaults, plain lists on one line."""
+    plain, tables = {}, []
+    for name, value in _plain(record).items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            tables += [f"\n[[{name}]]\n{tomli_w.dumps(each)}" for each in value]
+        elif isinstance(value, dict):
+            tables.append("\n" + tomli_w.dumps({name: value}))
+        else:
+            plain[name] = value
+    text = tomli_w.dumps(plain) + "".join(tables)
+    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, text)
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return {name: _plain(each) for name, each in stated(value).items()}
+    if isinstance(value, Mapping):
+        return {str(name): _plain(each) for name, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+
+
+def _on_one_line(found: re.Match[str]) -> str:
+    return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
+
+
+def require_plain(what: str, name: str) -> None:
+    """Refuse a name that cannot be that of a file beside the study.
+
+    Raises:
+        InputError: it is empty, or has parts.
+    """
+    if name in ("", ".", "..") or Path(name).name != name:
+        raise InputError(f"the {what} {name!r} cannot name its log: call it by one plain word")
