@@ -4,11 +4,12 @@ The records are the wings' own, or private ones of this folder where a file says
 needed in words, too; `Annotated[type, "words"]` says it better. Everything that is wrong with a file is found in one
 walk, and what is sound is built even so, that files it names can be looked at in the same breath.
 
-Why no library: with pydantic 2.14 some 55 lines made its models of these records (in strict mode it takes no table for
-a dataclass and no array for a tuple, and a number 2 comes back as 2.0), some 75 turned its error codes and places into
-sentences with the nearest key, and what is sound needed a second validation; the walk below, which does all of it, has
-150 and loads nothing (pydantic: 11 MB, 0.2 s). msgspec stops at the first fault; cattrs wants a hook for each plain
-type and a walk over its groups of exceptions.
+Why no library: pydantic 2 was tried for a part of the tables, and the rest was estimated from that. Some 55 lines
+would make its models of these records (in strict mode it takes no table for a dataclass and no array for a tuple, and
+a number 2 comes back as 2.0), some 75 would turn its error codes into sentences with the nearest key, and what is
+sound would need a second validation. The walk below does all of it in about 150 lines and loads nothing, where
+pydantic adds 11 MB and 0.2 s. By their documentation msgspec stops at the first fault, and cattrs wants a hook for
+each plain type.
 """
 
 from __future__ import annotations
