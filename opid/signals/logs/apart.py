@@ -173,7 +173,8 @@ def _take_back(process: _Process) -> None:
 
 
 @atexit.register
-def _end_all() -> None:
+def end_processes() -> None:
+    """End all processes that read logs: at the end of the program, or to count what they cost."""
     for process in [*_every]:
         process.end()
 
