@@ -261,7 +261,8 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     (package / "mechanics" / "laws").mkdir(parents=True)
     (package / "__init__.py").touch()
     shutil.copy(source.parent / "errors.py", package / "errors.py")
-    for name in ("__init__.py", *(f"laws/{each}.py" for each in ("__init__", "kind", "kinds", "law", "memory_kinds"))):
+    laws = (f"laws/{each}.py" for each in ("__init__", "kind", "kinds", "law", "memory_kinds"))
+    for name in ("__init__.py", "__init__.pyi", *laws):
         shutil.copy(source / name, package / "mechanics" / name)
     shutil.copytree(source / "kernels", package / "mechanics" / "kernels", ignore=shutil.ignore_patterns("__pycache__"))
     code = (

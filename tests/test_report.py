@@ -324,6 +324,8 @@ def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identifi
     assert ("What to doubt" in html) == bool(identified.result.warnings)
     assert f"opid identify {identified.result.study.source} --band 0.3 40" in html
     result = json.loads((report / "result.json").read_text(encoding="utf-8"))
+    read = [Path(file["name"]).name for file in result.pop("provenance")["files"]]
+    assert read == ["heavy.csv", "light.csv"]
     assert result == identified.result.to_dict()
 
 
