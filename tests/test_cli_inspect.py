@@ -10,7 +10,7 @@ from cli_runs import opid, refused
 from matplotlib.figure import Figure
 
 from opid import plots
-from opid.report import health_report
+from opid.report import health
 from opid.signals.logs import read_log, write_log
 from opid.signals.recording import Channel, Recording
 
@@ -44,8 +44,8 @@ def test_inspect_names_the_pictures_of_two_logs_of_one_name_apart(field_test, tm
 
 
 def test_inspect_draws_accelerations_first_where_there_are_too_many_channels(tmp_path, monkeypatch):
-    monkeypatch.setattr(health_report, "CHANNELS_A_PICTURE", 2)
-    monkeypatch.setattr(health_report, "MOST_PICTURES", 2)
+    monkeypatch.setattr(health, "CHANNELS_A_FIGURE", 2)
+    monkeypatch.setattr(health, "MOST_FIGURES", 2)
     drawn = []
     picture = plots.health_picture
 
@@ -171,7 +171,8 @@ def test_inspect_tells_of_damaged_logs_and_inspects_the_others(field_test, tmp_p
     empty.touch()
     done = opid("inspect", damaged, field_test / "heavy.csv", "--out", tmp_path / "pictures")
     refused(done, "damaged.csv")
-    assert "heavy.csv: 20 s" in done.stdout
+    assert "heavy.csv (what is in the log" in " ".join(done.stdout.split())
+    assert "20 s from 0 s on" in done.stdout
     assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["heavy.png"]
     done = opid("inspect", damaged, empty, field_test / "heavy.csv", "--json")
     assert done.exit_code == 2
@@ -186,7 +187,7 @@ def test_inspect_takes_a_log_whose_name_is_no_utf_8(field_test, tmp_path):
     done = opid("inspect", log)
     assert (done.exit_code, done.stderr) == (0, "")
     # a long name of the directory breaks the line behind it
-    assert r"\udcff.csv: 20 s" in done.stdout.replace("\n", " ")
+    assert r"\udcff.csv (what is" in done.stdout.replace("\n", " ")
     assert json.loads(opid("inspect", log, "--json").stdout)["logs"][0]["log"] == str(log)
 
 

@@ -45,16 +45,17 @@ def health_with(*channels, **more):
 
 def test_a_clock_is_told_in_one_sentence(text):
     assert flat(text).startswith(
-        "logs/faulty.h5: 2 clocks, 6 channels "
-        "fast: 120 s from 0 s on; 500 Hz from time stamps, jitter 8.3 % of the period (they are rounded to 1 ms); "
-        "60000 samples; 2 gaps (the longest 3.5 s, 1755 samples lost); 12 stamps repeated; 1 stamp runs backward. "
-        "slow: 120 s from 0.5 s on; 100 Hz as stated, no time stamps to check it by; 12000 samples. "
+        "logs/faulty.h5 (what is in the log, and what is wrong with it) 2 clocks, 6 channels. "
+        "Clock: fast: 120 s from 0 s on; 500 Hz from time stamps, jitter 8.3 % of the period (they are rounded to "
+        "1 ms); 60000 samples; 2 gaps (the longest 3.5 s, 1755 samples lost); 12 stamps repeated; 1 stamp runs "
+        "backward. Clock: slow: 120 s from 0.5 s on; 100 Hz as stated, no time stamps to check it by; 12000 samples. "
     )
 
 
 def test_the_only_clock_stands_with_the_name_of_the_log():
     said = flat(opid.text(replace(sound_health(), log="run.csv")))
-    assert said.startswith("run.csv: 120 s from 0 s on; 500 Hz from time stamps, jitter 0.02 % of the period")
+    title = "run.csv (what is in the log, and what is wrong with it) "
+    assert said.startswith(f"{title}120 s from 0 s on; 500 Hz from time stamps, jitter 0.02 % of the period")
     assert "no gap." in said
 
 
@@ -68,8 +69,8 @@ def test_the_rounding_of_numbers_is_no_jitter():
 def test_a_clock_without_a_name_is_told_by_its_channels():
     clocks = tuple(ClockHealth("", names, 500.0, True, 0.0, 4.0, 2000) for names in (("a", "b"), ("c",)))
     said = opid.text(replace(health_with(*map(small, "abc"), clocks=clocks), log="x"))
-    assert "  a, ...: 4 s" in said
-    assert "  c: 4 s" in said
+    assert "Clock: a, ...: 4 s" in said
+    assert "Clock: c: 4 s" in said
 
 
 def test_each_channel_has_its_figures(faulty, text):
@@ -107,7 +108,7 @@ def test_faults_have_a_table_of_their_own(text):
 
 
 def test_lines_are_named(text):
-    assert "Lines of hum: mains, 50 Hz, 0.28 rms; harmonic 2 of the mains (50 Hz), 0.14 rms;" in flat(text)
+    assert "Lines: hum: mains, 50 Hz, 0.28 rms; harmonic 2 of the mains (50 Hz), 0.14 rms;" in flat(text)
     assert "23.4 Hz, 0.05 rms." in flat(text)
 
 
@@ -121,7 +122,7 @@ def test_only_the_strongest_lines_are_told():
 def test_peaks_that_may_be_resonances_are_not_called_lines():
     lines = (SpectralLine(3.1, 0.5, resolved=False), SpectralLine(50.0, 0.1, "mains, 50 Hz", resolved=False))
     said = flat(opid.text(replace(health_with(small(lines=lines)), log="x")))
-    assert "Lines of upper_z: mains, 50 Hz, 0.1 m/s^2 rms. Peaks of upper_z: 3.1 Hz, 0.5 m/s^2 rms. A peak may" in said
+    assert "Lines: upper_z: mains, 50 Hz, 0.1 m/s^2 rms. Peaks: upper_z: 3.1 Hz, 0.5 m/s^2 rms. A peak may" in said
 
 
 def many(n_clocks=60, n_channels=15):
@@ -141,11 +142,11 @@ def test_a_log_of_very_many_channels_fits_a_page():
     said = opid.text(replace(replace(health, findings=findings), log="x"))
     assert len(said.splitlines()) < 150
     assert "60 clocks, 900 channels" in said
-    assert row(said, "topic_59") == ["15", "5", "Hz", "59", "4", "s", "-"]
+    assert row(said, "topic_59") == ["15", "5", "59", "4", "-"]
     assert "and 20 clocks with fewer samples (--json tells all)" in said
     assert row(said, "acc_x")[0] == "m/s^2"
     assert "and 860 channels more, 897 of all are constant: --json tells all" in flat(said)
-    assert "Lines of acc_x: 10 Hz, 1 m/s^2 rms." in said
+    assert "Lines: acc_x: 10 Hz, 1 m/s^2 rms." in said
     assert "Fault: topic_0/field_0: mute, all samples lie at 0: check (likewise topic_0/field_1," in flat(said)
     assert "and 891 more)" in flat(said)
     assert "the steps of 'topic_0' scatter by 0%: look (and 59 times likewise)" in flat(said)
@@ -160,7 +161,7 @@ def test_a_few_findings_alike_are_told_one_by_one():
 
 def test_pairs_tell_lag_and_band(text):
     lines = [line.split() for line in text.splitlines() if line.startswith("lower_z ")]
-    assert ["lower_z", "upper_z", "1.950", "+-", "0.021", "ms", "0.5", "to", "28", "Hz"] in lines
+    assert ["lower_z", "upper_z", "1.950", "0.021", "0.5", "to", "28", "Hz"] in lines
     assert "1 pair of accelerations is not coherent" in text
     assert [line[1] for line in lines].count("dead") == 0
 
@@ -176,7 +177,7 @@ def test_of_many_pairs_the_first_are_told():
 def test_findings_come_worst_first_and_alike_ones_together(text):
     lines = [line for line in text.splitlines() if line.startswith(("Fault: ", "Warning: ", "Note: "))]
     assert [line.split(":")[0] for line in lines] == ["Fault", "Warning", "Warning", "Note"]
-    assert lines[-1] == "Note: upper_z, holed: the mean is gravity: nothing to do"
+    assert lines[-1] == "Note: upper_z, holed: the mean is gravity: nothing to do."
     assert "'lower_z' looks like the unsprung channel" in text
     assert "Nothing is wrong." not in text
     assert "Nothing is wrong." in opid.text(replace(sound_health(), log="run.csv"))
@@ -185,7 +186,7 @@ def test_findings_come_worst_first_and_alike_ones_together(text):
 def test_channels_without_a_unit_are_told_together():
     findings = tuple(Finding("warning", name, f"channel {name!r} states no unit: give it") for name in "ab")
     said = opid.text(replace(replace(health_with(small()), findings=findings), log="x"))
-    assert "Warning: a, b: states no unit: give it\n" in said
+    assert "Warning: a, b: states no unit: give it.\n" in said
 
 
 @pytest.mark.parametrize(("value", "words"), [(0.9999, "1 s"), (0.0123, "12.3 ms"), (2e-6, "2 us"), (5e-9, "5 ns")])

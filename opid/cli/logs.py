@@ -36,7 +36,7 @@ def inspect(logs: tuple[Path, ...], study: Path | None, as_json: bool, out: Path
     from opid.json_values import json_text
     from opid.provenance import traced
     from opid.report import text
-    from opid.report.health_report import channels_left_out
+    from opid.report.health import channels_left_out
     from opid.signals.health.as_json import health_json
 
     studies = [log for log in logs if log.suffix.lower() == ".toml"]
@@ -115,15 +115,15 @@ def _choice(runs: tuple[str, ...]) -> str:
 
 def _write_pictures(found: Sequence[Health], stems: list[str], out: Path) -> list[str]:
     """Draw each log, some channels on every picture, and return the names of the files."""
-    from opid.report.health_report import health_pictures
-    from opid.report.page import drawn
+    from opid.report.health import health_figures
+    from opid.report.page import pictured
     from opid.signals.directory import write_together
 
     images: dict[str, bytes] = {}
     for stem, health in zip(_distinct(stems), found, strict=True):
         with progress() as say:
             say(stem)
-            pictures = drawn(health_pictures(health), health, None)
+            pictures = pictured(health_figures(health))
         images |= {f"{stem}{name.removeprefix('health')}.png": image for name, image in pictures.items()}
     write_together(out, images)
     return list(images)

@@ -41,7 +41,7 @@ KINDS = (
     KindOfResult("suspensions.own_structure.StructureIdentification", "structure"),
     KindOfResult("suspensions.bench.law.BenchLaw", "bench"),
     KindOfResult("suspensions.flights.comparison.Comparison", "comparison"),
-    KindOfResult("signals.health.result.Health", "health_report"),
+    KindOfResult("signals.health.result.Health", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
     KindOfResult("modal.result.ModalIdentification", "modal.modes", has_truth=True),
     KindOfResult("updating.result.Updating", "updating.classes", has_truth=True),

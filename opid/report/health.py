@@ -1,0 +1,333 @@
+"""What is told of a log: what is in it, and what is wrong with it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+
+from opid.report.document import (
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Remarks,
+    Table,
+    columns,
+    counted,
+    ended,
+    sentence,
+)
+from opid.signals.health.result import ChannelHealth, ClockHealth, Finding, Health, PairHealth, SpectralLine
+
+MOST_LINES, MOST_PAIRS, MOST_NOTES = 6, 12, 12
+MOST_CLOCKS, MOST_CHANNELS, MOST_WITH_LINES, MOST_ALIKE = 40, 40, 12, 3
+"""What a page has room for, of a channel's lines, of pairs, of notes, of clocks, of channels in a table and with lines,
+and of findings that differ but in their numbers: `Health.to_dict` tells them all."""
+
+CHANNELS_A_FIGURE, MOST_FIGURES = 12, 2
+"""A figure takes seconds: of a log with more channels than these hold the most telling are drawn."""
+
+FEW_CLOCKS = 6
+"""Clocks that are told in a sentence each; of more, a line each."""
+
+LEAST_JITTER = 1e-6
+"""Of the period; what is less is the rounding of numbers, not of stamps."""
+
+
+def document_of(health: Health) -> Document:
+    """Return what is told of a log: clocks, channels and pairs, then what is wrong, the worst first, and what to do.
+
+    Args:
+        health: from `opid.inspect`.
+    """
+    blocks: list[Block] = [*_clocks(health.clocks), *_channels(health.channels)]
+    blocks += [*_spectra(_telling(health.channels)), *_pairs(health.pairs)]
+    if health.looks_unsprung:
+        blocks.append(Paragraph(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz)."))
+    blocks += _findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
+    return Document(
+        _shown(health.log or "A recording"),
+        "what is in the log, and what is wrong with it",
+        sentence(_answer(health)),
+        None,
+        tuple(blocks),
+        lambda: _details(health),
+        ["opid", "inspect", health.log] if health.log else None,
+        source="log",
+    )
+
+
+def _details(health: Health) -> Iterator[Block]:
+    left_out = channels_left_out(health)
+    if left_out:
+        yield Paragraph(ended(left_out))
+    yield from health_figures(health)
+
+
+def health_figures(health: Health) -> tuple[Figure, ...]:
+    """Return the figures of a log, some channels on every one; of very many channels the most telling are drawn.
+
+    Args:
+        health: of the log.
+    """
+    from opid import plots
+
+    def figure(number: int, names: Sequence[str]) -> Figure:
+        return Figure(
+            "health" if len(parts) == 1 else f"health_part{number}",
+            "History, spectrum and spectrogram" + f", part {number}" * (len(parts) > 1),
+            "Each channel over time, between its least and its largest value; its power spectral density; and how that "
+            "moves over time. What is wrong is marked.",
+            lambda: plots.health_picture(health, channels=names),
+        )
+
+    names = _drawn(health)
+    parts = [names[i : i + CHANNELS_A_FIGURE] for i in range(0, len(names), CHANNELS_A_FIGURE)]
+    return tuple(figure(number, part) for number, part in enumerate(parts, 1))
+
+
+def channels_left_out(health: Health) -> str:
+    """Return the sentence that says that not all channels are drawn; empty if they are.
+
+    Args:
+        health: of the log.
+    """
+    n, every = len(_drawn(health)), len(health.channels)
+    words = f"{n} of the {every} channels of {health.log} are drawn: name those wanted in [channels] of a study"
+    return words if n < every else ""
+
+
+def _drawn(health: Health) -> list[str]:
+    """The names of the channels to draw: all, or of many the first that are not mute, accelerations before others."""
+    most = CHANNELS_A_FIGURE * MOST_FIGURES
+    telling = sorted(health.channels, key=lambda channel: (channel.mute, channel.unit != "m/s^2"))
+    return [channel.name for channel in (health.channels if len(telling) <= most else telling[:most])]
+
+
+# ---- clocks ----------------------------------------------------------------------------------------
+
+
+def _answer(health: Health) -> str:
+    """The only clock in words, or how many there are."""
+    if not health.clocks:
+        return f"{health.duration_s:.4g} s at {health.fs:.9g} Hz, {health.n_samples} samples"
+    if len(health.clocks) == 1:
+        return _clock_words(health.clocks[0])
+    return f"{len(health.clocks)} clocks, {counted(len(health.channels), 'channel')}"
+
+
+def _clocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
+    """A sentence for each of several clocks; of many a line for each of those with most samples."""
+    if len(clocks) > FEW_CLOCKS:
+        shown = sorted(clocks, key=lambda clock: -clock.n_samples)[:MOST_CLOCKS]
+        rows = tuple(
+            (
+                _shown(clock.track or clock.channels[0]),
+                f"{len(clock.channels)}",
+                f"{clock.fs:.6g}",
+                f"{clock.n_samples}",
+                f"{clock.duration_s:.4g}",
+                f"{clock.n_gaps}" if clock.n_gaps else "-",
+            )
+            for clock in clocks
+            if clock in shown
+        )
+        more = len(clocks) - len(rows)
+        yield Table(
+            columns("clock", "channels", "rate [Hz]", "samples", "length [s]", "gaps"),
+            rows,
+            note=f"and {counted(more, 'clock')} with fewer samples (--json tells all)" if more > 0 else "",
+        )
+    elif len(clocks) > 1:
+        titles = (clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1) for clock in clocks)
+        sentences = zip(titles, clocks, strict=True)
+        yield Remarks("Clock", tuple(f"{_shown(title)}: {_clock_words(clock)}" for title, clock in sentences))
+
+
+def _clock_words(clock: ClockHealth) -> str:
+    """One sentence: rate, length, jitter, gaps, stamps that stand twice."""
+    if clock.stated:
+        rate = f"{clock.fs:.9g} Hz as stated, no time stamps to check it by"
+    else:
+        jitter = f"jitter {_figure(100 * clock.jitter)} % of the period" if clock.jitter > LEAST_JITTER else "no jitter"
+        rate = f"{clock.fs:.9g} Hz from time stamps, {jitter}"
+        # what is finer than a nanosecond is the arithmetic's, and stamps exact in a binary number are not rounded
+        exact = abs(clock.resolution_s * clock.fs - 1) < 1e-6 and clock.jitter <= LEAST_JITTER
+        rounded = clock.resolution_s > 1e-9 and not exact
+        rate += f" (they are rounded to {_seconds(clock.resolution_s)})" if rounded else ""
+    words = [f"{clock.duration_s:.6g} s from {clock.start_s:.6g} s on", rate, f"{clock.n_samples} samples"]
+    if clock.n_gaps:
+        longest = max((gap.stop_s - gap.start_s for gap in clock.gaps), default=0.0)
+        words.append(f"{counted(clock.n_gaps, 'gap')} (the longest {_seconds(longest)}, {clock.n_lost} samples lost)")
+    elif not clock.stated:
+        words.append("no gap")
+    words += [f"{counted(clock.repeated, 'stamp')} repeated"] * (clock.repeated > 0)
+    words += [f"{counted(clock.backward, 'stamp')} run{'s' * (clock.backward == 1)} backward"] * (clock.backward > 0)
+    return "; ".join(words)
+
+
+def _seconds(value: float) -> str:
+    """A time in the unit that needs no zeros: "3.5 s", "10 ms", "1 us"."""
+    for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
+        if value * factor >= 0.9995:  # 999.9 ms would be 1e+03 ms
+            return f"{value * factor:.3g} {unit}"
+    return f"{1e9 * value:.3g} ns"
+
+
+# ---- channels --------------------------------------------------------------------------------------
+
+
+def _channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
+    """A table of figures, and one of faults for the channels that have any; of very many the most telling."""
+    shown = _telling(channels)
+    # a study may name a channel by its number in the log
+    has_numbers = any(channel.number for channel in shown)
+    more = (
+        f"and {len(channels) - len(shown)} channels more, {sum(channel.mute for channel in channels)} of all are "
+        "constant: --json tells all, and [channels] of a study (--study) names those wanted."
+    )
+    yield Table(
+        columns(
+            *("channel", *["no."] * has_numbers, "unit", "mean", "rms", "peak", "noise floor", "step", "drift"),
+            left=(0, 1 + has_numbers),
+        ),
+        tuple(
+            (
+                _shown(channel.name),
+                *[f"{channel.number or '-'}"] * has_numbers,
+                channel.unit,
+                *(_figure(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
+                _figure(channel.noise_floor or None),
+                _figure(channel.quantisation_step),
+                _figure(None if channel.mute else channel.drift),
+            )
+            for channel in shown
+        ),
+        note=more if len(shown) < len(channels) else "",
+    )
+    faults = tuple((_shown(channel.name), *cells) for channel in shown if set(cells := _faults(channel)) != {"-"})
+    if faults:
+        yield Table(columns("channel", "missing", "clipped", "longest held", "spikes"), faults)
+
+
+def _telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth]:
+    """All channels, or of very many those that a page has room for."""
+    if len(channels) <= MOST_CHANNELS:
+        return channels
+    return sorted(channels, key=lambda c: (c.mute, c.unit != "m/s^2", c.unit == "?"))[:MOST_CHANNELS]
+
+
+def _shown(name: str) -> str:
+    """A name that no terminal stumbles over."""
+    return name if name.isprintable() else ascii(name)[1:-1]
+
+
+def _figure(value: float | None, digits: int = 2) -> str:
+    """A number of so many digits: "4000", not "4e+03"."""
+    return "-" if value is None or not math.isfinite(value) else f"{float(f'{value:.{digits}g}'):.6g}"
+
+
+def _faults(channel: ChannelHealth) -> tuple[str, ...]:
+    flat = any(stretch.kind == "flat" for stretch in channel.stretches)
+    return (
+        f"{channel.missing}" if channel.missing else "-",
+        f"{channel.clipped_fraction:.2%}" if channel.clipped_fraction > 0 else "-",
+        _seconds(channel.longest_flat_s) if flat else "mute" if channel.mute else "-",
+        f"{channel.spikes}" if channel.spikes else "-",
+    )
+
+
+def _spectra(channels: Sequence[ChannelHealth]) -> Iterator[Block]:
+    """The lines of each channel, and the peaks that may be lines."""
+    kinds = (
+        ("Lines", [(each, [line for line in each.lines if line.resolved or line.name]) for each in channels]),
+        ("Peaks", [(each, [line for line in each.lines if not (line.resolved or line.name)]) for each in channels]),
+    )
+    for kind, of_channels in kinds:
+        some = [_line_words(channel, lines) for channel, lines in of_channels if lines]
+        more = len(some) - MOST_WITH_LINES
+        rest = [f"{counted(more, 'channel')} more (--json tells all)"] * (more > 0)
+        yield Remarks(kind, (*some[:MOST_WITH_LINES], *rest))
+        if some and kind == "Peaks":
+            yield Paragraph("A peak may be a line or a resonance: the record does not tell.")
+
+
+def _line_words(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
+    unit = "" if channel.unit == "?" else f" {channel.unit}"
+    shown = [
+        f"{line.name or f'{line.frequency_hz:.4g} Hz'}, {_figure(line.rms)}{unit} rms" for line in lines[:MOST_LINES]
+    ]
+    more = len(lines) - len(shown)
+    return f"{_shown(channel.name)}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
+
+
+# ---- pairs and findings ------------------------------------------------------------------------------
+
+
+def _pairs(pairs: Sequence[PairHealth]) -> Iterator[Block]:
+    """A table of the pairs that move together."""
+    together = [pair for pair in pairs if pair.coherent_band_hz is not None or math.isfinite(pair.lag_s)]
+    more, apart = len(together) - MOST_PAIRS, len(pairs) - len(together)
+    notes = [f"and {counted(more, 'pair')} more (--json tells all)."] * (more > 0)
+    notes += [f"{counted(apart, 'pair')} of accelerations {'are' if apart > 1 else 'is'} not coherent."] * (apart > 0)
+    if together:
+        heads = columns("channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1))
+        rows = tuple((_shown(p.first), _shown(p.second), *_pair_cells(p)) for p in together[:MOST_PAIRS])
+        yield Table(heads, rows, note=" ".join(notes))
+    elif notes:
+        yield Paragraph(" ".join(notes))
+
+
+def _pair_cells(pair: PairHealth) -> tuple[str, ...]:
+    """The lag of the second channel, its standard deviation, and the band in which the two move together."""
+    lag = ("-", "-")
+    if math.isfinite(pair.lag_s):
+        decimals = 3
+        if math.isfinite(pair.lag_std_s) and pair.lag_std_s > 0:
+            # two digits of the standard deviation, in ms
+            decimals = min(6, max(0, 1 - math.floor(math.log10(1e3 * pair.lag_std_s))))
+        lag = (f"{1e3 * pair.lag_s:.{decimals}f}", f"{1e3 * pair.lag_std_s:.{decimals}f}")
+    band = pair.coherent_band_hz
+    return *lag, "none" if band is None else f"{band[0]:.3g} to {band[1]:.3g} Hz"
+
+
+def _findings(findings: Sequence[Finding]) -> Iterator[Remarks]:
+    """The findings, those that say the same, or the same of too many channels with other numbers, together."""
+    for severity in dict.fromkeys(finding.severity for finding in findings):
+        sentences = list(_sentences([finding for finding in findings if finding.severity == severity]))
+        more = len(sentences) - MOST_NOTES if severity == "note" else 0
+        if more > 0:
+            sentences[MOST_NOTES:] = [f"and {counted(more, 'note')} more (--json tells all)"]
+        yield Remarks(severity.capitalize(), tuple(sentences), is_warning=severity != "note")
+
+
+def _sentences(findings: Sequence[Finding]) -> Iterator[str]:
+    together: dict[str, list[str]] = {}
+    for finding in findings:
+        message = finding.message.removeprefix(f"channel {finding.channel!r} ")
+        together.setdefault(message, []).append(finding.channel)
+    alike: dict[str, list[tuple[str, list[str]]]] = {}
+    for message, channels in together.items():
+        alike.setdefault(_without_numbers(message), []).append((message, channels))
+    for messages in alike.values():
+        concerned = list(dict.fromkeys(channel for _, channels in messages for channel in channels))
+        # what is wrong with one clock or channel in several places is told place by place
+        many = len(messages) > MOST_ALIKE and (len(concerned) > MOST_ALIKE or concerned == [""])
+        for message, channels in messages[:1] if many else messages:
+            where = _listed(channels)
+            if many:
+                also = _listed([channel for channel in concerned if channel not in channels])
+                message += f" (likewise {also})" if also else f" (and {len(messages) - 1} times likewise)"
+            yield f"{where}: {message}" if where else message
+
+
+def _without_numbers(message: str) -> str:
+    return re.sub(r"'[^']*'|[-+]?\d[\d.e+-]*|nan", "#", message)
+
+
+def _listed(channels: Sequence[str]) -> str:
+    """Names of channels, of many the first."""
+    names = list(dict.fromkeys(_shown(channel) for channel in channels if channel))
+    more = len(names) - MOST_CHANNELS // 5
+    return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")
