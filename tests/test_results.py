@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from made_body import small_body
 from made_flights import body_result, write_result
 from made_health import sound_health
 from made_modal import small_decay, small_result
 from made_updating import small_updating
+from scripts import script
 
 import opid
 from opid.errors import InputError
@@ -155,6 +157,57 @@ def test_what_result_json_holds_is_plain_and_has_a_schema(result):
     document = result.to_dict()
     assert document["schema"].startswith("opid.")
     assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+# ---- schemas ---------------------------------------------------------------------------------------
+
+SCHEMAS = Path(__file__).parent.parent / "docs" / "schemas"
+
+
+def schema_of(document):
+    name = document["schema"].removeprefix("opid.").replace("/", "-")
+    return json.loads((SCHEMAS / f"{name}.schema.json").read_text(encoding="utf-8"))
+
+
+def shortened(value):
+    """A document with lists of at most three items: as many as a row of a loading has."""
+    if isinstance(value, dict):
+        return {key: shortened(each) for key, each in value.items()}
+    return [shortened(each) for each in value[:3]] if isinstance(value, list) else value
+
+
+def spoiled(value, free):
+    """Yield what was replaced, while in its place stands what JSON does not know, value by value of a document."""
+    for key in list(value) if isinstance(value, dict) else range(len(value)):
+        if key in free:
+            continue
+        before, value[key] = value[key], object
+        yield f"{key!r}: {before!r}"
+        value[key] = before
+        if isinstance(before, (dict, list)):
+            yield from (f"{key!r} > {each}" for each in spoiled(before, free))
+
+
+def test_schemas_in_the_docs_are_those_of_the_records():
+    stored = {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.iterdir()}
+    assert stored == script("docs/schemas.py").schemas(), "run python docs/schemas.py"
+
+
+def test_what_result_json_holds_is_as_its_schema_says(result):
+    document = traced(result.to_dict(), result.files)
+    Draft202012Validator(schema_of(document)).validate(document)
+
+
+def test_what_is_not_as_the_schema_says_does_not_pass(result):
+    document = shortened(traced(result.to_dict(), result.files))
+    schema = schema_of(document)
+    validator = Draft202012Validator(schema)
+    validator.validate(document)
+    free = {"settings", "diagnostics"}
+    assert [what for what in spoiled(document, free) if validator.is_valid(document)] == []
+    for key in schema["required"]:
+        assert not validator.is_valid({name: each for name, each in document.items() if name != key})
+    assert not validator.is_valid({**document, "remark": "more than the schema knows"})
 
 
 def test_its_summary_has_typed_rows_with_distinct_names(result):

@@ -27,15 +27,10 @@ def modal_json(result: ModalIdentification) -> dict[str, Any]:
         result: from `identify_modes`.
 
     Returns:
-        `schema`, `title`, `drive_point`, `condition_number`, `auto_mac`, `modes` (one a nonlinear mode, with `k` and
-        `c` {power: {value, std, interval95}}, `band_hz`, `force_curves` and the fields of `ModeFit`), `linear_modes`
-        {frequency_hz, damping_ratio}, `truth_tests` [{name, band_hz, sensors {name: the fields of `Comparison`}}],
-        `level_shifts`, `decays`, `decay_laws` {mode: {`k`, `c`, `frequency_low_hz`, `damping_low`, ...}}, `warnings`
-        (those of single modes and decays among them), `not_determined`, `settings`. A mode that only free decays show
-        stands in `modes` with the same keys, after the others: `known_by` is "free decays" instead of "forced tests",
-        `k` and `c` are those of `decay_laws` (power 1 as for all `modes` the correction of k0 and c0; in `decay_laws`
-        and `decays` it is k0 and c0 itself), `tests` are its decays, and what only forced tests give (`band_hz`,
-        `force_curves`, `modal_mass`, ...) is null.
+        What `docs/schemas/modal-1.schema.json` describes. A mode that only free decays show stands in `modes` with the
+        same keys, after the others: `known_by` is "free decays" instead of "forced tests", `k` and `c` are those of
+        `decay_laws` (power 1 as for all `modes` the correction of k0 and c0; in `decay_laws` and `decays` it is k0 and
+        c0 itself), `tests` are its decays, and what only forced tests give (`band_hz`, `force_curves`, ...) is null.
     """
     return plain(
         {
@@ -149,8 +144,7 @@ def decay_json(decay: Decay) -> dict[str, Any]:
         decay: from `free_decay`.
 
     Returns:
-        `schema`, the fields of `decay_fields` (`amplitude`, `frequency_hz`, `damping_ratio` with their standard
-        deviations, largest amplitude first; `k`, `c`, `warnings`, ...), `settings`.
+        What `docs/schemas/decay-1.schema.json` describes.
     """
     return plain({"schema": DECAY_SCHEMA, **decay_fields(decay), "settings": decay.settings})
 

@@ -19,14 +19,7 @@ def updating_json(result: Updating) -> dict[str, Any]:
         result: from `update_study`.
 
     Returns:
-        `schema`, `title`, `form`, `best_class`, `classes` (each with `name`, `law`, `kinds`, `scales`, `priors`,
-        `log_evidence`, `log_evidence_std`, `evidences` [{method, log_evidence, std}], `parameters` {theta_1: {mean,
-        std, interval95}}, `coefficients` {kind: {mean, std, interval95, unit}} in SI units, `best`, `covariance`,
-        `log_likelihood_at_best`, `diagnostics`, `prior_sensitivity`, `warnings`), `linear` (null without phase I;
-        `parameters`, `best`, `covariance`, `modes`, `diagnostics`, `warnings`), `system` {frequency_hz, sensors,
-        joints}, `reduction` and `reduction_free` (null, or the fields of `ReductionErrors`), `measured` [{name, mode,
-        controlled_sensor, frequency_hz, amplitude {sensor: values}}], `prediction` [the fields of `BackboneBand`, null
-        where no backbone was found], `warnings`, `not_determined`, `settings`. Amplitudes in m.
+        What `docs/schemas/updating-1.schema.json` describes.
     """
     reduction, free = (*result.reductions, None, None)[:2]
     return plain(

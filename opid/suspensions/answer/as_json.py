@@ -45,20 +45,7 @@ def result_json(result: Identification | PaperIdentification) -> Json:
         result: the identification.
 
     Returns:
-        `schema`, `method`, `title`, `date` (ISO 8601, or null), `parameters` {name: {value, std, interval95}},
-        `ratios` likewise, `law` {name, latex, per_mass, parameters {kind: {parameter: {value, std, interval95}}}},
-        `restoring_force` {travel, velocity, force, nonlinear_force, per_mass, units}, `diagnostics`, `warnings`,
-        `not_determined`. Of the driven model also `structure` {kind, is_one_gear, recommended, why, limited_by,
-        residual_over_noise, noise_m_per_s2, places {interface: {x_m, y_m, sensor_x_m, sensor_y_m}},
-        place_corrections}, `interfaces` [{name, shared_with, x_m, y_m, stiffness, damping and ground_stiffness {value,
-        std, interval95, unit}, law {kind: {parameter: {value, std, interval95}}}, law_name, latex, per_mass,
-        residual_over_noise, rest_m {value, std, interval95}, at_rest [{run, travel_m, stiffness, damping}],
-        gas {content_n_m, pressure_pa, volume_m3}}],
-        `candidates` [the fields of `Candidate`], `runs` [{name, mass_change_kg, loading, unexplained,
-        unexplained_left_out, inside_left_out}] and `equivalents` [{run, stiffness_per_mass, damping_per_mass,
-        natural_frequency_hz, damping_ratio}]. Of one gear also `natural_frequency_of`: what frequency and damping ratio
-        among the ratios belong to, see `Identification.frequency_of`.
-        Of a body `law` and `restoring_force` hold no values: see `interfaces`.
+        What `docs/schemas/identification-1.schema.json` describes.
     """
     if isinstance(result, PaperIdentification):
         return plain(_head(result) | _of_gear(result) | {"diagnostics": _paper_diagnostics(result)} | _tail(result))
@@ -87,10 +74,7 @@ def structure_json(result: StructureIdentification) -> Json:
         result: from `identify_structure`.
 
     Returns:
-        `schema`, `per_mass`, `masses` {degree of freedom: {value, std, interval95}}, `interfaces` and `joints` {name:
-        {stiffness and damping {value, std, interval95, unit}, law_name, latex, law {kind: {parameter: {value, std,
-        interval95}}}, rest_m, at_rest}}, `noise_m_per_s2`, `residual_over_noise`, `residual_of` {sensor: ...},
-        `left_out_over_noise`, `repeatability`, `limits`, `warnings`, `not_determined`, `settings`.
+        What `docs/schemas/structure-1.schema.json` describes.
     """
     told = ("noise_m_per_s2", "residual_over_noise", "residual_of", "left_out_over_noise")
     return plain(

@@ -18,11 +18,7 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
         result: from `law_of_bench`.
 
     Returns:
-        `schema`, `title`, `parameters` {name: {value, std, interval95} or None}, `law` {name, latex, parameters {kind:
-        {parameter: {value, std, interval95}}}}, `r2`, `r2_left_out`, `residual_rms_n`, `n_independent`, `ladder` [{law,
-        r2, r2_left_out, bic, kept, chosen}], `memory`, `loop` {travel_amplitude_m, frequency_hz, area_j {value, std,
-        interval95}} or None, `cycle` (the same of the whole force), `simulation` {error_rms_m, r2, steps_per_sample,
-        tried {law: error_rms_m}} or None, `warnings`, `not_determined`, `settings`.
+        What `docs/schemas/law-1.schema.json` describes.
     """
     return plain(
         {

@@ -17,11 +17,7 @@ def comparison_json(result: Comparison) -> dict[str, Any]:
         result: from `compare`.
 
     Returns:
-        `schema`, `flagged`, `false_alarm`, `n_tests`, `structure`, `dated`, `flights` [{name, path, date, method}],
-        `series` [{gear, quantity, kind, unit, scatter, threshold, points [{flight, value, std, interval95, status,
-        expected, expected_std, limits, departure, with_next, confirmed}]}], `changes` [{gear, quantity, kind, first,
-        last, share {value, std, interval95}, departure, confirmed, statement}], `warnings`, `settings`; flights are
-        counted from 0 in `flight`, `first` and `last`.
+        What `docs/schemas/comparison-1.schema.json` describes.
     """
     return plain(
         {

@@ -1,0 +1,379 @@
+"""JSON Schemas of what opid writes, made from its frozen result records: `python docs/schemas.py` writes docs/schemas/.
+
+A part of a file that is a record as it stands is read from that record: its fields, their types, and what its docstring
+says of them. What the `as_json` of a wing arranges by hand is stated here by hand.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from enum import EnumType
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.modal.decay.fit import DecayLaw
+from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
+from opid.modal.linear.level_shifts import LevelShift
+from opid.modal.linear.modes import LinearModes
+from opid.modal.result import SCHEMA as MODAL, Comparison as TruthComparison, ModalIdentification, ModeFit, TruthTest
+from opid.provenance import ReadFile
+from opid.signals.health.as_json import SCHEMA as HEALTH
+from opid.signals.health.result import ChannelHealth, Health
+from opid.suspensions.bench.law import SCHEMA as BENCH, BenchLaw
+from opid.suspensions.bench.memory import Memory
+from opid.suspensions.bench.simulation import Simulation
+from opid.suspensions.flights.comparison import SCHEMA as COMPARISON, Change, Comparison
+from opid.suspensions.flights.departures import Point, Series
+from opid.suspensions.law_search.force_surface import VisitedForce
+from opid.suspensions.own_structure import SCHEMA as STRUCTURE, StructureIdentification
+from opid.suspensions.result import (
+    SCHEMA as IDENTIFICATION,
+    Identification,
+    InterfaceEstimate,
+    RunResidual,
+    SpringEstimate,
+)
+from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.model_class import ModelClass
+from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, LinearPosterior, Updating
+from opid.updating.structure.reduction import ReductionErrors
+
+Json = dict[str, Any]
+FOLDER = Path(__file__).parent / "schemas"
+WIDTH = 120
+PLAIN: dict[Any, str] = {bool: "boolean", int: "integer", str: "string"}
+TEXT: Json = {"type": "string"}
+FLAG: Json = {"type": "boolean"}
+COUNT: Json = {"type": "integer"}
+NUMBER: Json = {"type": ["number", "null"]}
+NUMBERS: Json = {"$ref": "#/$defs/Numbers"}
+TEXTS: Json = {"type": "array", "items": TEXT}
+NO_NUMBER = "Where there is no finite number stands null. Units are SI unless a name says otherwise."
+
+
+# ---- parts -----------------------------------------------------------------------------------------
+
+
+def array(items: Json) -> Json:
+    """Return the schema of a list."""
+    return {"type": "array", "items": items}
+
+
+def table(values: Json) -> Json:
+    """Return the schema of an object whose keys are names that the study gives, or numbers of modes."""
+    return {"type": "object", "additionalProperties": values}
+
+
+def keys(properties: Json, *, optional: tuple[str, ...] = ()) -> Json:
+    """Return the schema of an object that has these keys and no others."""
+    required = [name for name in properties if name not in optional]
+    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+
+
+def or_null(schema: Json) -> Json:
+    """Return the schema of what may be null, too."""
+    kind = schema.get("type")
+    if "enum" in schema:
+        return {**schema, "enum": [*schema["enum"], None]}
+    if kind is None or "properties" in schema or "items" in schema:
+        return {"anyOf": [schema, {"type": "null"}]}
+    return schema if isinstance(kind, list) else {**schema, "type": [kind, "null"]}
+
+
+# ---- from records ----------------------------------------------------------------------------------
+
+
+def of_type(annotation: Any) -> Json:
+    """Return the schema of a field by its type; a record is referred to by the name of its class."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if annotation is float:
+        return NUMBER
+    if annotation in PLAIN:
+        return {"type": PLAIN[annotation]}
+    if is_dataclass(annotation):
+        return {"$ref": f"#/$defs/{define(annotation)}"}
+    if origin is Literal or isinstance(annotation, EnumType):
+        return {"enum": [str(each) for each in inner or annotation]}
+    if origin in (Union, UnionType) and NoneType in inner:
+        (only,) = (each for each in inner if each is not NoneType)
+        return or_null(of_type(only))
+    if origin is np.ndarray:
+        return NUMBERS
+    if inner == (float, float):
+        return {"$ref": "#/$defs/Ends"}
+    if origin is tuple:
+        fixed = {} if Ellipsis in inner else {"minItems": len(inner), "maxItems": len(inner)}
+        return NUMBERS if inner == (float, ...) else array(of_type(inner[0])) | fixed
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {"type": "object"} if inner[1] is Any else table(of_type(inner[1]))
+    raise TypeError(f"no schema is known of {annotation}: add it to docs/schemas.py")
+
+
+def fields_of(record: type, *names: str) -> Json:
+    """Return the schemas of the fields of a record, of those that are named, with what its docstring says of them."""
+    hints, told = get_type_hints(record), _told(record)
+    chosen = names or _names(record)
+    return {name: of_type(hints[name]) | ({"description": told[name]} if name in told else {}) for name in chosen}
+
+
+def define(record: type, properties: Json | None = None) -> str:
+    """Make a definition of a record, which has its fields unless others are given, and return its name."""
+    name = record.__name__
+    if name not in DEFINED:
+        sentence = _in_json(str(inspect.getdoc(record)).partition("\n\n")[0])
+        DEFINED[name] = {"description": sentence} | keys(properties or fields_of(record))
+    return name
+
+
+def _names(record: type, *without: str) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(record) if field.name not in without)
+
+
+def _told(record: type) -> dict[str, str]:
+    """What a docstring says of each argument."""
+    arguments = str(inspect.getdoc(record)).partition("Args:\n")[2].partition("\n\n")[0]
+    found = re.findall(r"^    (\w+): (.*(?:\n      .*)*)", arguments, re.MULTILINE)
+    return {name: _in_json(text) for name, text in found}
+
+
+def _in_json(text: str) -> str:
+    """Return a docstring's text without line breaks, and with null for what JSON does not have."""
+    return re.sub(r"\b(None|nan)\b", "null", " ".join(text.split()))
+
+
+DEFINED: dict[str, Json] = {
+    "Numbers": {"type": "array", "items": NUMBER},
+    "Ends": {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2, "description": "lower and upper end"},
+}
+ESTIMATE = of_type(Estimate)
+DEFINED["EstimateWithUnit"] = keys(fields_of(Estimate) | {"unit": TEXT})
+UNITED: Json = {"$ref": "#/$defs/EstimateWithUnit"}
+LAW: Json = table(table(ESTIMATE)) | {"description": "parameters of each term by its kind"}
+
+
+# ---- what the wings arrange by hand ----------------------------------------------------------------
+
+
+def _spring() -> Json:
+    head = {"stiffness": UNITED, "damping": UNITED, "law": LAW, "law_name": TEXT, "latex": TEXT}
+    return head | fields_of(SpringEstimate, "rest_m", "at_rest")
+
+
+def _identification() -> Json:
+    place = keys(dict.fromkeys(("x_m", "y_m", "sensor_x_m", "sensor_y_m"), NUMBER))
+    structure = {"kind": TEXT, "is_one_gear": FLAG, "recommended": or_null(TEXT), "why": or_null(TEXT)}
+    structure |= {"limited_by": or_null(TEXT), **fields_of(Identification, "residual_over_noise", "noise_m_per_s2")}
+    structure |= {"places": table(place), **fields_of(Identification, "place_corrections")}
+    interface = fields_of(InterfaceEstimate, "name", "shared_with", "residual_over_noise", "gas")
+    interface |= _spring() | {"x_m": NUMBER, "y_m": NUMBER, "ground_stiffness": UNITED, "per_mass": FLAG}
+    run = fields_of(RunResidual, "name", "mass_change_kg", "loading", "unexplained")
+    run |= {"unexplained_left_out": NUMBER, "inside_left_out": or_null(FLAG)}
+    law = {"name": or_null(TEXT), "latex": or_null(TEXT), "per_mass": FLAG, "parameters": LAW}
+    force = fields_of(VisitedForce) | {"units": table(TEXT)}
+    absolute = "absolute values; of a body also inertias and centre of gravity"
+    rests = "what the answer rests on, and its settings; of no fixed form"
+    return {
+        "method": {"enum": ["model", "classical", "paper"]},
+        "title": TEXT,
+        "date": or_null(TEXT) | {"format": "date", "description": "of the runs"},
+        "parameters": table(ESTIMATE) | {"description": absolute},
+        "ratios": table(ESTIMATE) | {"description": "what needs no known mass"},
+        "law": keys(law) | {"description": "of one gear, or of a body whose suspensions are alike"},
+        "restoring_force": keys(force) | {"description": "the force without a law, where the motion of one gear went"},
+        "structure": keys(structure),
+        "interfaces": array(keys(interface)),
+        **fields_of(Identification, "candidates", "equivalents"),
+        "runs": array(keys(run)),
+        "natural_frequency_of": TEXT | {"description": "what frequency and damping ratio of one gear belong to"},
+        "diagnostics": {"type": "object", "description": rests},
+        **fields_of(Identification, "warnings", "not_determined"),
+    }
+
+
+def _structure() -> Json:
+    spring = table({"$ref": f"#/$defs/{define(SpringEstimate, _spring())}"})
+    told = ("noise_m_per_s2", "residual_over_noise", "residual_of", "left_out_over_noise", "repeatability", "limits")
+    own = fields_of(StructureIdentification, "per_mass", "masses", *told, "warnings", "not_determined")
+    return own | {"interfaces": spring, "joints": spring, "settings": {"type": "object"}}
+
+
+def _bench() -> Json:
+    rung = {"law": TEXT, "r2": NUMBER, "r2_left_out": NUMBER, "bic": NUMBER, "kept": FLAG, "chosen": FLAG}
+    simulation = fields_of(Simulation, "error_rms_m", "r2", "steps_per_sample", "tried")
+    own = ("title", "r2", "r2_left_out", "n_independent", "loop", "cycle", "warnings", "not_determined")
+    return fields_of(BenchLaw, *own) | {
+        "parameters": table(or_null(ESTIMATE)),
+        "law": keys({"name": TEXT, "latex": TEXT, "parameters": LAW}),
+        "residual_rms_n": NUMBER,
+        "ladder": array(keys(rung)) | {"description": "the laws that were tried"},
+        "memory": keys(fields_of(Memory) | {"seen": FLAG}),
+        "simulation": or_null(keys(simulation)),
+        "settings": {"type": "object"},
+    }
+
+
+def _comparison() -> Json:
+    flight = keys({"name": TEXT, "path": TEXT, "date": or_null(TEXT) | {"format": "date"}, "method": TEXT})
+    what = {"gear": TEXT, "quantity": TEXT, "kind": TEXT}
+    point = fields_of(Point)
+    point |= fields_of(Estimate) | {"expected_std": point.pop("std")}
+    del point["estimate"]
+    series = what | {"unit": TEXT, **fields_of(Series, "scatter", "threshold"), "points": array(keys(point))}
+    change = what | fields_of(Change, "first", "last", "share", "departure", "confirmed", "statement")
+    return fields_of(Comparison, "false_alarm", "n_tests", "dated", "warnings") | {
+        "flagged": FLAG,
+        "structure": TEXT,
+        "flights": array(flight) | {"description": "counted from 0 in `flight`, `first` and `last`"},
+        "series": array(keys(series)),
+        "changes": array(keys(change)),
+        "settings": {"type": "object"},
+    }
+
+
+def _health() -> Json:
+    define(ChannelHealth, fields_of(ChannelHealth, *_names(ChannelHealth, "overview")))
+    return {"logs": array(keys(fields_of(Health, *_names(Health, "levels", "files"))))}
+
+
+def _powers() -> Json:
+    """Coefficients of a mode; keys are the powers."""
+    stiffness, damping = ({"description": f"{each}_n by its power n"} for each in "kc")
+    return {"k": table(ESTIMATE) | stiffness, "c": table(ESTIMATE) | damping, "units": table(TEXT)}
+
+
+def _free_decay() -> Json:
+    curve = ("amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
+    rest = ("start_s", "stop_s", "residual_share", "law_misfit", "warnings", "frequency_low_hz", "damping_low")
+    return fields_of(Decay, "name", "mode", *curve, *rest) | _powers()
+
+
+def _modal() -> Json:
+    def force(along: str) -> Json:
+        return keys(dict.fromkeys((along, "force", "low", "high", "linear"), NUMBERS))
+
+    always = ("mode", "frequency_hz", "damping_ratio", "stiffness_order", "damping_order", "free_linear", "tests")
+    forced = ("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass")
+    mode = fields_of(ModeFit, *always, "orders", "warnings") | _powers()
+    mode |= {"known_by": {"enum": ["forced tests", "free decays"]}}
+    of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at")
+    of_forced["force_curves"] = keys({"stiffness": force("displacement"), "damping": force("velocity")})
+    mode |= {name: or_null(schema) for name, schema in of_forced.items()}
+    low = ("frequency_low_hz", "damping_low", "amplitude", "frequency_hz", "damping_ratio", "misfit", "warnings")
+    compared = {"sensors": table(keys(fields_of(TruthComparison)))}
+    own = ("title", "drive_point", "condition_number", "warnings", "not_determined", "settings")
+    return fields_of(ModalIdentification, *own) | {
+        "auto_mac": array(NUMBERS),
+        "modes": array(keys(mode)),
+        "linear_modes": keys(fields_of(LinearModes, "frequency_hz", "damping_ratio")),
+        "truth_tests": array(keys(fields_of(TruthTest, "name", "band_hz") | compared)),
+        "level_shifts": array(keys(fields_of(LevelShift))),
+        "decays": array(keys(_free_decay())),
+        "decay_laws": table(keys(fields_of(DecayLaw, *low) | _powers())) | {"description": "by the number of the mode"},
+    }
+
+
+def _updating() -> Json:
+    posterior = fields_of(Estimate)
+    posterior = {"mean": posterior.pop("value"), **posterior}
+    rank = {"parameters": table(keys(posterior)), "covariance": array(NUMBERS)}
+    own = ("best", "log_likelihood_at_best", "diagnostics", "prior_sensitivity", "evidences", "warnings")
+    model_class = fields_of(ModelClass) | fields_of(ClassPosterior, *own) | rank
+    model_class |= {"law": TEXT, "coefficients": table(keys(posterior | {"unit": TEXT}))}
+    model_class |= {"log_evidence": NUMBER, "log_evidence_std": NUMBER}
+    linear = fields_of(LinearPosterior, "modes", "diagnostics", "warnings") | rank | {"best": table(NUMBER)}
+    measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz")
+    measured["amplitude"] = table(NUMBERS) | {"description": "m, by sensor"}
+    top = ("title", "form", "best_class", "prediction", "warnings", "not_determined", "settings")
+    return fields_of(Updating, *top) | {
+        "classes": array(keys(model_class)),
+        "linear": or_null(keys(linear)),
+        "system": keys({"frequency_hz": NUMBERS, "sensors": TEXTS, "joints": TEXTS}),
+        "reduction": of_type(ReductionErrors | None),
+        "reduction_free": of_type(ReductionErrors | None),
+        "measured": array(keys(measured)),
+    }
+
+
+# ---- files -----------------------------------------------------------------------------------------
+
+OF_MODEL_ALONE = ("structure", "interfaces", "candidates", "runs", "equivalents", "natural_frequency_of")
+FILES = (
+    (IDENTIFICATION, "a suspension, or a body on several, from runs (opid identify)", _identification, OF_MODEL_ALONE),
+    (STRUCTURE, "a structure of your own (opid.suspensions.identify_structure)", _structure, ()),
+    (BENCH, "the law of a damper or spring on a test bench (opid law)", _bench, ()),
+    (COMPARISON, "what changed from flight to flight (opid compare)", _comparison, ()),
+    (HEALTH, "what is wrong with logs (opid inspect)", _health, ()),
+    (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
+    (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),
+    (UPDATING, "the joints of a finite-element model from backbones (opid update)", _updating, ()),
+)
+
+
+def schemas() -> dict[str, str]:
+    """Return the text of each schema by the name of its file; each is whole without the others."""
+    digest = TEXT | {"pattern": "^[0-9a-f]{64}$"}
+    file = fields_of(ReadFile, "name") | {"sha256": digest}
+    written = TEXT | {"format": "date-time", "description": "ISO 8601, UTC"}
+    version = TEXT | {"description": "its version"}
+    provenance = keys({"opid": version, "written": written, "files": array(keys(file))})
+    made = {}
+    for identifier, what, properties_of, optional in FILES:
+        name = f"{identifier.removeprefix('opid.').replace('/', '-')}.schema.json"
+        head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": name, "title": what}
+        own = {"schema": {"const": identifier}, "provenance": provenance} | properties_of()
+        schema = head | {"description": NO_NUMBER} | keys(own, optional=optional)
+        made[name] = _packed(schema | {"$defs": {each: DEFINED[each] for each in sorted(_used(schema))}}) + "\n"
+    return made
+
+
+def _used(schema: Any) -> set[str]:
+    """Names of the definitions that a schema refers to, and that those refer to."""
+    found, open_ones = set(), {json.dumps(schema)}
+    while open_ones:
+        names = set(re.findall(r'"#/\$defs/(\w+)"', open_ones.pop())) - found
+        found |= names
+        open_ones |= {json.dumps(DEFINED[each]) for each in names}
+    return found
+
+
+def _packed(value: Any, indent: int = 0, before: int = 0) -> str:
+    """JSON in which whatever fits on a line stands on one."""
+    line = json.dumps(value, ensure_ascii=False)
+    if indent + before + len(line) < WIDTH or not isinstance(value, (dict, list)):
+        return line
+    if isinstance(value, list) and all(isinstance(each, str) and each.isidentifier() for each in value):
+        pad = " " * (indent + 2)
+        names = textwrap.fill(line[1:-1], WIDTH, initial_indent=pad, subsequent_indent=pad)
+        return f"[\n{names}\n{' ' * indent}]"
+    first, last = "{}" if isinstance(value, dict) else "[]"
+    inner = ",\n".join(" " * (indent + 2) + each for each in _items(value, indent + 2))
+    return f"{first}\n{inner}\n{' ' * indent}{last}"
+
+
+def _items(value: Json | list[Any], indent: int) -> Iterator[str]:
+    if isinstance(value, list):
+        yield from (_packed(each, indent) for each in value)
+        return
+    for key, each in value.items():
+        name = f"{json.dumps(key)}: "
+        yield name + _packed(each, indent, len(name))
+
+
+def main() -> None:
+    """Write the schemas."""
+    FOLDER.mkdir(exist_ok=True)
+    for name, text in schemas().items():
+        (FOLDER / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
