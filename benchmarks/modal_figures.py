@@ -30,8 +30,7 @@ from opid.modal.forced.excitation import SineBeat, quiet_s, sine_beat_voltage
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.restoring_fit import fit_unweighted
 from opid.modal.identification import identify_modes
-from opid.modal.linear.coordinates import ModalTest, modal_test
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
 from opid.modal.resonance.appropriation import appropriate_force, levels_for

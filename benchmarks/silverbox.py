@@ -14,8 +14,7 @@ from scipy.signal.windows import tukey
 
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.identification import model_of
-from opid.modal.linear.coordinates import ModalTest, modal_test
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.signals.recording import Channel, Recording
 

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.signal.windows import blackmanharris
 
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel, simulate
 from opid.modal.power_laws import power_law
 from opid.signals.recording import Channel, Recording

@@ -6,9 +6,8 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.modal.decay.free_decay import decay_of
-from opid.modal.linear.coordinates import modal_test
 from opid.modal.linear.level_shifts import LevelShift
-from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance
+from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance, modal_test
 from opid.modal.model import NonlinearModalModel, simulate
 from opid.modal.power_laws import power_law
 from opid.modal.resonance.appropriation import Appropriation, AppropriationLevel

@@ -38,7 +38,6 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "suspensions.result",
     "suspensions.study",
     "modal.forced.excitation",
-    "modal.linear.coordinates",
     "modal.linear.modes",
     "modal.model",
     "modal.power_laws",
@@ -51,8 +50,8 @@ KNOWN_TO_VIRTUAL_TESTS = {
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
 OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")]
 ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
-# So do those of signals, whose users are all others.
-SIGNALS = frozenset(path.parent for path in (PACKAGE / "signals").rglob("*.py"))
+# So do those of signals and of nonlinear modal models, whose users are all others.
+SIGNALS, MODAL = (frozenset(path.parent for path in (PACKAGE / each).rglob("*.py")) for each in ("signals", "modal"))
 MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
@@ -326,7 +325,7 @@ def undocumented_arguments(path, tree):
     if room_of(path) == "cli":
         return  # click's options carry their own help
     module = ".".join(("opid", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
-    beyond = [names_beyond(folders) for folders in (ESTIMATOR, SIGNALS) if path.parent in folders]
+    beyond = [names_beyond(folders) for folders in (ESTIMATOR, SIGNALS, MODAL) if path.parent in folders]
     for node in public_definitions(tree):
         # what such files call among themselves has a sentence and a good name, its records have fields
         if isinstance(node, ast.FunctionDef) and any(f"{module}.{node.name}" not in names for names in beyond):

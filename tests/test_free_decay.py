@@ -7,8 +7,7 @@ from opid.mechanics.hysteresis import iwan
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.decay.free_decay import decay_of, free_decay
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, modal_test
 from opid.signals.recording import recording_from_arrays
 
 FS = 4096.0

@@ -5,10 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.fit import linear_fit
-from opid.modal.linear.level_shifts import level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.level_shifts import level_shifts, linear_fit, nonlinear_modes
+from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel, simulate
 from opid.modal.power_laws import power_law
 from opid.signals.recording import Channel, Recording

@@ -3,8 +3,7 @@ import pytest
 from made_beats import FOUR, FS, beat, measured
 
 from opid.errors import InputError
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.modes import force_projection
+from opid.modal.linear.modes import force_projection, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.signals.recording import Channel, Recording
 

@@ -3,9 +3,8 @@ import pytest
 
 from opid.errors import InputError
 from opid.mechanics.structure import Structure, frequency_response
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.frequency_response import cmif, measured_response, modal_responses, resynthesised
-from opid.modal.linear.modes import LinearModes, modes_of_structure
+from opid.modal.linear.frequency_response import cmif, measured_response, resynthesised
+from opid.modal.linear.modes import LinearModes, modal_test, modes_of_structure
 from opid.modal.model import NonlinearModalModel, simulate
 from opid.signals.recording import Channel, Recording
 
@@ -106,25 +105,6 @@ def test_stationary_excitation_is_averaged_in_blocks():
     assert np.median(found.coherence[band]) > 0.98
 
 
-def test_modal_coordinates_respond_each_as_an_oscillator(hit):
-    found = modal_responses(hit)
-    assert found.sensors == ("mode 1", "mode 2", "mode 3", "mode 4")
-    omega = 2 * np.pi * found.frequency_hz[1:, None]
-    expected = -(omega**2) / (MODES.stiffness() + 1j * omega * MODES.damping() - omega**2)
-    band = (found.frequency_hz[1:] > 5) & (found.frequency_hz[1:] < 250)
-    np.testing.assert_allclose(found.value[1:][band], expected[band], atol=1e-2 * np.abs(expected).max())
-
-
-def test_a_mode_that_does_not_move_at_the_drive_point_has_no_modal_response():
-    modes = LinearModes([0.0, 25.0], [0.0, 0.01], [[0.5, 0.0], [0.5, 0.4]], ("a", "b"))
-    samples = np.column_stack([np.ones((8, 2)), np.eye(8)[0]])
-    channels = (Channel("a", "m/s^2"), Channel("b", "m/s^2"), Channel("force", "N"))
-    test = modal_test(Recording(samples, fs=8.0, channels=channels), modes, name="hit", force="force", drive_point="a")
-    value = modal_responses(test).value
-    assert np.isfinite(value[:, 0]).all()
-    assert np.isnan(value[:, 1]).all()
-
-
 def test_a_line_without_force_has_no_response():
     time = np.arange(64) / 64
     samples = np.column_stack([np.cos(2 * np.pi * 8 * time), np.zeros(64)])
@@ -166,9 +146,8 @@ def test_what_cannot_be_averaged_is_refused(hit):
     with pytest.raises(InputError, match="different sensors"):
         measured_response([hit, modal_test(hit.recording, fewer, name="fewer", force="force", drive_point="a")])
     decay = modal_test(hit.recording, MODES, name="decay")
-    for call in (lambda: measured_response([decay]), lambda: modal_responses(decay)):
-        with pytest.raises(InputError, match="'decay' has no force"):
-            call()
+    with pytest.raises(InputError, match="'decay' has no force"):
+        measured_response([decay])
     slow = Recording(hit.recording.samples, fs=1000.0, channels=hit.recording.channels)
     with pytest.raises(InputError, match="resample them to one rate"):
         measured_response([hit, modal_test(slow, MODES, name="slow", force="force", drive_point="a")])

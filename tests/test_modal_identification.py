@@ -12,8 +12,7 @@ from opid.modal.forced.mode_tests import band_of_mode, largest_mode
 from opid.modal.forced.other_modes import doubts_of_other_modes
 from opid.modal.forced.span import MOST_SHARE, WARNED_SHARE, doubts_of_shapes, faults_of_shapes, outside_shapes
 from opid.modal.identification import identify_modes
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.modal.power_laws import power_law
 from opid.modal.study import ModalStudy, StudyTest

@@ -6,7 +6,7 @@ from made_modal import SENSORS, SOFT, beat, measured, small_modes, small_study
 
 from opid.errors import InputError
 from opid.modal.doubts import doubts_of_records
-from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import modal_test
 from opid.modal.linear.modes_file import write_modes
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.logs import write_log

@@ -141,7 +141,7 @@ def test_unknown_sensors_and_modes_are_named():
         modes.row("nosee")
     for mode in (0, 2):
         with pytest.raises(InputError, match="from 1 to 1"):
-            modes.place(mode)
+            modes.index(mode)
     with pytest.raises(InputError, match="give both at the same sensors"):
         modal_assurance(np.ones((3, 2)), np.ones((4, 2)))
 
@@ -171,4 +171,4 @@ def test_sensors_that_miss_a_mode_are_named():
     with pytest.raises(InputError, match="no sensor is asked for"):
         with_sensors(modes, [])
     with pytest.raises(InputError, match=r"there is no mode 1\.5"):
-        modes.place(1.5)
+        modes.index(1.5)

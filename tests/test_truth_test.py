@@ -3,7 +3,7 @@ import pytest
 from made_beats import FOUR, ONE, beat, measured, softening
 
 from opid.errors import InputError
-from opid.modal.linear.coordinates import modal_test
+from opid.modal.linear.modes import modal_test
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
 from opid.modal.truth_tests import comparison, truth_test

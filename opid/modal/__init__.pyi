@@ -22,10 +22,6 @@ from .forced.restoring_fit import (
     linearised as linearised,
 )
 from .identification import identify_modes as identify_modes
-from .linear.coordinates import (
-    ModalTest as ModalTest,
-    modal_test as modal_test,
-)
 from .linear.frequency_response import (
     cmif as cmif,
     measured_response as measured_response,
@@ -37,10 +33,12 @@ from .linear.level_shifts import (
 )
 from .linear.modes import (
     LinearModes as LinearModes,
+    ModalTest as ModalTest,
     condition_number as condition_number,
     force_projection as force_projection,
     modal_assurance as modal_assurance,
     modal_filter as modal_filter,
+    modal_test as modal_test,
     with_sensors as with_sensors,
 )
 from .linear.modes_file import (

@@ -89,7 +89,7 @@ def _mode(fit: ModeFit) -> dict[str, Any]:
 
 def _mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
     """A mode that only free decays show, with the keys of the others; null is what forced tests alone give."""
-    law, place = result.decay_laws[mode], result.modes.place(mode)
+    law, place = result.decay_laws[mode], result.modes.index(mode)
     stiffness = dict(law.stiffness) | {1: _less(law.stiffness[1], float(result.modes.stiffness()[place]))}
     damping = dict(law.damping) | {1: _less(law.damping[1], float(result.modes.damping()[place]))}
     return {

@@ -43,7 +43,7 @@ class NonlinearModalModel:
 
     def __post_init__(self) -> None:
         for mode in self.laws:
-            self.modes.place(mode)
+            self.modes.index(mode)
         object.__setattr__(self, "laws", MappingProxyType(dict(self.laws)))
 
     @property

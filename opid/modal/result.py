@@ -10,9 +10,8 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
-from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.level_shifts import LevelShift
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import coefficient_rows, fitted_power_law
 from opid.provenance import ReadFile

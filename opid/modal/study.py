@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from opid.errors import refuse
-from opid.modal.linear.coordinates import ModalTest
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
 
 Use = Literal["fit", "truth", "level", "decay"]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft
 
 from opid.errors import InputError
-from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import ModalTest
 from opid.modal.model import NonlinearModalModel, simulate
 from opid.modal.result import Comparison, TruthTest
 from opid.signals.recording import FloatArray, Recording

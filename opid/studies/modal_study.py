@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from opid.errors import InputError, nearest, refuse
-from opid.modal.linear.coordinates import ModalTest, modal_test
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.linear.modes_file import read_modes, write_modes
 from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.signals.conversion import recording_of, require_distinct

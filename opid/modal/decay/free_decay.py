@@ -15,7 +15,7 @@ from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import DecayLaw, backbone, fit_decays
 from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
-from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficient_rows
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
@@ -143,7 +143,7 @@ def decay_of(
         InputError: no such mode, a rigid-body mode, or as `free_decay`.
         NotDeterminedError: as `free_decay`.
     """
-    place = test.modes.place(mode)
+    place = test.modes.index(mode)
     frequency = float(test.modes.frequency_hz[place])
     if not frequency > 0.0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it does not ring; name an elastic mode")

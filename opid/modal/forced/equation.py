@@ -15,7 +15,7 @@ from scipy import fft
 from scipy.signal.windows import tukey
 
 from opid.errors import InputError
-from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.signals.recording import FloatArray
 
@@ -101,7 +101,7 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     Raises:
         InputError: a band outside the record's frequencies or with fewer than eight lines.
     """
-    place = test.modes.place(mode)
+    place = test.modes.index(mode)
     acceleration, force = test.acceleration[:, place], test.modal_force(mode)
     low, high = band_hz
     frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
@@ -148,9 +148,9 @@ def modal_motion(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tu
         mode: number of the mode, from 1.
         band_hz: its band, Hz, and what is kept at least.
     """
-    acceleration = test.acceleration[:, test.modes.place(mode)]
+    acceleration = test.acceleration[:, test.modes.index(mode)]
     frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
-    natural = float(test.modes.frequency_hz[test.modes.place(mode)])
+    natural = float(test.modes.frequency_hz[test.modes.index(mode)])
     return _motion(fft.rfft(acceleration), frequency, _kept(natural, band_hz), acceleration.size)
 
 

@@ -132,7 +132,7 @@ def quiet_s(modes: LinearModes, mode: int, *, decay_to: float = 1e-4) -> float:
     """
     if not 0 < decay_to < 1:
         raise InputError(f"decay_to is {decay_to}: give a share between 0 and 1, e.g. 1e-4")
-    place = modes.place(mode)
+    place = modes.index(mode)
     rate = modes.damping()[place] / 2
     if rate == 0:
         raise InputError(
@@ -321,7 +321,7 @@ def _peak_band(
     modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, share: float
 ) -> tuple[float, float]:
     """Where the imaginary part of the drive point's response is large around a mode, Hz."""
-    place = modes.place(mode)
+    place = modes.index(mode)
     centre = float(modes.frequency_hz[place])
     shape = modes.row(drive_point)[place]
     if abs(shape) < 1e-6 * np.abs(modes.shapes[:, place]).max():
@@ -368,7 +368,7 @@ def _crossing(line: FloatArray, height: FloatArray, level: float) -> float:
 
 
 def _elastic_frequency(modes: LinearModes, mode: int) -> float:
-    place = modes.place(mode)
+    place = modes.index(mode)
     if not modes.elastic[place]:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): a beat excites elastic modes")
     return float(modes.frequency_hz[place])
@@ -376,7 +376,7 @@ def _elastic_frequency(modes: LinearModes, mode: int) -> float:
 
 def _neighbours(modes: LinearModes, mode: int) -> tuple[float | None, float | None]:
     """Distances to the next elastic modes below and above, Hz."""
-    place = modes.place(mode)
+    place = modes.index(mode)
     others = np.delete(modes.frequency_hz, place)
     distance = others[others > 0] - modes.frequency_hz[place]
     below, above = -distance[distance < 0], distance[distance >= 0]

@@ -15,7 +15,7 @@ from opid.modal.forced.order_search import linear_is_off, search_orders
 from opid.modal.forced.other_modes import doubts_of_other_modes
 from opid.modal.forced.restoring_fit import Coefficients, fit_coefficients, linearised, modal_mass, power_curve
 from opid.modal.forced.span import doubts_of_shapes, faults_of_shapes
-from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.result import ForceCurve, ModeFit, OrderRung
 from opid.signals.recording import FloatArray

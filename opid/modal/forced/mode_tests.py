@@ -8,8 +8,7 @@ import numpy as np
 from scipy import fft
 
 from opid.modal.forced.equation import ModeLines, modal_motion
-from opid.modal.linear.coordinates import ModalTest
-from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
 
@@ -84,7 +83,7 @@ def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
     """
     lows, highs = [], []
     for test in tests:
-        place = test.modes.place(mode)
+        place = test.modes.index(mode)
         natural, damping = test.modes.frequency_hz[place], test.modes.damping_ratio[place]
         least, most = _limits(test.modes, mode)
         frequency, spectrum = _spectrum(test, mode)
@@ -147,9 +146,9 @@ def doubts_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
         tests: those of the mode.
         mode: number of the mode, from 1.
     """
-    slow = [test for test in tests if test.fs / 2 < THIRD * test.modes.frequency_hz[test.modes.place(mode)]]
+    slow = [test for test in tests if test.fs / 2 < THIRD * test.modes.frequency_hz[test.modes.index(mode)]]
     if slow:
-        needed = 2 * THIRD * slow[0].modes.frequency_hz[slow[0].modes.place(mode)]
+        needed = 2 * THIRD * slow[0].modes.frequency_hz[slow[0].modes.index(mode)]
         yield (
             f"{len(slow)} test(s) of mode {mode} at {slow[0].fs:g} Hz do not hold its third harmonic: the powers miss "
             f"some thousandths; record at {needed:.0f} Hz or more"
@@ -164,7 +163,7 @@ def _energy(test: ModalTest, mode: int) -> float:
 
 def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
     """Most of the way to the neighbours, but never so near that the mode's own resonance is cut."""
-    place = modes.place(mode)
+    place = modes.index(mode)
     natural = modes.frequency_hz[place]
     others = np.delete(modes.frequency_hz, place)
     below, above = others[(others > 0) & (others <= natural)], others[others > natural]
@@ -179,7 +178,7 @@ def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
 
 
 def _spectrum(test: ModalTest, mode: int) -> tuple[FloatArray, FloatArray]:
-    acceleration = test.acceleration[:, test.modes.place(mode)]
+    acceleration = test.acceleration[:, test.modes.index(mode)]
     return fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
 
 
@@ -190,7 +189,7 @@ def _rms(lines: np.ndarray) -> float:
 def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float]) -> tuple[float, str]:
     """Motion at the ends of a record over the largest one, without what is noise, and a word for the worse end."""
     _, velocity = modal_motion(test, mode, band_hz)
-    period = test.fs / test.modes.frequency_hz[test.modes.place(mode)]
+    period = test.fs / test.modes.frequency_hz[test.modes.index(mode)]
     n = max(round(5 * period), velocity.size // 100, 8)
     first = max(round(period), 8)  # an impact may come early
     # what the noise of the band's lines makes of any sample

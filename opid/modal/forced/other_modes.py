@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import fft
 
-from opid.modal.linear.coordinates import ModalTest
-from opid.modal.linear.modes import force_projection
+from opid.modal.linear.modes import ModalTest, force_projection
 from opid.signals.recording import FloatArray
 
 MULTIPLES = (2, 3)
@@ -31,7 +30,7 @@ def doubts_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, floa
         mode: number of that mode, from 1.
         band_hz: in which it moves, Hz.
     """
-    place = test.modes.place(mode)
+    place = test.modes.index(mode)
     frequency = fft.rfftfreq(test.acceleration.shape[0], 1 / test.fs)
     spectra = fft.rfft(test.acceleration, axis=0)
     driven = _driven(test, frequency)

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import fft
 
-from opid.modal.linear.coordinates import ModalTest
-from opid.modal.linear.modes import with_sensors
+from opid.modal.linear.modes import ModalTest, with_sensors
 from opid.signals.recording import FloatArray
 
 WARNED_SHARE, MOST_SHARE = 0.1, 0.5

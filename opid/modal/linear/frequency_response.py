@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy import fft
 
 from opid.errors import InputError
-from opid.modal.linear.coordinates import ModalTest
-from opid.modal.linear.modes import LinearModes, force_projection
+from opid.mechanics.structure import ComplexArray
+from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import Window, cross_spectra
-
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +68,7 @@ def measured_response(
     Raises:
         InputError: no test, one without a force, or tests of several drive points, rates or sets of sensors.
 
-    >>> from opid.modal.linear.coordinates import modal_test
+    >>> from opid.modal.linear.modes import modal_test
     >>> from opid.signals.recording import Channel, Recording
     >>> modes = LinearModes([0.0], [0.0], [[0.5]], ("a",))
     >>> samples = np.outer([0.0, 4.0, 0.0, 0.0], [0.25, 1.0])
@@ -80,38 +78,16 @@ def measured_response(
     [0.25, 0.25, 0.25]
     """
     sensors, drive_point = _require_alike(tests)
-    outputs = [_accelerations(test, sensors) for test in tests]
+    records = [(np.asarray(test.force), test.at_sensors) for test in tests]
     frequency_hz, cross, force_power, output_power, n_averages = (
-        _whole(tests, outputs) if nperseg is None else _in_blocks(tests, outputs, nperseg, window)
+        _whole(records, tests[0].fs) if nperseg is None else _in_blocks(records, tests[0].fs, nperseg, window)
     )
     coherence = None
     if n_averages > 1:
         both = force_power[:, None] * output_power
-        coherence = np.clip(_quotient(np.abs(cross) ** 2, both).real, 0, 1)
-    return FrequencyResponse(
-        frequency_hz, _quotient(cross, force_power[:, None]), sensors, drive_point, n_averages, coherence
-    )
-
-
-def modal_responses(test: ModalTest) -> FrequencyResponse:
-    """Return q''_j / f_qj of every modal coordinate of a test, each mode as if it were alone.
-
-    Args:
-        test: a record with a force, transformed whole as in `measured_response`.
-
-    Returns:
-        One column a mode, named "mode 1", "mode 2", ..., without a unit: 1 far above the natural frequency if the
-        shapes are mass-normalised; nan for a mode that does not move at the drive point.
-
-    Raises:
-        InputError: a test without a force.
-    """
-    _, drive_point = _require_alike([test])
-    frequency_hz, cross, force_power, _, _ = _whole([test], [test.acceleration])
-    participation = force_projection(test.modes, drive_point)
-    names = tuple(f"mode {mode + 1}" for mode in range(test.modes.n_modes))
-    value = _quotient(cross, force_power[:, None] * participation)
-    return FrequencyResponse(frequency_hz, value, names, drive_point)
+        coherence = np.clip(_quotient(np.abs(cross) ** 2, both), 0, 1)
+    value = _quotient(cross, force_power[:, None])
+    return FrequencyResponse(frequency_hz, value, sensors, drive_point, n_averages, coherence)
 
 
 def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str) -> FrequencyResponse:
@@ -135,19 +111,27 @@ def resynthesised(modes: LinearModes, frequency_hz: ArrayLike, drive_point: str)
     lines = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     if lines.ndim != 1 or lines.size == 0 or not (np.isfinite(lines) & (lines >= 0)).all():
         raise InputError(f"frequency_hz has shape {lines.shape}: give one row of finite frequencies from 0 up, Hz")
-    omega = 2 * np.pi * lines[:, None]
-    dynamic = modes.stiffness() + 1j * omega * modes.damping() - omega**2
-    stopped = (dynamic == 0) & modes.elastic
-    if stopped.any():
-        line, mode = np.argwhere(stopped)[0]
+    single = accelerance(modes, lines)
+    if np.isinf(single).any():
+        line, mode = np.argwhere(np.isinf(single))[0]
         raise InputError(
             f"mode {mode + 1} has no damping and its resonance falls on {lines[line]:g} Hz: give it damping, or "
             "leave out the line"
         )
-    single = np.ones(dynamic.shape, dtype=np.complex128)
-    np.divide(-(omega**2), dynamic, out=single, where=np.broadcast_to(modes.elastic, dynamic.shape))
-    value = (single * force_projection(modes, drive_point)) @ modes.shapes.T
+    value = (single * modes.row(drive_point)) @ modes.shapes.T
     return FrequencyResponse(lines, value, modes.sensors, drive_point, n_averages=0)
+
+
+def accelerance(modes: LinearModes, frequency_hz: FloatArray) -> ComplexArray:
+    """Return q''/f_q of each mode alone, (n, n_modes): -omega^2 / (k0 + j omega c0 - omega^2), 1 of a rigid-body mode.
+
+    It is infinite on the resonance of a mode without damping.
+    """
+    omega = 2 * np.pi * frequency_hz[:, None]
+    dynamic = modes.stiffness() + 1j * omega * modes.damping() - omega**2
+    found = np.where(modes.elastic, np.inf, np.ones(dynamic.shape, dtype=np.complex128))
+    np.divide(-(omega**2), dynamic, out=found, where=modes.elastic & (dynamic != 0))
+    return found
 
 
 def cmif(responses: Sequence[FrequencyResponse]) -> ModeIndicator:
@@ -189,12 +173,10 @@ def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
     """The sensors and the drive point that all tests have in common."""
     if not tests:
         raise InputError("there is no test: give one or several with a force at one drive point")
-    for test in tests:
-        if test.force is None or test.drive_point is None:
-            raise InputError(f"test {test.name!r} has no force: a frequency response needs one, name its channel")
     first = tests[0]
-    sensors = _sensors(first)
-    for test in tests[1:]:
+    for test in tests:
+        if test.force is None:
+            raise InputError(f"test {test.name!r} has no force: a frequency response needs one, name its channel")
         if test.drive_point != first.drive_point:
             raise InputError(
                 f"test {test.name!r} is driven at {test.drive_point!r} and {first.name!r} at {first.drive_point!r}: "
@@ -204,63 +186,45 @@ def _require_alike(tests: Sequence[ModalTest]) -> tuple[tuple[str, ...], str]:
             raise InputError(
                 f"test {test.name!r} has {test.fs:g} Hz and {first.name!r} {first.fs:g} Hz: resample them to one rate"
             )
-        if _sensors(test) != sensors:
+        if test.sensors != first.sensors:
             raise InputError(
                 f"tests {test.name!r} and {first.name!r} have different sensors: average tests with the same"
             )
-    return sensors, str(first.drive_point)
+    return first.sensors, str(first.drive_point)
 
 
-def _sensors(test: ModalTest) -> tuple[str, ...]:
-    return tuple(sensor for sensor in test.modes.sensors if sensor in test.recording.names)
-
-
-def _accelerations(test: ModalTest, sensors: tuple[str, ...]) -> FloatArray:
-    return test.recording.samples[:, [test.recording.index(sensor) for sensor in sensors]]
-
+Records = Sequence[tuple[FloatArray, FloatArray]]
+"""Force and accelerations of each test."""
 
 Averages = tuple[FloatArray, ComplexArray, FloatArray, FloatArray, float]
 """Lines, sum of X conj(F), of |F|^2 and of |X|^2, number of averages."""
 
 
-def _whole(tests: Sequence[ModalTest], outputs: Sequence[FloatArray]) -> Averages:
-    n_samples = max(output.shape[0] for output in outputs)
-    forces = [np.fft.rfft(_force(test), n_samples) for test in tests]
-    spectra = [np.fft.rfft(output, n_samples, axis=0) for output in outputs]
-    pairs = list(zip(spectra, forces, strict=True))
-    cross = sum((x * f.conj()[:, None] for x, f in pairs), start=np.zeros_like(spectra[0]))
-    force_power = np.sum([np.abs(f) ** 2 for f in forces], axis=0)
-    output_power = np.sum([np.abs(x) ** 2 for x in spectra], axis=0)
-    frequency_hz = np.asarray(np.fft.rfftfreq(n_samples, 1 / tests[0].fs), dtype=np.float64)
-    return frequency_hz, cross, force_power, output_power, float(len(tests))
+def _whole(records: Records, fs: float) -> Averages:
+    n_samples = max(force.size for force, _ in records)
+    pairs = [(fft.rfft(f, n_samples), fft.rfft(x, n_samples, axis=0)) for f, x in records]
+    cross = np.sum([x * f.conj()[:, None] for f, x in pairs], axis=0)
+    force_power = np.sum([np.abs(f) ** 2 for f, _ in pairs], axis=0)
+    output_power = np.sum([np.abs(x) ** 2 for _, x in pairs], axis=0)
+    return fft.rfftfreq(n_samples, 1 / fs), cross, force_power, output_power, float(len(records))
 
 
-def _in_blocks(tests: Sequence[ModalTest], outputs: Sequence[FloatArray], nperseg: int, window: Window) -> Averages:
-    shape = (nperseg // 2 + 1, outputs[0].shape[1])
+def _in_blocks(records: Records, fs: float, nperseg: int, window: Window) -> Averages:
+    shape = (nperseg // 2 + 1, records[0][1].shape[1])
     cross, output_power = np.zeros(shape, dtype=np.complex128), np.zeros(shape)
     force_power, n_averages = np.zeros(shape[0]), 0.0
-    frequency_hz = np.asarray(np.fft.rfftfreq(nperseg, 1 / tests[0].fs), dtype=np.float64)
-    for test, output in zip(tests, outputs, strict=True):
-        force = _force(test)
-        # a pair at a time: all sensors against each other would be made for nothing
-        for sensor, acceleration in enumerate(output.T):
-            found = cross_spectra(np.stack([force, acceleration], axis=1), fs=test.fs, window=window, nperseg=nperseg)
+    for force, accelerations in records:
+        # one sensor at a time: the spectra of all sensors against each other are not needed
+        for sensor, acceleration in enumerate(accelerations.T):
+            found = cross_spectra(np.stack([force, acceleration], axis=1), fs=fs, window=window, nperseg=nperseg)
             cross[:, sensor] += found.n_blocks * found.density[:, 0, 1]
             output_power[:, sensor] += found.n_blocks * found.density[:, 1, 1].real
         force_power += found.n_blocks * found.density[:, 0, 0].real
         n_averages += found.n_averages
-    return frequency_hz, cross, force_power, output_power, n_averages
+    return fft.rfftfreq(nperseg, 1 / fs), cross, force_power, output_power, n_averages
 
 
-def _force(test: ModalTest) -> FloatArray:
-    if test.force is None:
-        raise InputError(f"test {test.name!r} has no force: name its channel")
-    return test.force
-
-
-def _quotient(numerator: NDArray[Any], denominator: FloatArray) -> ComplexArray:
+def _quotient(numerator: np.ndarray, denominator: FloatArray) -> np.ndarray:
     """A quotient that is nan where there is nothing to divide by."""
-    shape = np.broadcast_shapes(numerator.shape, denominator.shape)
-    found = np.full(shape, np.nan, dtype=np.complex128)
-    np.divide(numerator.astype(np.complex128), denominator, out=found, where=np.broadcast_to(denominator != 0, shape))
-    return found
+    found = np.full_like(numerator, np.nan)
+    return np.divide(numerator, denominator, out=found, where=np.broadcast_to(denominator != 0, numerator.shape))

@@ -1,22 +1,50 @@
-"""Which modes are nonlinear: natural frequency and damping of every mode at several levels (Pacini section 3.3)."""
+"""Which modes are nonlinear: natural frequency and damping of every mode at several levels (Pacini section 3.3).
+
+At each level a mode is taken for linear, m q'' + c q' + k q = f_q on the lines around its peak. Noise on either side
+biases plain least squares: each line is weighted by the noise of f_q and of q'', which the misfit itself shows.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.modal.linear.coordinates import ModalTest
-from opid.modal.linear.fit import LinearFit, linear_fit, require_force
+from opid.mechanics.structure import ComplexArray
+from opid.modal.linear.modes import ModalTest
+from opid.signals.recording import FloatArray
 
 SIGMAS = 3.0
-"""By so many standard errors a shift must exceed its threshold: chance alone does that once in 370 times."""
+"""A shift must exceed its threshold by so many standard errors: chance alone does that once in 370 times."""
 
 LEAST_RATIO = 1.5
-"""Of the highest level to the lowest: levels nearer than that say nothing of nonlinearity."""
+"""Of the highest amplitude to the lowest: levels nearer than that say nothing of nonlinearity."""
+
+SEARCHED = 0.1
+"""A mode is looked for this fraction of its natural frequency to either side (the paper's shifted by 7 %)."""
+
+HALF_WIDTHS = 8.0
+"""The band ends so many zeta f from the peak: beyond it are noise and what other modes leave."""
+
+FEWEST_LINES = 16
+"""Of a band, for three numbers and two amplitudes of noise."""
+
+LEAST_SIGNAL = 4.0
+"""The third strongest line of a band over what most lines of the record are: below that a mode is not seen."""
+
+ROUNDS, STEPS = 4, 30
+"""How often noise and oscillator are found in turns, and the most steps of either search."""
+
+QUIET_FRACTION = 0.15
+"""Power of a misfit in its quietest quarter over its mean: noise alone falls below that once in 80 times at most."""
+
+NOT_DECAYED = 0.02
+"""Of the peak, at the end of a record: above it the equation has terms of the unknown state at the end."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +76,35 @@ class LevelShift:
     reason: str
 
 
+@dataclass(frozen=True)
+class LinearFit:
+    """The linear oscillator that one test shows for a mode.
+
+    Args:
+        frequency_hz: natural frequency, Hz; without a value where none was found.
+        damping_ratio: damping ratio.
+        amplitude: peak |q''| in the band, m/s^2 kg^1/2.
+        band_hz: lines that were fitted, Hz.
+        modal_mass: m, 1 where shapes and force are in order; None where nothing was found.
+        explained: whether noise explains what a linear mode leaves.
+    """
+
+    frequency_hz: Estimate
+    damping_ratio: Estimate
+    amplitude: float
+    band_hz: tuple[float, float]
+    modal_mass: float | None = None
+    explained: bool = True
+
+
 def level_shifts(
     tests: Sequence[ModalTest], *, frequency_threshold: float = 0.002, damping_threshold: float = 0.15
 ) -> tuple[LevelShift, ...]:
     """Return how each elastic mode moves with the level, and whether that makes it nonlinear.
 
-    At each level a mode is taken for linear (`opid.modal.linear.fit`). What shift is significant "is a subjective
-    measure" (the paper): hence the thresholds. A mode is nonlinear if a shift exceeds its threshold by three standard
-    errors or more. The data can tell if they would show a shift of twice the threshold; levels too weak for that are
-    left out of the comparison.
+    What shift is significant "is a subjective measure" (the paper): hence the thresholds. A mode is nonlinear if a
+    shift exceeds its threshold by three standard errors or more. The data can tell if they would show a shift of twice
+    the threshold; levels too weak for that are left out of the comparison.
 
     Args:
         tests: of one structure with the same modes, each with a force, at two levels or more.
@@ -67,12 +115,11 @@ def level_shifts(
         InputError: fewer than two tests, one without a force, different numbers of modes, or thresholds that are not
             positive.
 
-    >>> from opid.modal.linear.modes import LinearModes
+    >>> from opid.modal.linear.modes import LinearModes, modal_test
+    >>> from opid.modal.model import NonlinearModalModel, simulate
     >>> from opid.signals.recording import Channel, Recording
     >>> modes = LinearModes([50.0], [0.01], [[0.5]], ("a",))
     >>> channels = (Channel("a", "m/s^2"), Channel("force", "N"))
-    >>> from opid.modal.linear.coordinates import modal_test
-    >>> from opid.modal.model import NonlinearModalModel, simulate
     >>> def hit(newton):
     ...     force = newton * np.exp(-((np.arange(4096) - 20) ** 2) / 8)
     ...     samples = simulate(NonlinearModalModel(modes), force, fs=1024.0, drive_point="a").samples
@@ -84,18 +131,17 @@ def level_shifts(
     """
     for name, value in (("frequency_threshold", frequency_threshold), ("damping_threshold", damping_threshold)):
         if not (np.isfinite(value) and value > 0):
-            raise InputError(f"{name} is {value}: give a positive share, e.g. 0.002 for 0.2 %")
+            raise InputError(f"{name} is {value}: give a positive fraction, e.g. 0.002 for 0.2 %")
     if len(tests) < 2:
         raise InputError(f"{len(tests)} test(s) show no shift: give tests at two levels or more")
     for test in tests:
-        require_force(test)
         if test.modes.n_modes != tests[0].modes.n_modes:
             raise InputError(
                 f"test {test.name!r} has {test.modes.n_modes} modes and {tests[0].name!r} {tests[0].modes.n_modes}: "
                 "give all tests the same modes"
             )
     elastic = np.flatnonzero(np.all([test.modes.elastic for test in tests], axis=0)) + 1
-    return tuple(_compared(tests, int(mode), frequency_threshold, damping_threshold) for mode in elastic)
+    return tuple(_compared(tests, int(mode), (frequency_threshold, damping_threshold)) for mode in elastic)
 
 
 def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
@@ -107,18 +153,256 @@ def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
     return tuple(shift.mode for shift in shifts if shift.nonlinear)
 
 
-def _compared(
-    tests: Sequence[ModalTest], mode: int, frequency_threshold: float, damping_threshold: float
-) -> LevelShift:
+def linear_fit(test: ModalTest, mode: int, *, modal_mass: float | None = None) -> LinearFit:
+    """Return natural frequency and damping ratio that one test shows for a mode.
+
+    The equation holds on the lines of a band around the peak, with q'' / j omega for q'; the mass m takes up the scale
+    of shapes and force. In a record that has not decayed the unknown end state has two terms of its own. The intervals
+    say what noise does; a mode that is clearly nonlinear has no one frequency, and that of the linear mode with the
+    nearest force is returned. For such a mode `modal_mass` is m as another test shows it: over a narrow band m and k
+    change places.
+    """
+    if test.force is None or test.drive_point is None:
+        raise InputError(
+            f"test {test.name!r} has no force: levels are compared by response over force, name its channel"
+        )
+    index = test.modes.index(mode)
+    given_hz, given_zeta = float(test.modes.frequency_hz[index]), float(test.modes.damping_ratio[index])
+    if given_hz == 0:
+        raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it has no resonance that could shift")
+    acceleration = test.modal_acceleration(mode)
+    lines = _Lines(
+        fft.rfftfreq(acceleration.size, 1 / test.fs),
+        fft.rfft(acceleration),
+        fft.rfft(test.modal_force(mode)),
+        given_hz,
+        acceleration.size,
+    )
+    # the peak lies a tenth to either side, half way to a neighbour at most
+    below, above = test.modes.neighbours_hz(mode)
+    low = max((1 - SEARCHED) * given_hz, (given_hz + below) / 2)
+    high = max(min((1 + SEARCHED) * given_hz, 0.49 * test.fs, (given_hz + above) / 2), given_hz)
+    searched = lines.around(given_hz, min(given_hz - low, high - given_hz))
+    nothing = LinearFit(Estimate(), Estimate(), lines.peak(searched), (low, high))
+    if test.modes.row(test.drive_point)[index] == 0 or searched.sum() < FEWEST_LINES:
+        return nothing
+    ratio, zeta = _oscillator(lines.equation(searched).least_squares(modal_mass)) or (0.0, 0.0)
+    centre = ratio * given_hz
+    if not low < centre < high:  # where noise hides the mode, the search finds one elsewhere or none
+        centre, zeta = given_hz, max(given_zeta, 1e-3)
+    near = lines.around(centre, min(HALF_WIDTHS * zeta, SEARCHED) * centre)
+    nothing = replace(nothing, amplitude=lines.peak(near), band_hz=lines.ends(near))
+    if not lines.are_seen(near):
+        return nothing
+    # a strongly nonlinear mode may be too far from its peak for the narrow band
+    for band in (near, searched):
+        found = _fitted(lines, band, (centre / given_hz, zeta), modal_mass, nothing)
+        if found is not None and low < (found.frequency_hz.value or 0.0) < high:
+            return found
+    return replace(nothing, band_hz=lines.ends(searched), explained=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Spectra of a mode, and the frequency by which the equation is scaled."""
+
+    frequency_hz: FloatArray
+    acceleration: ComplexArray
+    force: ComplexArray
+    scale_hz: float
+    n_samples: int
+
+    def around(self, centre: float, half: float) -> NDArray[np.bool_]:
+        half = max(half, 0.5 * (FEWEST_LINES + 1) * float(self.frequency_hz[1]))
+        return (np.abs(self.frequency_hz - centre) <= half) & (self.frequency_hz > 0)
+
+    def ends(self, band: NDArray[np.bool_]) -> tuple[float, float]:
+        return float(self.frequency_hz[band][0]), float(self.frequency_hz[band][-1])
+
+    def motion(self, band: NDArray[np.bool_]) -> FloatArray:
+        return fft.irfft(np.where(band, self.acceleration, 0), self.n_samples)
+
+    def peak(self, band: NDArray[np.bool_]) -> float:
+        return float(np.abs(self.motion(band)).max())
+
+    def are_seen(self, band: NDArray[np.bool_]) -> bool:
+        """Whether the mode stands out of what most lines are, noise or less."""
+        power = np.abs(self.acceleration) ** 2
+        # the median of |line|^2 of complex noise is ln 2 of its mean
+        return bool(np.sort(power[band])[-3] > LEAST_SIGNAL**2 * np.median(power) / np.log(2))
+
+    def has_decayed(self, band: NDArray[np.bool_]) -> bool:
+        motion = np.abs(self.motion(band))
+        return bool(motion[-max(2, self.n_samples // 50) :].max() <= NOT_DECAYED * motion.max())
+
+    def equation(self, band: NDArray[np.bool_], *, open_end: bool = False) -> _Equation:
+        j_omega = 1j * self.frequency_hz[band] / self.scale_hz
+        columns = np.stack([np.ones_like(j_omega), 1 / j_omega, 1 / j_omega**2], axis=1)
+        ends = columns[:, 1:] * np.abs(self.force[band]).max() if open_end else columns[:, :0]
+        return _Equation(columns, self.acceleration[band], self.force[band], ends)
+
+
+@dataclass(frozen=True, eq=False)
+class _Equation:
+    """F = D Q + ends theta_e on the lines of a band, D = m + c/jw + k/(jw)^2, omega in units of the given frequency.
+
+    The unknowns are theta = (m, c, k, theta_e); `columns` are 1, 1/jw, 1/(jw)^2, Q the response and F the force.
+    """
+
+    columns: ComplexArray
+    response: ComplexArray
+    force: ComplexArray
+    ends: ComplexArray
+
+    def least_squares(self, mass: float | None = None) -> FloatArray:
+        """Theta by plain least squares: biased by noise; of a nonlinear mode the linear force nearest to its own."""
+        if mass is not None:
+            rest = replace(self, columns=self.columns[:, 1:], force=self.force - mass * self.response)
+            return np.concatenate([[mass], rest.least_squares()])
+        return _solved(_real(np.hstack([self.columns * self.response[:, None], self.ends])), _real(self.force))
+
+    def residual(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """r = F - D Q - ends theta_e, and D."""
+        dynamic = self.columns @ theta[:3]
+        return self.force - dynamic * self.response - self.ends @ theta[3:], dynamic
+
+    def weighted(self, theta: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """r / sqrt(v) as real numbers, and its derivatives; v = a + b |D|^2, the noise of force and acceleration."""
+        residual, dynamic = self.residual(theta)
+        v = noise[0] + noise[1] * np.abs(dynamic) ** 2
+        jacobian = -np.hstack([self.columns * self.response[:, None], self.ends]) / np.sqrt(v)[:, None]
+        of_v = 2 * noise[1] * (dynamic.conj()[:, None] * self.columns).real
+        jacobian[:, :3] -= (residual / (2 * v**1.5))[:, None] * of_v
+        return _real(residual / np.sqrt(v)), _real(jacobian)
+
+    def maximum_likelihood(self, ratio: float, zeta: float) -> tuple[FloatArray, FloatArray]:
+        """Theta with the least sum |r|^2 / v, and a, b. v moves with theta, else the least sum is not at the truth."""
+        theta = np.concatenate([[1.0, 2 * zeta * ratio, ratio**2], np.zeros(self.ends.shape[1])])
+        noise = np.array([np.median(np.abs(self.columns @ theta[:3]) ** 2), 1.0])
+        for _ in range(ROUNDS):
+            theta = self._least(theta, noise)
+            noise = self._noise_of(theta)
+        return theta, noise
+
+    def _least(self, theta: FloatArray, noise: FloatArray) -> FloatArray:
+        """Gauss-Newton with halved steps; the smallest step where the scale of shapes and force is not determined."""
+        residual, jacobian = self.weighted(theta, noise)
+        for _ in range(STEPS):
+            cost = residual @ residual
+            step = _solved(jacobian, residual)
+            for _ in range(8):
+                trial, trial_jacobian = self.weighted(theta - step, noise)
+                if trial @ trial <= cost:
+                    break
+                step = step / 2
+            else:
+                return theta
+            theta, residual, jacobian = theta - step, trial, trial_jacobian
+            if cost - residual @ residual <= 1e-9 * cost:
+                return theta
+        return theta
+
+    def _noise_of(self, theta: FloatArray) -> FloatArray:
+        """Noise a and b from the misfit, |r|^2 = a + b |D|^2 on average, neither below zero."""
+        from scipy import optimize
+
+        residual, dynamic = self.residual(theta)
+        size, power = np.abs(dynamic) ** 2, np.abs(residual) ** 2
+        power = power * (2 * power.size / (2 * power.size - theta.size))
+        # simulated tests without noise have weights, too
+        largest = np.array([np.max(np.abs(each) ** 2) for each in (self.force, self.response)])
+        least = 1e-14 * largest + np.finfo(float).tiny
+        noise = np.array([power.mean() / 2, power.mean() / 2 / size.mean()])
+        for _ in range(4):
+            v = np.maximum(noise, least) @ np.stack([np.ones_like(size), size])
+            scale = np.array([1.0, 1 / size.mean()])
+            noise = optimize.nnls(np.stack([1 / v, size / v], axis=1) * scale, power / v)[0] * scale
+        return np.maximum(noise, least)
+
+    def covariance(self, theta: FloatArray, noise: FloatArray, *, fixed: int) -> FloatArray:
+        """Of theta, of which the first ones are `fixed`."""
+        residual, jacobian = self.weighted(theta, noise)
+        jacobian = jacobian[:, fixed:]
+        norms = np.linalg.norm(jacobian, axis=0)
+        scaled = jacobian / norms
+        # two amplitudes of noise were fitted, too
+        variance = residual @ residual / (residual.size - theta.size - 2)
+        free = variance * np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(norms, norms)
+        return np.pad(free, (fixed, 0))
+
+
+def _real(lines: ComplexArray) -> FloatArray:
+    return np.concatenate([lines.real, lines.imag])
+
+
+def _solved(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
+    norms = np.linalg.norm(jacobian, axis=0)
+    return np.linalg.lstsq(jacobian / norms, residual, rcond=1e-9)[0] / norms
+
+
+def _oscillator(mck: FloatArray) -> tuple[float, float] | None:
+    """Natural frequency, in units of the scale, and damping ratio of m, c, k; None if it is no oscillator."""
+    m, c, k = mck[:3]
+    if not k * m > 0:
+        return None
+    zeta = c / (2 * m * np.sqrt(k / m))
+    return (float(np.sqrt(k / m)), float(zeta)) if 0 < zeta < 1 else None
+
+
+def _fitted(
+    lines: _Lines, band: NDArray[np.bool_], start: tuple[float, float], mass: float | None, nothing: LinearFit
+) -> LinearFit | None:
+    """The oscillator on the lines of a band; None if nothing oscillates."""
+    equation = lines.equation(band, open_end=not lines.has_decayed(band))
+    theta, noise, fixed = equation.least_squares(), np.array([1.0, 0.0]), 0
+    quiet = _quiet_fraction(equation.residual(theta)[0], band, lines.n_samples)
+    is_noise = quiet >= QUIET_FRACTION
+    if is_noise:
+        likely, its_noise = equation.maximum_likelihood(*start)
+        if _oscillator(likely) is not None:
+            theta, noise = likely, its_noise
+    elif mass is not None:
+        theta, fixed = equation.least_squares(mass), 1
+    oscillator = _oscillator(theta)
+    if oscillator is None:
+        return None
+    covariance = (1.0 if is_noise else quiet) * equation.covariance(theta, noise, fixed=fixed)
+    m, c, k = theta[:3]
+    of_frequency, of_damping = np.zeros(theta.size), np.zeros(theta.size)
+    of_frequency[:3] = -0.5 / m, 0.0, 0.5 / k
+    of_damping[:3] = -0.5 / m, 1 / c, -0.5 / k
+    std = [float(np.sqrt(gradient @ covariance @ gradient)) for gradient in (of_frequency, of_damping)]
+    frequency_hz, zeta = oscillator[0] * lines.scale_hz, oscillator[1]
+    return replace(
+        nothing,
+        frequency_hz=Estimate.normal(frequency_hz, frequency_hz * std[0]),
+        damping_ratio=Estimate.normal(zeta, zeta * std[1]),
+        band_hz=lines.ends(band),
+        modal_mass=float(m),
+        explained=is_noise,
+    )
+
+
+def _quiet_fraction(residual: ComplexArray, band: NDArray[np.bool_], n_samples: int) -> float:
+    """Power of the misfit in its quietest quarter of the record over its mean.
+
+    Noise is stationary; what a linear mode cannot explain of a nonlinear one is where the motion is large.
+    """
+    spectrum = np.zeros(band.size, dtype=np.complex128)
+    spectrum[band] = residual
+    power = [float(np.mean(part**2)) for part in np.array_split(fft.irfft(spectrum, n_samples), 4)]
+    return float(min(power) / max(np.mean(power), np.finfo(float).tiny))
+
+
+def _compared(tests: Sequence[ModalTest], mode: int, thresholds: tuple[float, float]) -> LevelShift:
     names, fits = _by_amplitude(tests, mode)
-    thresholds = (frequency_threshold, damping_threshold)
-    known = [place for place, fit in enumerate(fits) if fit.frequency_hz.value is not None]
-    sharp = [place for place in known if _is_sharp(fits[place], thresholds)]
+    known = [index for index, fit in enumerate(fits) if fit.frequency_hz.value is not None]
+    sharp = [index for index in known if _is_sharp(fits[index], thresholds)]
     pairs = [(each[0], each[-1]) for each in (sharp, known) if len(each) > 1] or [(0, len(fits) - 1)]
     # a strong shift shows in levels that are not sharp, too
-    verdicts = [_verdict(mode, fits[low], fits[high], thresholds) for low, high in pairs]
-    best = max((place for place, verdict in enumerate(verdicts) if verdict[1]), default=0)
-    (low, high), (shifts, nonlinear, determined, reason) = pairs[best], verdicts[best]
+    found = [_judged(mode, fits[low], fits[high], thresholds) for low, high in pairs]
+    best = max((index for index, (_, nonlinear, _, _) in enumerate(found) if nonlinear), default=0)
+    (low, high), (shifts, nonlinear, determined, reason) = pairs[best], found[best]
     ratio = fits[high].amplitude / fits[low].amplitude if fits[low].amplitude > 0 else np.inf
     between = f"{names[low]!r} and {names[high]!r}"
     if determined and not nonlinear and ratio < LEAST_RATIO:
@@ -155,16 +439,6 @@ def _by_amplitude(tests: Sequence[ModalTest], mode: int) -> tuple[list[str], lis
     return [test.name for _, test in found], fits
 
 
-Shifts = tuple[Estimate, Estimate]
-
-
-def _verdict(
-    mode: int, low: LinearFit, high: LinearFit, thresholds: tuple[float, float]
-) -> tuple[Shifts, bool, bool, str]:
-    shifts = _relative(high.frequency_hz, low.frequency_hz), _relative(high.damping_ratio, low.damping_ratio)
-    return shifts, *_judged(mode, shifts, thresholds)
-
-
 def _is_sharp(fit: LinearFit, thresholds: tuple[float, float]) -> bool:
     pairs = zip((fit.frequency_hz, fit.damping_ratio), thresholds, strict=True)
     return all(
@@ -183,24 +457,24 @@ def _relative(high: Estimate, low: Estimate) -> Estimate:
     return Estimate.normal(ratio - 1, max(1.0, ratio) * float(np.hypot(high.std / high.value, low.std / low.value)))
 
 
-def _judged(mode: int, shifts: Shifts, thresholds: tuple[float, float]) -> tuple[bool, bool, str]:
-    """Whether the mode is nonlinear, whether the data can tell, and why."""
-    words = ("frequency", "damping")
-    shifted, wide = [], []
-    for word, shift, threshold in zip(words, shifts, thresholds, strict=True):
+def _judged(
+    mode: int, low: LinearFit, high: LinearFit, thresholds: tuple[float, float]
+) -> tuple[tuple[Estimate, Estimate], bool, bool, str]:
+    """Shifts of frequency and damping, whether the mode is nonlinear, whether the data can tell, and why."""
+    shifts = _relative(high.frequency_hz, low.frequency_hz), _relative(high.damping_ratio, low.damping_ratio)
+    shifted, wide, percents = [], [], []
+    for word, shift, threshold in zip(("frequency", "damping"), shifts, thresholds, strict=True):
         if shift.value is None or shift.std is None:
-            return False, False, f"the data cannot tell: mode {mode} hardly moves at one of the levels, drive it harder"
+            hardly = f"the data cannot tell: mode {mode} hardly moves at one of the levels, drive it harder"
+            return shifts, False, False, hardly
+        percents.append(f"{100 * shift.value:+.3g} %")
         if abs(shift.value) - SIGMAS * shift.std > threshold:
-            shifted.append(f"{word} by {_percent(shift.value)} (threshold {100 * threshold:.3g} %)")
+            shifted.append(f"{word} by {percents[-1]} (threshold {100 * threshold:.3g} %)")
         if 1.96 * shift.std > threshold:
-            wide.append(f"{word} shifts by {_percent(shift.value)} +- {1.96 * 100 * shift.std:.2g} %")
+            wide.append(f"{word} shifts by {percents[-1]} +- {1.96 * 100 * shift.std:.2g} %")
     if shifted:
-        return True, True, f"mode {mode} shifts in {' and in '.join(shifted)}"
+        return shifts, True, True, f"mode {mode} shifts in {' and in '.join(shifted)}"
     if wide:
-        return False, False, f"the data cannot tell: the {' and the '.join(wide)}, drive mode {mode} harder"
-    both = f"{_percent(shifts[0].value)} in frequency, {_percent(shifts[1].value)} in damping"
-    return False, True, f"mode {mode} shifts no further than its thresholds and chance allow ({both})"
-
-
-def _percent(share: float | None) -> str:
-    return f"{100 * (share or 0.0):+.3g} %"
+        return shifts, False, False, f"the data cannot tell: the {' and the '.join(wide)}, drive mode {mode} harder"
+    both = f"{percents[0]} in frequency, {percents[1]} in damping"
+    return shifts, False, True, f"mode {mode} shifts no further than its thresholds and chance allow ({both})"

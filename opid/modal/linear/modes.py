@@ -1,4 +1,4 @@
-"""Linear modes as they come from a modal test, the modal filter and the force projection."""
+"""Linear modes as they come from a modal test, and records in their coordinates (Pacini eqs. 2 and 3)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
-from opid.signals.recording import FloatArray
+from opid.signals.motion import differentiate
+from opid.signals.recording import Channel, FloatArray, Recording
 
 LARGEST_CONDITION = 30.0
 """Of the shapes: above it a modal coordinate holds more of its neighbours' noise than of its own motion (the paper
@@ -23,7 +24,7 @@ class LinearModes:
 
     Args:
         frequency_hz: (n_modes,) natural frequencies, Hz; 0 for a rigid-body mode.
-        damping_ratio: (n_modes,) share of critical damping; of a rigid-body mode it says nothing.
+        damping_ratio: (n_modes,) fraction of critical damping; of a rigid-body mode it says nothing.
         shapes: (n_sensors, n_modes), one mass-normalised shape a column, kg^-1/2, so that x = shapes q.
         sensors: names of the sensors, one a row of `shapes`.
 
@@ -57,11 +58,11 @@ class LinearModes:
         _require_counts(self)
         if self.frequency_hz.min() < 0:
             raise InputError(f"frequency_hz holds {self.frequency_hz.min():g} Hz: give 0 for rigid-body modes")
-        if not ((self.damping_ratio >= 0) & (self.damping_ratio < 1)).all():
-            bad = int(np.argmax(~((self.damping_ratio >= 0) & (self.damping_ratio < 1))))
+        wrong = np.flatnonzero((self.damping_ratio < 0) | (self.damping_ratio >= 1))
+        if wrong.size:
             raise InputError(
-                f"the damping ratio of mode {bad + 1} is {self.damping_ratio[bad]:g}: give the share of critical "
-                "damping, from 0 to 1 (0.004, not 0.4 %)"
+                f"the damping ratio of mode {wrong[0] + 1} is {self.damping_ratio[wrong[0]]:g}: give the fraction of "
+                "critical damping, from 0 to 1 (0.004, not 0.4 %)"
             )
         silent = np.flatnonzero(~self.shapes.any(axis=0))
         if silent.size:
@@ -91,11 +92,17 @@ class LinearModes:
         """(n_modes,) c0 = 2 zeta omega, 1/s (Pacini eq. 6)."""
         return 2 * self.damping_ratio * (2 * np.pi * self.frequency_hz)
 
-    def place(self, mode: int) -> int:
+    def index(self, mode: int) -> int:
         """Column of a mode, which users count from 1; InputError outside the modes."""
         if mode not in range(1, self.n_modes + 1):
             raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
         return int(mode) - 1
+
+    def neighbours_hz(self, mode: int) -> tuple[float, float]:
+        """Frequencies of the next elastic modes below and above a mode, Hz; 0 and infinity where there is none."""
+        own = self.frequency_hz[self.index(mode)]
+        below, above = (self.frequency_hz[side] for side in (self.frequency_hz < own, self.frequency_hz > own))
+        return float(below.max(initial=0.0)), float(above.min(initial=np.inf))
 
 
 def modal_filter(modes: LinearModes) -> FloatArray:
@@ -162,7 +169,8 @@ def modal_assurance(shapes: ArrayLike, others: ArrayLike | None = None) -> Float
     >>> modal_assurance([[1.0, 1.0], [1.0, -1.0]]).round(12).tolist()
     [[1.0, 0.0], [0.0, 1.0]]
     """
-    first, second = (_as_columns(each) for each in (shapes, shapes if others is None else others))
+    given = (shapes, shapes if others is None else others)
+    first, second = (np.atleast_2d(np.asarray(each).T).T for each in given)
     if first.shape[0] != second.shape[0]:
         raise InputError(
             f"the shapes have {first.shape[0]} and {second.shape[0]} sensors: give both at the same sensors"
@@ -202,9 +210,103 @@ def with_sensors(modes: LinearModes, sensors: Sequence[str]) -> LinearModes:
     shapes = np.stack([modes.row(name) for name in sensors])
     unseen = np.flatnonzero(~shapes.any(axis=0))
     if unseen.size:
-        listed = ", ".join(repr(name) for name in sensors[:6]) + (" ..." if len(sensors) > 6 else "")
-        raise InputError(f"mode {unseen[0] + 1} does not move the sensors {listed}: name one that it moves")
+        raise InputError(f"mode {unseen[0] + 1} does not move the sensors {_listed(sensors)}: name one that it moves")
     return replace(modes, shapes=shapes, sensors=tuple(sensors))
+
+
+@dataclass(frozen=True, eq=False)
+class ModalTest:
+    """One test in modal coordinates, and as it was measured.
+
+    Args:
+        name: of the test.
+        recording: the sensors and, where there is one, the force.
+        acceleration: (n, n_modes) q'' = pinv(Phi) x'', m/s^2 kg^1/2.
+        force: (n,) force at the drive point, N; None for a free decay.
+        modes: linear modes that belong to this test.
+        drive_point: the sensor at whose place the force acts; None for a free decay.
+    """
+
+    name: str
+    recording: Recording
+    acceleration: FloatArray
+    force: FloatArray | None
+    modes: LinearModes
+    drive_point: str | None
+
+    @property
+    def fs(self) -> float:
+        """Sampling rate, Hz."""
+        return self.recording.fs
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors of the modes that the recording has."""
+        return tuple(sensor for sensor in self.modes.sensors if sensor in self.recording.names)
+
+    @property
+    def at_sensors(self) -> FloatArray:
+        """(n, n_sensors) accelerations at `sensors`, m/s^2."""
+        return self.recording.samples[:, [self.recording.index(sensor) for sensor in self.sensors]]
+
+    def modal_acceleration(self, mode: int) -> FloatArray:
+        """(n,) q'' of a mode counted from 1, m/s^2 kg^1/2."""
+        return self.acceleration[:, self.modes.index(mode)]
+
+    def modal_force(self, mode: int) -> FloatArray:
+        """(n,) f_q of a mode counted from 1, N/kg^1/2; zero in a free decay."""
+        if self.force is None or self.drive_point is None:
+            return 0.0 * self.modal_acceleration(mode)
+        return self.modes.row(self.drive_point)[self.modes.index(mode)] * self.force
+
+
+def modal_test(
+    recording: Recording, modes: LinearModes, *, name: str, force: str | None = None, drive_point: str | None = None
+) -> ModalTest:
+    """Return a recording in modal coordinates.
+
+    Args:
+        recording: with a channel for each sensor of the modes, in m/s^2 or m/s; further channels are left aside.
+            Sensors that it lacks are left out of the shapes, too, if those left can still tell the modes apart.
+        modes: linear modes that describe the structure during this test.
+        name: of the test.
+        force: channel of the force, in N; None for a free decay.
+        drive_point: the sensor at whose place and in whose direction it acts; needed with a force.
+
+    Raises:
+        InputError: no channel for any sensor, one that is neither an acceleration nor a velocity, a force that is no
+            force, no drive point, or fewer sensors than modes.
+
+    >>> from opid.signals.recording import recording_from_arrays
+    >>> modes = LinearModes([100.0], [0.004], [[0.5]], ("a",))
+    >>> decay = modal_test(recording_from_arrays([[1.0, 0.5, 0.0]], ["a"], fs=10.0), modes, name="decay")
+    >>> decay.acceleration[:, 0].tolist()
+    [2.0, 1.0, 0.0]
+    """
+    sensors = [sensor for sensor in modes.sensors if sensor in recording.names]
+    if not sensors:
+        raise InputError(
+            f"test {name!r} has none of the sensors {_listed(modes.sensors)}: its channels are "
+            f"{_listed(recording.names)}; call the channels as the shapes call their sensors"
+        )
+    for sensor in sensors:
+        if recording.unit(sensor) not in ("m/s^2", "m/s"):
+            raise InputError(
+                f"channel {sensor!r} of test {name!r} is in {recording.unit(sensor) or 'no unit'} where an "
+                "acceleration or a velocity is needed: give its unit in [channels]"
+            )
+    recording = _with_accelerations(recording, sensors)
+    if force is not None:
+        _require_force(recording, modes, name, force, drive_point)
+    accelerations = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
+    return ModalTest(
+        name=name,
+        recording=recording,
+        acceleration=accelerations @ modal_filter(with_sensors(modes, sensors)).T,
+        force=None if force is None else recording.channel(force),
+        modes=modes,
+        drive_point=drive_point if force is not None else None,
+    )
 
 
 def _real(name: str, given: ArrayLike) -> FloatArray:
@@ -216,11 +318,6 @@ def _real(name: str, given: ArrayLike) -> FloatArray:
     if np.iscomplexobj(array):
         raise InputError(f"{name} is complex: give real normal modes (turn each shape to real and take that part)")
     return real
-
-
-def _as_columns(shapes: ArrayLike) -> np.ndarray:
-    array = np.asarray(shapes)
-    return array[:, None] if array.ndim == 1 else array
 
 
 def _require_counts(modes: LinearModes) -> None:
@@ -235,3 +332,36 @@ def _require_counts(modes: LinearModes) -> None:
     for name in modes.sensors:
         if modes.sensors.count(name) > 1:
             raise InputError(f"the sensor {name!r} stands {modes.sensors.count(name)} times: rename one")
+
+
+def _with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:
+    """The recording, the velocities among its sensors differentiated, as those of a laser vibrometer."""
+    velocities = [sensor for sensor in sensors if recording.unit(sensor) == "m/s"]
+    if not velocities:
+        return recording
+    samples = recording.samples.copy()
+    channels = list(recording.channels)
+    for sensor in velocities:
+        column = recording.index(sensor)
+        samples[:, column] = differentiate(samples[:, column], fs=recording.fs)
+        channels[column] = Channel(sensor, "m/s^2")
+    history = (*recording.history, f"{', '.join(velocities)}: velocities differentiated to accelerations")
+    return replace(recording, samples=samples, channels=tuple(channels), history=history)
+
+
+def _require_force(recording: Recording, modes: LinearModes, name: str, force: str, drive_point: str | None) -> None:
+    if drive_point is None:
+        raise InputError(f"test {name!r} has a force and no drive point: say at which sensor the force acts")
+    modes.row(drive_point)
+    if recording.unit(force) != "N":
+        raise InputError(
+            f"the force channel {force!r} of test {name!r} is in {recording.unit(force) or 'no unit'} where N, "
+            "kN or lbf is needed: give its unit and scale in [channels]"
+        )
+    if not recording.channel(force).any():
+        raise InputError(f"the force {force!r} of test {name!r} is zero throughout: name the channel of the force cell")
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(repr(name) for name in names[:6])
+    return shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")

@@ -9,13 +9,13 @@ import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, meant_by, nearest
 from opid.modal.linear.modes import LinearModes
 from opid.signals.files import written_whole
+from opid.signals.recording import FloatArray
 
 VARIANTS = {
     "frequency_hz": ("frequency", "frequencies", "freq", "fn", "natural_frequency", "natural_frequencies"),
@@ -105,16 +105,12 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
 def looks_unit_normalised(modes: LinearModes) -> str:
     """Return a clause that says how the shapes are scaled if they are scaled to 1, not to unit modal mass; else "".
 
-    Args:
-        modes: the modes; two at least, for the value 1 of a single shape may be chance.
-
     >>> looks_unit_normalised(LinearModes([1, 2], [0, 0], [[1, 1], [0.5, -1]], ("a", "b")))
     'the largest value of every shape is 1'
     """
-    if modes.n_modes < 2:
+    if modes.n_modes < 2:  # the value 1 of a single shape may be chance
         return ""
-    # files carry four digits or more
-    # rigid-body modes often come from another source
+    # files carry four digits or more, and rigid-body modes often come from another source
     shapes = modes.shapes[:, modes.elastic] if modes.elastic.sum() > 1 else modes.shapes
     if np.allclose(np.abs(shapes).max(axis=0), 1, rtol=0, atol=1e-4):
         return "the largest value of every shape is 1"
@@ -124,10 +120,7 @@ def looks_unit_normalised(modes: LinearModes) -> str:
 
 
 def looks_in_percent(modes: LinearModes) -> str:
-    """Return a clause that says so if the damping ratios look like percent, else "".
-
-    Args:
-        modes: the modes; rigid-body modes do not count.
+    """Return a clause that says so if the damping ratios of elastic modes look like percent, else "".
 
     >>> looks_in_percent(LinearModes([10.0, 20.0], [0.4, 0.6], [[0.5, 0.1]], ("a",)))
     'the damping ratio of every elastic mode is above 0.2'
@@ -154,8 +147,8 @@ def _from_npz(source: Path) -> LinearModes:
                 "it holds Python objects, which are not read: give arrays of numbers, and of text for sensors"
             ) from None
         raise InputError(f"it is no sound .npz file ({error}): write it again") from None
-    frequency_hz, damping_ratio = (_numbers(arrays[name], name).ravel() for name in ROWS)
-    return _modes(frequency_hz, damping_ratio, _numbers(arrays["shapes"], "shapes"), _names(arrays["sensors"]))
+    frequency_hz, damping_ratio, shapes = (_numbers(arrays[name], name) for name in (*ROWS, "shapes"))
+    return _modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _names(arrays["sensors"]))
 
 
 def _from_csv(source: Path) -> LinearModes:
@@ -168,12 +161,12 @@ def _from_csv(source: Path) -> LinearModes:
     if delimiter is None:
         raise InputError("its first line has one column: give a header like sensor,mode 1,mode 2")
     try:
-        table = [
-            [cell.strip() for cell in row] for row in csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
-        ]
+        table = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
     except csv.Error as error:
         raise InputError(f"it is no table ({error}): save it as CSV") from None
-    rows = [(number, _without_empty_end(row)) for number, row in enumerate(table, start=1) if any(row)]
+    cells = [[cell.strip() for cell in row] for row in table]
+    # an empty cell after a last delimiter goes; the others stay, for each stands for a mode
+    rows = [(n, row[:-1] if row[1:] and not row[-1] else row) for n, row in enumerate(cells, start=1) if any(row)]
     header = rows[0][1]
     if len({_meant(cell, ROWS) for cell in header} - {""}) == len(ROWS):
         raise InputError(
@@ -201,10 +194,7 @@ _READERS = {".npz": _from_npz, ".csv": _from_csv}
 
 
 def _modes(
-    frequency_hz: np.ndarray[Any, Any],
-    damping_ratio: np.ndarray[Any, Any],
-    shapes: np.ndarray[Any, Any],
-    sensors: tuple[str, ...],
+    frequency_hz: FloatArray, damping_ratio: FloatArray, shapes: FloatArray, sensors: tuple[str, ...]
 ) -> LinearModes:
     turned = (frequency_hz.size, len(sensors))
     if shapes.shape == turned and turned[0] != turned[1]:
@@ -245,7 +235,7 @@ def _assigned(found: list[str], wanted: Sequence[str], what: str, *, others: boo
     return names
 
 
-def _numbers(array: np.ndarray[Any, Any], name: str) -> np.ndarray[Any, Any]:
+def _numbers(array: np.ndarray, name: str) -> np.ndarray:
     if np.iscomplexobj(array):
         if np.any(array.imag):
             raise InputError(f"{name} is complex: give real normal modes, mass-normalised")
@@ -255,7 +245,7 @@ def _numbers(array: np.ndarray[Any, Any], name: str) -> np.ndarray[Any, Any]:
     return array.astype(np.float64)
 
 
-def _names(array: np.ndarray[Any, Any]) -> tuple[str, ...]:
+def _names(array: np.ndarray) -> tuple[str, ...]:
     if array.dtype.kind == "S":
         array = np.char.decode(array, "utf-8")
     if array.dtype.kind != "U":
@@ -286,8 +276,3 @@ def _cell(cell: str, name: str, number: int, delimiter: str) -> float:
     raise InputError(
         f"line {number} ({name!r}) has the complex value {cell!r}: give real normal modes, mass-normalised"
     )
-
-
-def _without_empty_end(row: list[str]) -> list[str]:
-    """A row without the empty cell after a last delimiter; the others stay, for each stands for a mode."""
-    return row[:-1] if len(row) > 1 and not row[-1] else row

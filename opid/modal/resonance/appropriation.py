@@ -138,12 +138,12 @@ class Appropriation:
     @property
     def amplitude(self) -> FloatArray:
         """(n,) amplitude of the modal displacement of the mode, m kg^1/2: with `frequency_hz` its backbone."""
-        return np.abs(self.modal[:, self.modes.place(self.mode), 0]) / (2.0 * np.pi * self.frequency_hz) ** 2
+        return np.abs(self.modal[:, self.modes.index(self.mode), 0]) / (2.0 * np.pi * self.frequency_hz) ** 2
 
     @property
     def damping_ratio(self) -> FloatArray:
         """(n,) zeta of the mode: what the force feeds into it at the fundamental, over 2 omega |q'|^2."""
-        place = self.modes.place(self.mode)
+        place = self.modes.index(self.mode)
         omega = 2.0 * np.pi * self.frequency_hz
         velocity = self.modal[:, place, 0] / (1j * omega)
         fed = self.modes.row(self.drive_point)[place] * np.real(self.force[:, 0] * velocity.conj())
@@ -264,7 +264,7 @@ def levels_for(
     control = controller(rig, modes, mode, drive_point=point, settings=chosen, noise_share=noise_share, rng=rng)
     loop = at_rest(control)
     # a force that is surely too low: at the linear damping, and with nothing lost in the shaker
-    place = modes.place(mode)
+    place = modes.index(mode)
     lowest_n = 2.0 * modes.damping_ratio[place] * top_m_per_s2 / modes.row(point)[place] ** 2
     voltage = lowest_share * lowest_n / (rig.shaker.force_per_volt_n if rig.shaker else 1.0)
     for _ in range(_MOST_TRIALS):

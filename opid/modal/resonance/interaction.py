@@ -104,7 +104,7 @@ def modal_interaction(
     if known.sensors != appropriation.modes.sensors or known.n_modes != appropriation.modes.n_modes:
         raise InputError("the modes have other sensors or another number of modes than those of the appropriation")
 
-    target = known.place(appropriation.mode)
+    target = known.index(appropriation.mode)
     amplitude = np.abs(appropriation.modal)
     shares = amplitude / amplitude[:, target, :1, np.newaxis]
     driven = _driven(appropriation, known) / np.maximum(amplitude, np.finfo(float).tiny)

@@ -156,7 +156,7 @@ def controller(
         InputError: no such mode, a rigid-body mode, one without damping or one that the drive point does not move,
             sensors that the rig lacks, a negative noise, or a range without the natural frequency.
     """
-    place = modes.place(mode)
+    place = modes.index(mode)
     natural_hz, zeta = float(modes.frequency_hz[place]), float(modes.damping_ratio[place])
     if natural_hz == 0.0 or zeta == 0.0:
         raise InputError(

@@ -32,7 +32,7 @@ def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
         (1, 2) Axes.
     """
     amplitude = 1e6 * appropriation.amplitude
-    place = appropriation.modes.place(appropriation.mode)
+    place = appropriation.modes.index(appropriation.mode)
     linear = (appropriation.modes.frequency_hz[place], 100 * appropriation.modes.damping_ratio[place])
     found = (appropriation.frequency_hz, 100 * appropriation.damping_ratio)
     with house_style():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.modal.linear.coordinates import ModalTest
+from opid.modal.linear.modes import ModalTest
 from opid.modal.result import ForceCurve, ModalIdentification, ModeFit
 from opid.plots.style import BLUE, GREEN, GREY, INK, PALE, SKY, VERMILION, house_style, panels, plain_numbers, thick
 
@@ -165,7 +165,7 @@ def _force_row(row: np.ndarray, curve: ForceCurve, place: str, name: str, symbol
 
 
 def _of_mode(test: ModalTest, mode: int) -> np.ndarray:
-    return test.acceleration[:, test.modes.place(mode)]
+    return test.acceleration[:, test.modes.index(mode)]
 
 
 def _levels(n: int) -> list[Any]:

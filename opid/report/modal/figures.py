@@ -9,8 +9,8 @@ import numpy as np
 
 from opid import plots
 from opid.modal.decay.free_decay import Decay
-from opid.modal.linear.coordinates import ModalTest
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
+from opid.modal.linear.modes import ModalTest
 from opid.modal.result import ModalIdentification, ModeFit, TruthTest
 from opid.modal.study import THRESHOLDS
 from opid.report.document import Figure, Truth

@@ -18,8 +18,7 @@ from opid.modal.forced.excitation import (
     shaped_sweep,
     sine_beat_voltage,
 )
-from opid.modal.linear.coordinates import modal_test
-from opid.modal.linear.modes import LinearModes, force_projection, modal_filter
+from opid.modal.linear.modes import LinearModes, force_projection, modal_filter, modal_test
 from opid.modal.study import ModalStudy, StudyTest, Use
 from opid.signals.recording import FloatArray, Recording
 from opid.virtual.modal_tests.case_studies import CaseStudy
@@ -146,14 +145,14 @@ def top_displacement(series: VirtualSeries, mode: int) -> float:
         series: what it is to do.
         mode: number of the mode, from 1.
     """
-    return _top(series, mode) / float(series.case.modes.stiffness()[series.case.modes.place(mode)])
+    return _top(series, mode) / float(series.case.modes.stiffness()[series.case.modes.index(mode)])
 
 
 def _top(series: VirtualSeries, mode: int) -> float:
     """Modal acceleration that the highest level is to reach."""
-    shape = series.case.modes.shapes[:, series.case.modes.place(mode)]
+    shape = series.case.modes.shapes[:, series.case.modes.index(mode)]
     if series.top_sensor is not None:
-        shape = series.case.modes.row(series.top_sensor)[[series.case.modes.place(mode)]]
+        shape = series.case.modes.row(series.top_sensor)[[series.case.modes.index(mode)]]
     return series.top_m_per_s2 / float(np.abs(shape).max())
 
 
