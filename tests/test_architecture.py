@@ -50,8 +50,10 @@ KNOWN_TO_VIRTUAL_TESTS = {
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
 OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")]
 ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
-# So do those of signals and of nonlinear modal models, whose users are all others.
+# So do those of each of these, and those of signals and of nonlinear modal models, whose users are all others.
+PAPER, BENCH, FLIGHTS = (frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights"))
 SIGNALS, MODAL = (frozenset(path.parent for path in (PACKAGE / each).rglob("*.py")) for each in ("signals", "modal"))
+ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, SIGNALS, MODAL)
 MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND
@@ -325,7 +327,7 @@ def undocumented_arguments(path, tree):
     if room_of(path) == "cli":
         return  # click's options carry their own help
     module = ".".join(("opid", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
-    beyond = [names_beyond(folders) for folders in (ESTIMATOR, SIGNALS, MODAL) if path.parent in folders]
+    beyond = [names_beyond(folders) for folders in ROOMS if path.parent in folders]
     for node in public_definitions(tree):
         # what such files call among themselves has a sentence and a good name, its records have fields
         if isinstance(node, ast.FunctionDef) and any(f"{module}.{node.name}" not in names for names in beyond):

@@ -14,7 +14,7 @@ def _surface(nonlinear: Law, noise=0.01, seed=0, n=N):
     rng = np.random.default_rng(seed)
     z, v = 3e-3 * rng.standard_normal(n), 0.05 * rng.standard_normal(n)
     force = 200 * z + 3 * v + nonlinear.force(z, v) + noise * rng.standard_normal(n)
-    return RestoringForce(z, v, force, 500.0, "spectral", 0.3)
+    return RestoringForce(z, v, force, 500.0)
 
 
 # per unit of mass: amplitudes in m/s^2

@@ -35,7 +35,7 @@ def test_bins_hold_every_point_once_and_their_means(run):
     rng = np.random.default_rng(1)
     z, v = rng.standard_normal((2, 20_000))
     force = 2 * z - v + 0.1 * rng.standard_normal(z.size)
-    grid = binned_surface(RestoringForce(z, v, force, 100.0, "spectral", 0.3), n_travel=20, n_velocity=30)
+    grid = binned_surface(RestoringForce(z, v, force, 100.0), n_travel=20, n_velocity=30)
     assert grid.counts.sum() == z.size
     centre_z, centre_v = grid.centres
     full = grid.counts > 100
@@ -50,7 +50,7 @@ def test_bins_hold_every_point_once_and_their_means(run):
 
 def test_slices_lie_near_their_axis():
     z, v = np.random.default_rng(2).standard_normal((2, 20_000))
-    points = RestoringForce(z, v, 2 * z + 5 * v, 100.0, "spectral", 0.3)
+    points = RestoringForce(z, v, 2 * z + 5 * v, 100.0)
     stiffness, damping = (slice_curve(points, along=along, half_width_std=0.1) for along in ("travel", "velocity"))
     assert np.abs(v[stiffness.sample]).max() <= stiffness.half_width
     np.testing.assert_allclose(np.polyfit(stiffness.position, stiffness.force_per_mass, 1)[0], 2, rtol=0.05)
@@ -69,4 +69,4 @@ def test_bad_input_is_named(run):
     with pytest.raises(InputError, match="2 x 2"):
         binned_surface(surface, n_travel=1)
     with pytest.raises(InputError, match="moved as one"):
-        binned_surface(RestoringForce(*np.zeros((3, 100)), 100.0, "spectral", 0.3))
+        binned_surface(RestoringForce(*np.zeros((3, 100)), 100.0))

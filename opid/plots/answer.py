@@ -14,8 +14,8 @@ from opid.estimate import Estimate
 from opid.plots.laws import model_ladder
 from opid.plots.style import GREEN, GREY, INK, house_style, panels, run_colors
 from opid.suspensions.paper.chain import PaperChain, PeakPair
-from opid.suspensions.paper.direct_parameters import NAMES
 from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.paper.spectral_equation import RATIOS
 from opid.suspensions.result import GearRatios
 
 __all__ = ["estimates", "law_ladder"]
@@ -140,7 +140,7 @@ def _of_all_runs(result: AnyIdentification) -> tuple[Estimate, list[Estimate], f
         joint, added = result.joint, result.added_mass
         std = dict(zip(joint.names, joint.std, strict=True))
         mass = Estimate() if added is None else Estimate.normal(added["sprung_mass_kg"], added.std[0])
-        return mass, [Estimate.normal(joint[name], std.get(name)) for name in NAMES], joint["inverse_mass"]
+        return mass, [Estimate.normal(joint[name], std.get(name)) for name in RATIOS], joint["inverse_mass"]
     mass, ratios = result.parameters.sprung_mass_kg, result.ratios
     assert isinstance(ratios, GearRatios)  # a body has no such chain
     over_mass = [ratios.stiffness_per_mass, ratios.damping_per_mass, ratios.ground_stiffness_per_mass]

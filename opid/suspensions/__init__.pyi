@@ -46,7 +46,6 @@ from .paper.direct_parameters import (
     mass_over_stiffness as mass_over_stiffness,
 )
 from .paper.identification import identify_by_paper as identify_by_paper
-from .paper.joint_fit import JointFit as JointFit
 from .paper.law_search import (
     fit_law as fit_law,
     search_law as search_law,
@@ -63,6 +62,7 @@ from .paper.restoring_force import (
 from .paper.result import PaperIdentification as PaperIdentification
 from .paper.settings import PaperSettings as PaperSettings
 from .paper.spectral_equation import (
+    JointFit as JointFit,
     equation_lines as equation_lines,
     fit_equation as fit_equation,
 )

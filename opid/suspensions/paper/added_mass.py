@@ -13,10 +13,9 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.laws.law import Law
-from opid.signals.recording import FloatArray
 from opid.suspensions.paper.direct_parameters import mass_over_stiffness
-from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
+from opid.suspensions.paper.spectral_equation import RATIOS, FittedValues, JointFit
 from opid.suspensions.paper.transmissibility import Peak
 
 
@@ -55,32 +54,19 @@ class PeakMatch:
 
 
 @dataclass(frozen=True, eq=False)
-class AddedMass:
-    """Absolute parameters of the reference run from one joint fit.
+class AddedMass(FittedValues):
+    """Absolute parameters of the reference run from one joint fit, with covariance by the delta method.
+
+    Its values are "sprung_mass_kg", "suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m",
+    "ground_stiffness_n_per_m", then "law[i]" for entry i of `law.vector`.
 
     Args:
-        names: "sprung_mass_kg", "suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m",
-            "ground_stiffness_n_per_m", then "law[i]" for entry i of `law.vector`.
-        value: (n_parameters,).
-        covariance: (n_parameters, n_parameters), by the delta method from `fit`.
         law: the nonlinear law, N.
         fit: the fit per unit of mass that this was scaled from.
     """
 
-    names: tuple[str, ...]
-    value: FloatArray
-    covariance: FloatArray
     law: Law
     fit: JointFit
-
-    @property
-    def std(self) -> FloatArray:
-        """(n_parameters,) standard deviations."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
-
-    def __getitem__(self, name: str) -> float:
-        """Value of the parameter called `name`."""
-        return float(self.value[self.names.index(name)])
 
 
 def two_peak_mass(
@@ -171,7 +157,7 @@ def absolute_parameters(
     """
     if "inverse_mass" not in fit.names:
         raise InputError("the fit has no free mass: fit runs of at least two masses with inverse_mass given")
-    mu, mu_std = fit["inverse_mass"], float(fit.std[fit.names.index("inverse_mass")])
+    mu, mu_std = fit["inverse_mass"], fit.std_of("inverse_mass")
     if not mu > settings.mass_seen_above * mu_std:
         opposite = mu < -settings.mass_seen_above * mu_std
         raise NotDeterminedError(_unseen(mu, mu_std, max(mass_changes_kg) - min(mass_changes_kg), opposite), fit)
@@ -186,33 +172,22 @@ def absolute_parameters(
 
 def _absolute(fit: JointFit) -> AddedMass:
     """Scale the ratios by the mass, with the covariance by the delta method."""
-    mu = fit["inverse_mass"]
-    n_law = fit.law.vector.size
-    ratios = [fit["stiffness_per_mass"], fit["damping_per_mass"], fit["ground_stiffness_per_mass"]]
-    heads = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
-    amplitude = [parameter.role == "amplitude" for parameter in fit.law.parameter_list]
-    jacobian = np.zeros((4 + n_law, len(fit.names)))
-    last = fit.names.index("inverse_mass")
-    jacobian[0, last] = -1 / mu**2
-    for row, (name, ratio) in enumerate(zip(heads, ratios, strict=True), start=1):
+    mu, last = fit["inverse_mass"], fit.names.index("inverse_mass")
+    of_law = tuple(f"law[{i}]" for i in range(fit.law.vector.size))
+    per_mass = np.array([fit[name] for name in (*RATIOS, *of_law)])
+    is_scaled = np.array([True] * 3 + [parameter.role == "amplitude" for parameter in fit.law.parameter_list])
+    factor = np.where(is_scaled, 1 / mu, 1.0)
+    jacobian = np.zeros((1 + per_mass.size, len(fit.names)))
+    for row, name in enumerate((*RATIOS, *of_law)):
         if name in fit.names:
-            jacobian[row, fit.names.index(name)] = 1 / mu
-        jacobian[row, last] = -ratio / mu**2
-    for i, (value, scaled) in enumerate(zip(fit.law.vector, amplitude, strict=True)):
-        jacobian[4 + i, fit.names.index(f"law[{i}]")] = 1 / mu if scaled else 1.0
-        jacobian[4 + i, last] = -value / mu**2 if scaled else 0.0
-    law = fit.law.scaled(1 / mu)
+            jacobian[1 + row, fit.names.index(name)] = factor[row]
+    jacobian[:, last] = np.append(-1.0, np.where(is_scaled, -per_mass, 0.0)) / mu**2
+    heads = ("sprung_mass_kg", "suspension_stiffness_n_per_m", "suspension_damping_n_s_per_m")
     return AddedMass(
-        names=(
-            "sprung_mass_kg",
-            "suspension_stiffness_n_per_m",
-            "suspension_damping_n_s_per_m",
-            "ground_stiffness_n_per_m",
-            *(f"law[{i}]" for i in range(n_law)),
-        ),
-        value=np.array([1 / mu, *(ratio / mu for ratio in ratios), *law.vector]),
+        names=(*heads, "ground_stiffness_n_per_m", *of_law),
+        value=np.append(1 / mu, factor * per_mass),
         covariance=jacobian @ fit.covariance @ jacobian.T,
-        law=law,
+        law=fit.law.scaled(1 / mu),
         fit=fit,
     )
 

@@ -13,17 +13,54 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.mechanics.laws.law import Law
+from opid.signals.health.inspection import Finding, check_channels, without_spikes
 from opid.signals.motion import Motion, relative_motion
-from opid.signals.spectra import Transmissibility, transmissibility
+from opid.signals.recording import FloatArray
+from opid.signals.spectra import Transmissibility, noise_floor, transmissibility
 from opid.suspensions.paper.added_mass import PeakMatch, TwoPeakMass, match_peaks, two_peak_mass
 from opid.suspensions.paper.direct_parameters import DirectParameters, complex_least_squares, errors_in_variables
-from opid.suspensions.paper.law_search import thinned
 from opid.suspensions.paper.nonlinearity import LawFit, fit_slice, fit_surface
-from opid.suspensions.paper.preparation import PreparedRun, combined_noise, prepare_runs
-from opid.suspensions.paper.restoring_force import BinnedSurface, SliceCurve, binned_surface, slice_curve
+from opid.suspensions.paper.restoring_force import (
+    BinnedSurface,
+    RestoringForce,
+    SliceCurve,
+    binned_surface,
+    restoring_force,
+    slice_curve,
+)
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
+from opid.suspensions.paper.spectral_equation import EquationLines, equation_lines
 from opid.suspensions.paper.transmissibility import Peak, transmissibility_peaks, transmissibility_without_force
-from opid.suspensions.study import Study
+from opid.suspensions.study import Run, Study
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRun:
+    """One run, checked, mended and integrated: what every step of the chain begins with.
+
+    Args:
+        name: of the run.
+        mass_change_kg: against the reference, kg.
+        fs: sampling rate, Hz.
+        time_s: (n,) s.
+        unsprung: (n,) x1'', single spikes mended, m/s^2.
+        sprung: (n,) x2'', likewise.
+        findings: what the health check says of the pair.
+        noise_floor: of the unsprung and the sprung channel, m/s^2.
+        surface: restoring-force points.
+        lines: the run's transform.
+    """
+
+    name: str
+    mass_change_kg: float
+    fs: float
+    time_s: FloatArray
+    unsprung: FloatArray
+    sprung: FloatArray
+    findings: tuple[Finding, ...]
+    noise_floor: tuple[float, float]
+    surface: RestoringForce
+    lines: EquationLines
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +85,8 @@ class RunEvidence(PreparedRun):
     motion: Motion
     motion_mean_removed: Motion
     binned: BinnedSurface
-    slices: tuple[SliceCurve, SliceCurve]
-    slice_fits: tuple[LawFit, LawFit]
+    slices: tuple[SliceCurve, ...]
+    slice_fits: tuple[LawFit, ...]
     surface_fit: LawFit
     T: Transmissibility
     T_without_force: Transmissibility
@@ -85,7 +122,6 @@ class PaperChain:
         pairs: matched peaks of the reference and each other run.
         static_transmissibility: T(0) read from the lowest lines, for the peak formula.
         noise_floor_m_per_s2: noise of the sprung channel, which dominates the equation above resonance.
-        mended_spikes: single samples that were mended, of the unsprung and the sprung channel of all runs.
         high_pass_hz: corner of the integration, Hz.
         band_hz: lines that were used, Hz.
     """
@@ -94,7 +130,6 @@ class PaperChain:
     pairs: tuple[PeakPair, ...]
     static_transmissibility: float
     noise_floor_m_per_s2: float
-    mended_spikes: tuple[int, int]
     high_pass_hz: float
     band_hz: tuple[float, float]
 
@@ -131,40 +166,61 @@ def compute_chain(
         InputError: two channels that make no pair, or a run that is too short.
     """
     settings = replace(settings, ground=ground, band_hz=band_hz, high_pass_hz=high_pass_hz)
-    runs = prepare_runs(study, settings=settings, progress=progress)
-    return chain_of(runs, law_per_mass, inverse_mass=inverse_mass, settings=settings, progress=progress)
+    say = progress or (lambda step: None)
+    runs = prepare_runs(study, settings, say)
+    return chain_of(runs, law_per_mass, inverse_mass, settings, say)
+
+
+def prepare_runs(study: Study, settings: PaperSettings, say: Callable[[str], None]) -> tuple[PreparedRun, ...]:
+    """Check, mend and integrate the runs of a study."""
+    pair = (study.unsprung, study.sprung)
+    findings = [check_channels(run.recording, [pair], pair, run=run.name) for run in study.runs]
+    say("restoring force")
+    return tuple(
+        _prepared(study, run, (*run.findings, *found), settings)
+        for run, found in zip(study.runs, findings, strict=True)
+    )
+
+
+def _prepared(study: Study, run: Run, findings: tuple[Finding, ...], settings: PaperSettings) -> PreparedRun:
+    fs, high_pass_hz = study.fs, settings.high_pass_hz
+    pair = [without_spikes(samples, fs=fs)[0] for samples in study.accelerations(run)]
+    band_hz, change_kg = settings.band_at(fs), run.mass_change_kg
+    return PreparedRun(
+        name=run.name,
+        mass_change_kg=change_kg,
+        fs=run.recording.fs,
+        time_s=run.recording.time_s,
+        unsprung=pair[0],
+        sprung=pair[1],
+        findings=findings,
+        noise_floor=(noise_floor(pair[0], fs=fs), noise_floor(pair[1], fs=fs)),
+        surface=restoring_force(*pair, fs=fs, high_pass_hz=high_pass_hz),
+        lines=equation_lines(*pair, fs=fs, band_hz=band_hz, high_pass_hz=high_pass_hz, mass_change_kg=change_kg),
+    )
 
 
 def chain_of(
     runs: Sequence[PreparedRun],
     law_per_mass: Law,
-    *,
     inverse_mass: float,
     settings: PaperSettings,
-    progress: Callable[[str], None] | None = None,
+    say: Callable[[str], None],
 ) -> PaperChain:
-    """Run the steps of the paper on prepared runs.
-
-    Args:
-        runs: of `prepare_runs` with the same settings.
-        law_per_mass: the nonlinear law per unit of the reference mass, m/s^2.
-        inverse_mass: 1/M2 of the reference, 1/kg; 0 where the mass is not determined.
-        settings: `ground`, and everything that was chosen.
-        progress: called with the name of each step as it begins.
-    """
-    if progress is not None:
-        progress("runs")
+    """Run the steps of the paper on prepared runs, see `compute_chain`."""
+    say("runs")
     # a run of another mass has another force per unit of its own mass
     found = tuple(
         _run_evidence(run, law_per_mass.scaled(1 / (1 + inverse_mass * run.mass_change_kg)), settings) for run in runs
     )
     static = float(np.mean([_static_transmissibility(run.T, settings.static_hz) for run in found]))
+    # the sprung channel's, which dominates the equation above resonance
+    noise = [max(run.noise_floor[1], settings.least_noise * float(run.sprung.std())) for run in runs]
     return PaperChain(
         runs=found,
         pairs=_peak_pairs(found, static, settings.largest_mass_fraction),
         static_transmissibility=static,
-        noise_floor_m_per_s2=combined_noise(runs, least_noise=settings.least_noise),
-        mended_spikes=(sum(run.mended_spikes[0] for run in runs), sum(run.mended_spikes[1] for run in runs)),
+        noise_floor_m_per_s2=float(np.sqrt(np.mean(np.square(noise)))),
         high_pass_hz=settings.high_pass_hz,
         band_hz=runs[0].lines.band_hz,
     )
@@ -179,19 +235,16 @@ def _run_evidence(run: PreparedRun, law: Law, settings: PaperSettings) -> RunEvi
     complex_fit = complex_least_squares(
         conditioned, band_hz=(max(low, 2 / settings.block_s), high), ground=settings.ground
     )
-    slices = (
-        slice_curve(run.surface, along="travel", half_width_std=settings.slice_half_width),
-        slice_curve(run.surface, along="velocity", half_width_std=settings.slice_half_width),
-    )
-    n, least = settings.n_cells, settings.least_points_of_cell
+    width, n, least = settings.slice_half_width, settings.n_cells, settings.least_points_of_cell
+    slices = tuple(slice_curve(run.surface, along=along, half_width_std=width) for along in ("travel", "velocity"))
     return RunEvidence(
         **vars(run),
         motion=motion,
         motion_mean_removed=relative_motion(run.unsprung, run.sprung, fs=fs, method="mean_removed"),
         binned=binned_surface(run.surface, n_travel=n, n_velocity=n, min_count=least),
         slices=slices,
-        slice_fits=(fit_slice(slices[0], settings=settings), fit_slice(slices[1], settings=settings)),
-        surface_fit=fit_surface(thinned(run.surface, n_points=settings.start_points), settings=settings),
+        slice_fits=tuple(fit_slice(curve, settings=settings) for curve in slices),
+        surface_fit=fit_surface(run.surface.thinned(settings.start_points), settings=settings),
         T=measured,
         T_without_force=conditioned,
         T_subtracted=subtracted,

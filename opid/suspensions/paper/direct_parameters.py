@@ -12,38 +12,15 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law
-from opid.signals.recording import FloatArray
 from opid.signals.spectra import Transmissibility
 from opid.suspensions.paper.settings import PaperSettings
-from opid.suspensions.paper.spectral_equation import EquationLines, fit_equation
+from opid.suspensions.paper.spectral_equation import RATIOS, EquationLines, FittedValues, fit_equation
 from opid.suspensions.paper.transmissibility import Peak
-
-NAMES = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
 
 
 @dataclass(frozen=True, eq=False)
-class DirectParameters:
-    """Ratios to the sprung mass of one run.
-
-    Args:
-        value: (3,) K2/M2 (1/s^2), C2/M2 (1/s), K3/M2 (1/s^2), as in `NAMES`.
-        covariance: (3, 3).
-        law: nonlinear law per unit of mass that was fitted beside them.
-        residual_rms: rms of the residual: of T for complex least squares, of white noise on the channels (m/s^2) for
-            errors in variables.
-        n_lines: spectral lines used.
-    """
-
-    value: FloatArray
-    covariance: FloatArray
-    law: Law
-    residual_rms: float
-    n_lines: int
-
-    @property
-    def std(self) -> FloatArray:
-        """(3,) standard deviations."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+class DirectParameters(FittedValues):
+    """Ratios to the sprung mass of one run: K2/M2 (1/s^2), C2/M2 (1/s) and K3/M2 (1/s^2)."""
 
     @property
     def natural_frequency_hz(self) -> float:
@@ -126,16 +103,8 @@ def complex_least_squares(
     # a window smears neighbouring lines: there are fewer independent ones, by its equivalent noise bandwidth
     variance *= _noise_bandwidth(T)
     covariance = variance * np.linalg.pinv((left / scale).T @ (left / scale)) / np.outer(scale, scale)
-    pad = 3 - solution.size
-    k, c, g = np.pad(solution / scale, (0, pad))
-    modelled = (k + 1j * omega * c) / (k + g - omega**2 + 1j * omega * c)
-    return DirectParameters(
-        np.array([k, c, g]),
-        np.pad(covariance, (0, pad)),
-        Law(),
-        float(np.sqrt(np.mean(np.abs(modelled - ratio) ** 2))),
-        int(inside.sum()),
-    )
+    pad = (0, 3 - solution.size)
+    return DirectParameters(RATIOS, np.pad(solution / scale, pad), np.pad(covariance, pad))
 
 
 def _noise_bandwidth(T: Transmissibility) -> float:
@@ -171,12 +140,7 @@ def errors_in_variables(
         ground=ground,
         cluster_hz=cluster_hz,
     )
-    indices = [fit.names.index(name) for name in NAMES if name in fit.names]
-    pad = 3 - len(indices)
+    n = 2 + ground
     return DirectParameters(
-        np.array([fit[name] for name in NAMES]),
-        np.pad(fit.covariance[np.ix_(indices, indices)], (0, pad)),
-        fit.law,
-        fit.noise_m_per_s2,
-        run.omega.size,
+        RATIOS, np.array([fit[name] for name in RATIOS]), np.pad(fit.covariance[:n, :n], (0, 3 - n))
     )

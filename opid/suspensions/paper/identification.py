@@ -12,21 +12,20 @@ from opid.estimate import Estimate
 from opid.suspensions.law_search.force_surface import VisitedForce, visited_force
 from opid.suspensions.law_search.pursuit import LawStep, chosen
 from opid.suspensions.paper.added_mass import AddedMass, absolute_parameters
-from opid.suspensions.paper.chain import PaperChain, chain_of
-from opid.suspensions.paper.direct_parameters import NAMES
-from opid.suspensions.paper.estimates import (
+from opid.suspensions.paper.answer import (
     gain_like_fraction,
     law_estimates_of,
     parameters_of,
     ratios_of,
     straight_terms,
+    warnings_of,
+    warnings_of_the_logs,
 )
-from opid.suspensions.paper.joint_fit import JointFit
+from opid.suspensions.paper.chain import PaperChain, PreparedRun, chain_of, prepare_runs
 from opid.suspensions.paper.law_search import fit_law, search_law
-from opid.suspensions.paper.preparation import PreparedRun, prepare_runs
 from opid.suspensions.paper.result import METHODS, PaperIdentification, PaperMethod
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
-from opid.suspensions.paper.warnings import warnings_of, warnings_of_the_logs
+from opid.suspensions.paper.spectral_equation import JointFit
 from opid.suspensions.result import GearParameters, GearRatios
 from opid.suspensions.study import Study
 
@@ -68,11 +67,11 @@ def identify_by_paper(
         raise InputError(f"there is no method {method!r}: {nearest(method, METHODS)}")
     say = progress or (lambda step: None)
     settings = replace(settings, law=law, band_hz=band_hz, high_pass_hz=high_pass_hz, ground=ground)
-    runs = prepare_runs(study, settings=settings, progress=progress)
+    runs = prepare_runs(study, settings, say)
     say("law")
     ladder = _tried_laws(runs, settings)
     joint = chosen(ladder).fit
-    chain = chain_of(runs, joint.law, inverse_mass=joint["inverse_mass"], settings=settings, progress=progress)
+    chain = chain_of(runs, joint.law, joint["inverse_mass"], settings, say)
     say("added mass")
     result = _without_numbers(study, method, chain, ladder, settings)
     if method == "paper":
@@ -140,10 +139,10 @@ def _conclude(result: PaperIdentification) -> PaperIdentification:
     result, settings = _widened(result), result.settings
     joint, added = result.joint, result.added_mass
     gain = gain_like_fraction(joint, settings)
-    ratios = ratios_of(joint.value, joint.covariance, joint.names, gain=gain, equal_gains=settings.equal_gains)
+    ratios = ratios_of(joint, gain=gain, equal_gains=settings.equal_gains)
     if added is None:
         law, parameters = joint.law, result.parameters
-        law_std = np.array([joint.std[joint.names.index(f"law[{i}]")] for i in range(law.vector.size)])
+        law_std = np.array([joint.std_of(f"law[{i}]") for i in range(law.vector.size)])
         stiffness, damping = joint["stiffness_per_mass"], joint["damping_per_mass"]
     else:
         law, law_std = added.law, added.std[4:]
@@ -168,7 +167,7 @@ def _widened(result: PaperIdentification) -> PaperIdentification:
 def _withheld(result: PaperIdentification) -> PaperIdentification:
     """Take away the intervals of what a straight term is confounded with, and keep the values."""
     parameters, ratios, laws = result.parameters, result.ratios, result.law_estimates
-    for term in straight_terms(result.joint.law, result.chain.runs, straight_above=result.settings.straight_above):
+    for term in straight_terms(result):
         parameters = parameters.with_estimates(Estimate.without_interval, only=term.confounded_with)
         ratios = ratios.with_estimates(Estimate.without_interval, only=term.confounded_with)
         laws = term.without_interval(laws)
@@ -190,8 +189,7 @@ def _refuse(result: PaperIdentification) -> PaperIdentification:
             f"even behave alike (natural frequencies {min(frequencies):.3f} to {max(frequencies):.3f} Hz): check "
             "mass_change_kg; the ratios given are those of the first run alone"
         )
-        alone, equal_gains = runs[0].spectral_fit, result.settings.equal_gains
-        ratios = ratios_of(alone.value, alone.covariance, NAMES, gain=0.0, equal_gains=equal_gains)
+        ratios = ratios_of(runs[0].spectral_fit, gain=0.0, equal_gains=result.settings.equal_gains)
     return replace(result, ratios=ratios, added_mass=None, not_determined=reason, warnings=tuple(warnings_of(result)))
 
 

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.laws.law import LAWS, Law, Term, default_law
+from opid.mechanics.laws.law import Law, Term, default_law
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.pursuit import LawStep, search_laws
 from opid.suspensions.model.law_parameters import faint_terms, has_slope
-from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.nonlinearity import fit_surface
 from opid.suspensions.paper.restoring_force import RestoringForce
 from opid.suspensions.paper.settings import DEFAULTS, PaperSettings
-from opid.suspensions.paper.spectral_equation import EquationLines, differentiate, fit_equation
+from opid.suspensions.paper.spectral_equation import EquationLines, JointFit, differentiate, fit_equation
 from opid.suspensions.settings import SearchSettings
 
 
@@ -54,39 +53,20 @@ class EquationLaws:
             alike_bic=self.known.bic_margin,
         )
 
-    def linear_fit(self) -> JointFit:
-        """Return the fit without a law."""
-        return self.refit(None, {"": Law()})
-
     def dictionaries(self, fit: JointFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
-        """Return the candidates beside a fit.
-
-        Args:
-            fit: where to depart from.
-            kinds: that may enter.
-        """
+        """Return the candidates beside a fit."""
         offered = [term for kind in kinds if kind not in fit.law.parameters for term in self._faint(kind, fit)]
         # a scale that is moved by a thousandth shows the derivative by its logarithm
         moved = [Term(term.name, (term.amplitude, *(1.001 * scale for scale in term.inner))) for term in offered]
-        found = differentiate(self.runs, fit, [*offered, *moved])
+        residual, by_law, by_others, by_terms = differentiate(self.runs, fit, [*offered, *moved])
         nodes: dict[str, list[Node]] = {}
-        columns = zip(offered, found.by_terms[: len(offered)], found.by_terms[len(offered) :], strict=True)
-        for term, column, beside in columns:
+        for term, column, beside in zip(offered, by_terms[: len(offered)], by_terms[len(offered) :], strict=True):
             slope = 1000 * (beside - column) if has_slope(term.kind) else None
             nodes.setdefault(term.name, []).append(Node(Term(term.name, (1.0, *term.inner)), column, slope))
-        return {
-            "": make_dictionary(
-                fit.law, found.residual, found.by_law, found.by_others, nodes, self.settings, n_data=fit.n_data
-            )
-        }
+        return {"": make_dictionary(fit.law, residual, by_law, by_others, nodes, self.settings, n_data=fit.n_data)}
 
     def refit(self, fit: JointFit | None, laws: Mapping[str, Law]) -> JointFit:
-        """Fit another law from the values that it has, and from those of the surface.
-
-        Args:
-            fit: of another law.
-            laws: the law, by the empty name.
-        """
+        """Fit another law from the values that it has, and from those of the surface."""
         return fit_law(
             self.runs,
             self.surfaces,
@@ -140,14 +120,12 @@ def search_law(
     Raises:
         InputError: an unknown candidate.
     """
-
     for name in settings.candidates:
-        if name not in LAWS:
-            default_law(name)  # says which law is meant
+        default_law(name)  # an unknown one is named here
     if settings.most_terms < 0:
         raise InputError(f"most_terms is {settings.most_terms}: give 0 or more")
     problem = EquationLaws(runs, surfaces, inverse_mass, ground, settings)
-    return search_laws(problem, problem.linear_fit(), kinds=settings.candidates)
+    return search_laws(problem, problem.refit(None, {"": Law()}), kinds=settings.candidates)
 
 
 def fit_law(
@@ -174,8 +152,7 @@ def fit_law(
     Returns:
         The better of the fits from the starts.
     """
-    surface = thinned(surfaces[0], n_points=settings.start_points)
-    rough = fit_surface(surface, law_name, settings=settings)
+    rough = fit_surface(surfaces[0].thinned(settings.start_points), law_name, settings=settings)
     starts = [(rough.straight["stiffness_per_mass"], rough.straight["damping_per_mass"], rough.law, inverse_mass)]
     if before is not None:
         fit, law = before
@@ -194,21 +171,3 @@ def fit_law(
         for stiffness, damping, law, mu in starts
     ]
     return max(fits, key=lambda fit: fit.log_likelihood)
-
-
-def thinned(surface: RestoringForce, *, n_points: int = PaperSettings.start_points) -> RestoringForce:
-    """Return every so many points of a surface: enough for start values and for verdicts on terms.
-
-    Args:
-        surface: the points of one run.
-        n_points: about so many are left.
-    """
-    step = max(1, surface.travel.size // n_points)
-    return RestoringForce(
-        np.ascontiguousarray(surface.travel[::step]),
-        np.ascontiguousarray(surface.velocity[::step]),
-        np.ascontiguousarray(surface.force_per_mass[::step]),
-        surface.fs / step,
-        surface.method,
-        surface.high_pass_hz,
-    )

@@ -55,8 +55,6 @@ class LawFit:
         law: the nonlinear terms, amplitudes in m/s^2 (or m/s^2 over the unit of the shape).
         law_std: (n_parameters,) standard deviations in the order of `law.vector`.
         residual: (n,) measured minus fitted, m/s^2.
-        measured_rms: rms of the fitted force per mass, m/s^2.
-        n_independent: independent samples that the n correlated ones amount to.
         verdicts: one for each term of the law.
     """
 
@@ -65,8 +63,6 @@ class LawFit:
     law: Law
     law_std: FloatArray
     residual: FloatArray
-    measured_rms: float
-    n_independent: float
     verdicts: tuple[TermVerdict, ...]
 
     @property
@@ -123,7 +119,7 @@ def fit_surface(
     >>> rng = np.random.default_rng(0)
     >>> z, v = 3e-3 * rng.standard_normal(5000), 0.05 * rng.standard_normal(5000)
     >>> force = 200 * z + 3 * v + 0.2 * 2 / np.pi * np.arctan(v / 0.02)
-    >>> fit = fit_surface(RestoringForce(z, v, force, 500.0, "spectral", 0.3), "arctan_velocity")
+    >>> fit = fit_surface(RestoringForce(z, v, force, 500.0), "arctan_velocity")
     >>> np.round([fit.straight["stiffness_per_mass"], *fit.law.vector], 3).tolist()
     [200.0, 0.2, 0.02]
     """
@@ -150,7 +146,6 @@ def _fit(
     jacobian = np.concatenate([columns, motion.parameter_gradient(fit.law), starts], axis=1)
     covariance = clustered_covariance(jacobian, fit.residual, np.floor(cluster).astype(np.int64))
     std = np.sqrt(np.maximum(np.diag(covariance), 0))
-    n_independent = independent_samples(fit.residual)
     names = list(straight)
     return LawFit(
         straight=dict(zip(names, fit.weights.tolist(), strict=True)),
@@ -158,23 +153,16 @@ def _fit(
         law=fit.law,
         law_std=std[n_straight : std.size - fit.start_weights.size],
         residual=fit.residual,
-        measured_rms=float(np.sqrt(np.mean(y**2))),
-        n_independent=n_independent,
-        verdicts=_verdicts(np.concatenate([columns, starts], axis=1), fit, motion, y, n_independent, settings),
+        verdicts=_verdicts(np.concatenate([columns, starts], axis=1), fit, motion, y, settings),
     )
 
 
 def _verdicts(
-    columns: FloatArray,
-    fit: SeparableFit,
-    motion: Motion,
-    y: FloatArray,
-    n: float,
-    settings: PaperSettings,
+    columns: FloatArray, fit: SeparableFit, motion: Motion, y: FloatArray, settings: PaperSettings
 ) -> tuple[TermVerdict, ...]:
     """Leave out one term at a time: how much worse is the fit, and how straight was the term?"""
-    shapes = {term.name: motion.force(unit) for term, unit in zip(fit.law.terms, _units(fit.law), strict=True)}
-    verdicts = []
+    shapes = {unit.name: motion.force(Law((unit,))) for unit in unit_law(fit.law).terms}
+    n, verdicts = independent_samples(fit.residual), []
     for name, shape in shapes.items():
         others = np.stack([*columns.T, *(shapes[other] for other in shapes if other != name)], axis=1)
         scale = np.sqrt(np.mean(others**2, axis=0))
@@ -183,31 +171,14 @@ def _verdicts(
         departure = float(np.sqrt(np.mean(bent**2) / np.mean(shape**2)))
         evidence = float(n * np.log(np.sum(without**2) / max(float(np.sum(fit.residual**2)), 1e-300)))
         seen = evidence > settings.seen_above and departure > settings.least_departure
-        bend = _bend(name, departure, motion.z, motion.v)
-        statement = _statement(bend, name, evidence, seen, settings.seen_above)
+        by_velocity = "m/s" in {parameter.unit for parameter in LAWS[name].parameters} or "damping" in name
+        velocity, travel = f"velocity of {2 * motion.v.std():.3g} m/s", f"travel of {2e3 * motion.z.std():.3g} mm"
+        visited, beside = (velocity, "damping") if by_velocity else (travel, "stiffness")
+        told = "the data see it" if seen else f"it cannot be told from {beside}"
+        statement = (
+            f"over the visited {visited} (two standard deviations) {name} departs from a straight line by "
+            f"{100 * departure:.2g} % of its rms; {told} (evidence {max(evidence, 0):.0f}, {settings.seen_above:g} "
+            "needed)"
+        )
         verdicts.append(TermVerdict(name, departure, evidence, seen, statement))
     return tuple(verdicts)
-
-
-def _acts_on_velocity(name: str) -> bool:
-    return "m/s" in {parameter.unit for parameter in LAWS[name].parameters} or "damping" in name
-
-
-def _bend(name: str, departure: float, z: FloatArray, v: FloatArray) -> str:
-    visited = f"velocity of {2 * v.std():.3g} m/s" if _acts_on_velocity(name) else f"travel of {2e3 * z.std():.3g} mm"
-    return (
-        f"over the visited {visited} (two standard deviations) {name} departs from a straight line by "
-        f"{100 * departure:.2g} % of its rms"
-    )
-
-
-def _statement(bend: str, name: str, evidence: float, seen: bool, needed: float) -> str:
-    if seen:
-        return f"{bend}; the data see it (evidence {evidence:.0f}, {needed:g} needed)"
-    beside = "damping" if _acts_on_velocity(name) else "stiffness"
-    return f"{bend}; it cannot be told from {beside} (evidence {max(evidence, 0):.0f}, {needed:g} needed)"
-
-
-def _units(law: Law) -> list[Law]:
-    """Each term of the law for unit amplitude."""
-    return [Law((term,)) for term in unit_law(law).terms]

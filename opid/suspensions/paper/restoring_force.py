@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError
-from opid.signals.motion import IntegrationMethod, filter_like, relative_motion
+from opid.signals.motion import filter_like, relative_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.paper.settings import PaperSettings
 
@@ -27,16 +27,18 @@ class RestoringForce:
         velocity: (n,) relative velocity z', m/s.
         force_per_mass: (n,) -x2'' through the same filter, m/s^2.
         fs: sampling rate, Hz.
-        method: how the accelerations were integrated.
-        high_pass_hz: corner of the filter that all three went through, Hz.
     """
 
     travel: FloatArray
     velocity: FloatArray
     force_per_mass: FloatArray
     fs: float
-    method: IntegrationMethod
-    high_pass_hz: float
+
+    def thinned(self, n_points: int) -> RestoringForce:
+        """Return every so many points, about `n_points`: enough for start values and for verdicts on terms."""
+        step = max(1, self.travel.size // n_points)
+        z, v, force = (np.ascontiguousarray(each[::step]) for each in (self.travel, self.velocity, self.force_per_mass))
+        return RestoringForce(z, v, force, self.fs / step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +101,7 @@ class SliceCurve:
 
 
 def restoring_force(
-    unsprung: ArrayLike,
-    sprung: ArrayLike,
-    *,
-    fs: float,
-    method: IntegrationMethod = "spectral",
-    high_pass_hz: float = PaperSettings.high_pass_hz,
+    unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, high_pass_hz: float = PaperSettings.high_pass_hz
 ) -> RestoringForce:
     """Return the points (z, z', -x2'') of one run, without the ends in which the filter has not settled.
 
@@ -112,7 +109,6 @@ def restoring_force(
         unsprung: (n,) acceleration x1'', m/s^2.
         sprung: (n,) acceleration x2'', m/s^2.
         fs: sampling rate, Hz.
-        method: as in `opid.signals.integrate`.
         high_pass_hz: as in `opid.signals.integrate`.
 
     Raises:
@@ -123,7 +119,7 @@ def restoring_force(
     >>> bool(np.corrcoef(surface.force_per_mass, surface.travel)[0, 1] > 0.999)
     True
     """
-    motion = relative_motion(unsprung, sprung, fs=fs, method=method, high_pass_hz=high_pass_hz)
+    motion = relative_motion(unsprung, sprung, fs=fs, high_pass_hz=high_pass_hz)
     inside = motion.settled
     if motion.displacement[inside].size < fs:
         raise InputError(
@@ -131,14 +127,7 @@ def restoring_force(
             f"{2 * motion.settle_s:.3g} s to settle: give a longer run or a higher corner"
         )
     force = -filter_like(sprung, motion)
-    return RestoringForce(
-        motion.displacement[inside],
-        motion.velocity[inside],
-        force[inside],
-        float(fs),
-        method,
-        motion.high_pass_hz,
-    )
+    return RestoringForce(motion.displacement[inside], motion.velocity[inside], force[inside], float(fs))
 
 
 def binned_surface(
@@ -161,7 +150,7 @@ def binned_surface(
 
     >>> rng = np.random.default_rng(0)
     >>> z, v = rng.standard_normal((2, 5000))
-    >>> grid = binned_surface(RestoringForce(z, v, 3 * z, 100.0, "spectral", 0.3), n_travel=9, n_velocity=9)
+    >>> grid = binned_surface(RestoringForce(z, v, 3 * z, 100.0), n_travel=9, n_velocity=9)
     >>> grid.counts.sum() == 5000, 0 < grid.coverage < 1
     (np.True_, True)
     """
@@ -203,7 +192,7 @@ def slice_curve(
 
     >>> rng = np.random.default_rng(0)
     >>> z, v = rng.standard_normal((2, 5000))
-    >>> slice_curve(RestoringForce(z, v, 3 * z, 100.0, "spectral", 0.3), along="travel").position.size > 300
+    >>> slice_curve(RestoringForce(z, v, 3 * z, 100.0), along="travel").position.size > 300
     True
     """
     if along not in ("travel", "velocity"):

@@ -16,8 +16,8 @@ from opid.suspensions.law_search.force_surface import VisitedForce
 from opid.suspensions.law_search.pursuit import LawStep, alternatives
 from opid.suspensions.paper.added_mass import AddedMass
 from opid.suspensions.paper.chain import PaperChain
-from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
+from opid.suspensions.paper.spectral_equation import JointFit
 from opid.suspensions.result import GearParameters, GearRatios, Identification, estimate_rows
 from opid.suspensions.settings import SearchSettings
 from opid.suspensions.study import Study

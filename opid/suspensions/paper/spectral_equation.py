@@ -32,11 +32,85 @@ from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.fitting.least_squares import clustered_covariance
 from opid.suspensions.model.law_parameters import free_bounds, from_free, positive, to_free
-from opid.suspensions.paper.joint_fit import JointFit
 from opid.suspensions.paper.settings import PaperSettings
+
+RATIOS = ("stiffness_per_mass", "damping_per_mass", "ground_stiffness_per_mass")
+"""K2/M2 in 1/s^2, C2/M2 in 1/s, K3/M2 in 1/s^2."""
 
 # real coefficients of the end terms: displacement and velocity at both ends need two, sampling of the rest one more
 _N_END_TERMS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class FittedValues:
+    """What was fitted, by name.
+
+    Args:
+        names: (n,) of the values.
+        value: (n,).
+        covariance: (n, n).
+    """
+
+    names: tuple[str, ...]
+    value: FloatArray
+    covariance: FloatArray
+
+    @property
+    def std(self) -> FloatArray:
+        """(n,) standard deviations."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+    def __getitem__(self, name: str) -> float:
+        """Value called `name`; 0 where it was not fitted."""
+        return float(self.value[self.names.index(name)]) if name in self.names else 0.0
+
+    def std_of(self, name: str) -> float:
+        """Return the standard deviation of the value called `name`, which was fitted."""
+        return float(self.std[self.names.index(name)])
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit(FittedValues):
+    """A fit of one or several runs at once, per unit of the reference sprung mass.
+
+    Its values are those of `RATIOS`, "law[i]" for entry i of `law.vector`, and "inverse_mass" (1/kg) where it is free.
+
+    Args:
+        law: the nonlinear law per unit of sprung mass.
+        frequency_hz: one array (n_lines,) a run.
+        residual: one complex array (n_lines,) a run, what the fit leaves over, as the white noise on each
+            channel that would make it, m/s^2 (its mean square is `noise_m_per_s2` squared).
+        noise_m_per_s2: white noise on each channel that would explain the residual, m/s^2.
+        log_likelihood: up to a constant, with the noise at its estimate.
+        n_data: real numbers fitted, end terms subtracted.
+    """
+
+    law: Law
+    frequency_hz: tuple[FloatArray, ...]
+    residual: tuple[ComplexArray, ...]
+    noise_m_per_s2: float
+    log_likelihood: float
+    n_data: int
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion (Schwarz 1978): smaller is better."""
+        return float(len(self.value) * np.log(self.n_data) - 2 * self.log_likelihood)
+
+    @property
+    def error_rms(self) -> float:
+        """What is left, as a search for laws takes it, m/s^2."""
+        return self.noise_m_per_s2
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """The law, as a search takes it."""
+        return {"": self.law}
+
+    @property
+    def law_name(self) -> str:
+        """Name of the law."""
+        return self.law.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +125,6 @@ class EquationLines:
         velocity: (n,) z', m/s.
         fs: sampling rate, Hz.
         band_hz: lowest and highest line, Hz.
-        high_pass_hz: corner below which the motion inside the law is not known, Hz.
         mass_change_kg: sprung mass of this run minus that of the reference, kg.
     """
 
@@ -62,7 +135,6 @@ class EquationLines:
     velocity: FloatArray
     fs: float
     band_hz: tuple[float, float]
-    high_pass_hz: float
     mass_change_kg: float
 
     @property
@@ -125,7 +197,6 @@ def equation_lines(
         velocity=motion.velocity[inside],
         fs=float(fs),
         band_hz=(low, high),
-        high_pass_hz=high_pass_hz,
         mass_change_kg=float(mass_change_kg),
     )
 
@@ -193,38 +264,18 @@ def fit_equation(
         noise_m_per_s2=float(np.sqrt(variance)),
         log_likelihood=float(-0.5 * n_data * np.log(2 * solution.cost / n_data)),
         n_data=n_data,
-        n_evaluations=int(solution.nfev),
-        band_hz=runs[0].band_hz,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
-    """What the residual of a fit does when something moves, a real number a part of a line.
+def differentiate(
+    runs: Sequence[EquationLines], fit: JointFit, terms: Sequence[Term]
+) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
+    """Return the residual of a fit and its derivatives by differences, a real number a part of a line.
 
-    Args:
-        residual: (n,) of the fit.
-        by_law: (n, n_law) by each entry of the law.
-        by_others: (n, n_others) by everything else that was fitted.
-        by_terms: one (n,) for each further term, by its amplitude.
+    The derivatives are those by each entry of the law, (n, n_law), by all else that was fitted, (n, n_others), and by
+    the amplitude of each of further terms, (n,), which are so faint that they move nothing.
     """
-
-    residual: FloatArray
-    by_law: FloatArray
-    by_others: FloatArray
-    by_terms: list[FloatArray]
-
-
-def differentiate(runs: Sequence[EquationLines], fit: JointFit, terms: Sequence[Term]) -> Derivatives:
-    """Return the derivatives of the residual of a fit, by differences.
-
-    Args:
-        runs: that were fitted.
-        fit: of `fit_equation`.
-        terms: further ones, with amplitudes so small that they move nothing.
-    """
-    has_ground, has_mass = (name in fit.names for name in ("ground_stiffness_per_mass", "inverse_mass"))
-    model = _Model(tuple(runs), fit.law, has_ground, has_mass)
+    model = _Model(tuple(runs), fit.law, RATIOS[2] in fit.names, "inverse_mass" in fit.names)
     theta = fit.value.copy()
     theta[model.law_part] = to_free(fit.law)
     residual = model.stacked(theta)
@@ -236,7 +287,7 @@ def differentiate(runs: Sequence[EquationLines], fit: JointFit, terms: Sequence[
         moved = np.concatenate([theta[: model.law_part.start], to_free(larger.law), theta[model.law_part.stop :]])
         by_terms.append((larger.stacked(moved) - residual) / term.amplitude)
     own = np.arange(theta.size)[model.law_part]
-    return Derivatives(residual, jacobian[:, own], np.delete(jacobian, own, axis=1), by_terms)
+    return residual, jacobian[:, own], np.delete(jacobian, own, axis=1), by_terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,10 +301,8 @@ class _Model:
 
     @property
     def names(self) -> tuple[str, ...]:
-        names = ["stiffness_per_mass", "damping_per_mass"]
-        names += ["ground_stiffness_per_mass"] * self.ground
-        names += [f"law[{i}]" for i in range(self.law.vector.size)]
-        return (*names, *["inverse_mass"] * self.has_free_mass)
+        of_law = (f"law[{i}]" for i in range(self.law.vector.size))
+        return (*RATIOS[: 2 + self.ground], *of_law, *["inverse_mass"] * self.has_free_mass)
 
     def encode(self, stiffness: float, damping: float, inverse_mass: float) -> FloatArray:
         head = [stiffness, damping] + [0.0] * self.ground

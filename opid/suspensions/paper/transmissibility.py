@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError
 from opid.signals.recording import FloatArray
-from opid.signals.spectra import Transmissibility, Window, cross_spectra, transmissibility
+from opid.signals.spectra import Transmissibility, cross_spectra, transmissibility
 from opid.suspensions.paper.settings import PaperSettings
 
 Method = Literal["conditioned", "subtracted"]
@@ -30,15 +30,11 @@ class Peak:
         frequency_hz: Hz.
         magnitude: |T| there.
         resolution_hz: spacing of the lines, Hz.
-        coherence: coherence at the line.
-        n_averages: independent averages behind it.
     """
 
     frequency_hz: float
     magnitude: float
     resolution_hz: float = 0.0
-    coherence: float = 1.0
-    n_averages: float = 1.0
 
 
 def transmissibility_without_force(
@@ -48,9 +44,7 @@ def transmissibility_without_force(
     *,
     fs: float,
     method: Method = "conditioned",
-    window: Window = "hann",
     nperseg: int | None = None,
-    noverlap: int | None = None,
 ) -> Transmissibility:
     """Estimate the transmissibility of the linear suspension beneath a known nonlinear force (H1).
 
@@ -60,9 +54,7 @@ def transmissibility_without_force(
         force_per_mass: (n,) f/M2, m/s^2.
         fs: sampling rate, Hz.
         method: "conditioned" (a second input, right) or "subtracted" (the paper's).
-        window: as in `opid.signals.cross_spectra`.
-        nperseg: as there.
-        noverlap: as there.
+        nperseg: samples of a block, as in `opid.signals.cross_spectra`.
 
     Raises:
         InputError: arrays of different lengths or an unknown method.
@@ -77,15 +69,11 @@ def transmissibility_without_force(
     if len({array.shape for array in signals}) != 1:
         raise InputError(f"the arrays have shapes {[array.shape for array in signals]}: give runs of one length")
     x1, x2, force = signals
-    if method == "subtracted":
-        return transmissibility(
-            x1, x2 + force, fs=fs, estimator="H1", window=window, nperseg=nperseg, noverlap=noverlap
-        )
-    if method != "conditioned":
+    if method not in ("conditioned", "subtracted"):
         raise InputError(f"method is {method!r}: give 'conditioned' or 'subtracted'")
-    if not np.any(force):
-        return transmissibility(x1, x2, fs=fs, estimator="H1", window=window, nperseg=nperseg, noverlap=noverlap)
-    spectra = cross_spectra(np.stack([x1, force, x2], 1), fs=fs, window=window, nperseg=nperseg, noverlap=noverlap)
+    if method == "subtracted" or not np.any(force):
+        return transmissibility(x1, x2 + force, fs=fs, estimator="H1", nperseg=nperseg)
+    spectra = cross_spectra(np.stack([x1, force, x2], 1), fs=fs, nperseg=nperseg)
     density = spectra.density
     s11, sff, s1f = density[:, 0, 0].real, density[:, 1, 1].real, density[:, 0, 1]
     s12, sf2, s22 = density[:, 0, 2], density[:, 1, 2], density[:, 2, 2].real
@@ -141,8 +129,6 @@ def transmissibility_peaks(
                 frequency_hz=float(T.frequency_hz[inside[index]] + shift * spacing),
                 magnitude=float(np.exp(middle - 0.25 * (left - right) * shift)),
                 resolution_hz=spacing,
-                coherence=float(T.coherence[inside[index]]),
-                n_averages=T.spectra.n_averages,
             )
         )
     return tuple(peaks)
