@@ -3,11 +3,12 @@ import pytest
 from scipy import signal
 
 from opid.errors import InputError
-from opid.modal.forced.beat_window import first_minimum_hz, main_lobe_width_hz
 from opid.modal.forced.excitation import (
     SineBeat,
     beat_between_neighbours,
     beat_over_drive_point_peak,
+    first_minimum_hz,
+    main_lobe_width_hz,
     quiet_s,
     shaped_sweep,
     sine_beat_voltage,

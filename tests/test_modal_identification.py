@@ -8,9 +8,15 @@ from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import rig_run
 from opid.modal.forced import mode_tests
 from opid.modal.forced.mode_fit import fit_mode
-from opid.modal.forced.mode_tests import band_of_mode, largest_mode
-from opid.modal.forced.other_modes import doubts_of_other_modes
-from opid.modal.forced.span import MOST_SHARE, WARNED_SHARE, doubts_of_shapes, faults_of_shapes, outside_shapes
+from opid.modal.forced.mode_tests import (
+    MOST_OUTSIDE,
+    WARNED_OUTSIDE,
+    band_of_mode,
+    largest_mode,
+    outside_shapes,
+    remarks_on_shapes,
+    warnings_of_other_modes,
+)
 from opid.modal.identification import identify_modes
 from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
@@ -148,13 +154,15 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     exchanged = replace(right, shapes=right.shapes[[0, 4, 2, 3, 1, 5, 6, 7]])
     share, cause = outside_shapes(replace(test, modes=exchanged), band)
     assert cause.startswith("with 'b' and 'e' exchanged")
-    assert WARNED_SHARE < share < MOST_SHARE
+    assert WARNED_OUTSIDE < share < MOST_OUTSIDE
     wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
-    (told,) = doubts_of_shapes(wrong, 3, band)
-    assert "cannot be made of the shapes: with 'b' and 'e' exchanged it would be 0 %" in told
+    faults, (warning,) = remarks_on_shapes(wrong, 3, band)
+    assert not faults
+    assert "cannot be made of the shapes: with 'b' and 'e' exchanged it would be 0 %" in warning
     many = replace(right, shapes=right.shapes[::-1])
-    (told,) = faults_of_shapes(replace(test, modes=many), 3, band)
-    assert "check the order, signs and units of the sensors" in told
+    (fault,), warnings = remarks_on_shapes(replace(test, modes=many), 3, band)
+    assert not warnings
+    assert "check the order, signs and units of the sensors" in fault
 
 
 def test_a_correction_stays_with_the_linear_properties_it_was_found_with():
@@ -215,7 +223,7 @@ def test_a_mode_that_answers_at_twice_the_frequency_is_named():
         case = case_study_2(coupling_n_per_m2=coupling, shaker=None)
         run = rig_run(case.rig, force, fs=4096.0, rng=np.random.default_rng(0))
         test = modal_test(run.recording, case.modes, name="beat", force="force", drive_point=case.drive_point)
-        told[coupling] = list(doubts_of_other_modes(test, 10, (370.0, 430.0)))
+        told[coupling] = list(warnings_of_other_modes(test, 10, (370.0, 430.0)))
     assert told[0.0] == []
     assert len(told[None]) == 1
     assert told[None][0].startswith("mode 18 moves at 2 times the frequency of mode 10 in test 'beat'")

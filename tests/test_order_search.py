@@ -4,7 +4,7 @@ from made_beats import beats, softening
 
 from opid.errors import InputError
 from opid.modal.forced.equation import mode_lines
-from opid.modal.forced.order_search import linear_is_off, search_orders
+from opid.modal.forced.restoring_fit import linear_is_off, search_orders
 
 BAND = (100.0, 140.0)
 

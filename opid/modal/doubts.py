@@ -8,68 +8,20 @@ from itertools import product
 import numpy as np
 
 from opid.errors import InputError
-from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.forced.equation import mode_lines
-from opid.modal.forced.restoring_fit import Coefficients
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LARGEST_CONDITION, LinearModes, condition_number, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
-from opid.modal.result import ForceCurve, ModeFit, TruthTest
+from opid.modal.result import ModeFit, TruthTest
 from opid.modal.study import ModalStudy
 from opid.signals.health.inspection import inspect
-
-WARNED_MASS = 0.05
-"""Departure of the modal mass from 1 that is told."""
-
-MOST_OF_CURVE = 0.3
-"""Half width of a force curve's band where it ends, as a share of the force: wider, the orders are too high."""
-
-MOST_UNEXPLAINED = 0.5
-"""Of the modal force: what a fit may leave before it is doubted."""
 
 MOST_MISSED = 0.3
 """Of the motion of a sensor, rms, that the model may miss in a truth test before it is said."""
 
 BEYOND = 1.1
 """Times the largest amplitude fitted: a truth test that goes further asks the polynomials to extrapolate."""
-
-
-def doubts_of_fit(
-    mode: int, mass: Estimate, found: Coefficients, curve_k: ForceCurve, curve_c: ForceCurve
-) -> Iterator[str]:
-    """Yield what to doubt about the fit of a mode.
-
-    Args:
-        mode: number of the mode, from 1.
-        mass: that the tests show for it.
-        found: its coefficients.
-        curve_k: nonlinear stiffness force.
-        curve_c: nonlinear damping force.
-    """
-    value, std = float(mass.value or 0.0), float(mass.std or 0.0)
-    if abs(value - 1) > max(WARNED_MASS, 4 * std):
-        yield (
-            f"mode {mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it is 1: "
-            "the scale of its shape or of the force is off, or the drive point, and with it the amplitudes"
-        )
-    for word, curve in (("stiffness", curve_k), ("damping", curve_c)):
-        if not curve.force.any():
-            continue
-        half = 0.5 * (curve.high[-1] - curve.low[-1]) / np.abs(curve.force).max()
-        if half > MOST_OF_CURVE:
-            yield (
-                f"mode {mode}: the nonlinear {word} force is known to +-{100 * half:.0f} % at the largest amplitude: "
-                f"the data cannot tell it, lower {word}_order or test at higher levels"
-            )
-    tangent = np.gradient(curve_k.linear + curve_k.force, curve_k.position)
-    if (tangent <= 0).any():
-        yield f"mode {mode}: the fitted spring has no positive stiffness at the largest amplitude: do not go beyond it"
-    if found.residual_share > MOST_UNEXPLAINED:
-        yield (
-            f"mode {mode}: the fit leaves {100 * found.residual_share:.0f} % of the modal force unexplained: the mode "
-            "is not alone in its band, or its linear properties belong to another state of the structure"
-        )
 
 
 def doubts_of_modes(modes: LinearModes) -> Iterator[str]:

@@ -1,8 +1,12 @@
-"""The equation of one mode on the lines of its band: integrated in the frequency domain, with the noise of each line.
+"""The equation of one mode on the lines of its band, integrated in the frequency domain, and what noise does to it.
 
 Eq. (11) of Pacini, line by line. The printed least squares weighs every line alike; away from resonance the
 acceleration's noise is multiplied by |1 + c0/jw + k0/(jw)^2|, 2 zeta at resonance and 0.4 some 20 % away from it, so
 each line is divided by what noise does to it. The band then hardly matters, and damping comes out about twice as sharp.
+
+The error of the equation is e = n_f - n_a - c(t) n_v - k(t) n_q: the acceleration's noise n_a, integrated once and
+twice, is multiplied by the tangents k(t) and c(t) at the amplitude of the moment. Regressors and left side share that
+noise; to first order the tangents hold all of it.
 """
 
 from __future__ import annotations
@@ -15,11 +19,10 @@ from scipy import fft
 from scipy.signal.windows import tukey
 
 from opid.errors import InputError
-from opid.modal.linear.modes import ModalTest
+from opid.mechanics.structure import ComplexArray
+from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.signals.recording import FloatArray
-
-ComplexArray = NDArray[np.complex128]
 
 LOWEST, HARMONICS = 0.6, 3.5
 """The motion is kept between these multiples of the natural frequency, the third harmonic with all of its width. A
@@ -30,6 +33,9 @@ SAMPLES_A_PERIOD = 24
 
 QUIETEST = 1e-7
 """Of the largest line: no noise is taken for lower, so that simulated tests without noise have weights, too."""
+
+ABOVE_MODES = 1.3
+"""Times the highest natural frequency: lines above it are taken for noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +52,7 @@ class ModeLines:
         rest: (m,) the left side.
         noise_force: standard deviation of a line of `force` (complex) that the sensor's noise makes.
         noise_inertia: likewise of a line of `inertia`.
-        places: (m,) of the lines in the transform of the whole record.
+        indices: (m,) of the lines in the transform of the whole record.
         q: (n,) displacement, m kg^1/2.
         v: (n,) velocity, m/s kg^1/2.
         fade: (n,) what every term was multiplied by.
@@ -64,7 +70,7 @@ class ModeLines:
     rest: ComplexArray
     noise_force: float
     noise_inertia: float
-    places: NDArray[np.int64]
+    indices: NDArray[np.int64]
     q: FloatArray
     v: FloatArray
     fade: FloatArray
@@ -84,8 +90,55 @@ class ModeLines:
 
     def only(self, kept: NDArray[np.bool_]) -> ModeLines:
         """The equation on some of its lines, (m,) True for those."""
-        names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "rest", "places")
+        names = ("frequency_hz", "stiffness", "damping", "inertia", "force", "rest", "indices")
         return replace(self, **{name: getattr(self, name)[kept] for name in names})
+
+
+@dataclass(frozen=True)
+class Powers:
+    """The powers that are fitted; a vector of coefficients holds k_n, then c_n.
+
+    Args:
+        k: powers of the displacement: 2 .. N_s, and 1 where k0 is corrected.
+        c: powers of the velocity likewise.
+
+    >>> Powers.of(3, 2, free_linear=False)
+    Powers(k=(2, 3), c=(2,))
+    """
+
+    k: tuple[int, ...]
+    c: tuple[int, ...]
+
+    @classmethod
+    def of(cls, stiffness_order: int, damping_order: int, *, free_linear: bool) -> Powers:
+        """Return those of two orders; InputError for an order outside 1 to 5."""
+        for order in (stiffness_order, damping_order):
+            if not 1 <= order <= HIGHEST_ORDER:
+                raise InputError(f"the order is {order}: give 1 (linear) to {HIGHEST_ORDER}")
+        first = 1 if free_linear else 2
+        return cls(tuple(range(first, stiffness_order + 1)), tuple(range(first, damping_order + 1)))
+
+    @property
+    def orders(self) -> tuple[int, int]:
+        """N_s and N_d."""
+        return max(self.k, default=1), max(self.c, default=1)
+
+    def columns(self, lines: ModeLines) -> ComplexArray:
+        """(m, n) what each coefficient multiplies on the lines of a test."""
+        return np.hstack([lines.stiffness[:, [n - 1 for n in self.k]], lines.damping[:, [n - 1 for n in self.c]]])
+
+    def misfit(self, lines: ModeLines, value: FloatArray) -> ComplexArray:
+        """(m,) what coefficients leave of the equation."""
+        return lines.rest - self.columns(lines) @ value
+
+    def tangents(self, lines: ModeLines, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n,) each: tangent stiffness, 1/s^2, and damping, 1/s, at each moment."""
+        k, c = (np.full(lines.q.size, linear) for linear in lines.linear)
+        for n, each in zip(self.k, value, strict=False):
+            k += each * n * np.abs(lines.q) ** (n - 1)
+        for n, each in zip(self.c, value[len(self.k) :], strict=True):
+            c += each * n * np.abs(lines.v) ** (n - 1)
+        return k, c
 
 
 def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, taper_s: float = 0.0) -> ModeLines:
@@ -101,8 +154,8 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     Raises:
         InputError: a band outside the record's frequencies or with fewer than eight lines.
     """
-    place = test.modes.index(mode)
-    acceleration, force = test.acceleration[:, place], test.modal_force(mode)
+    index = test.modes.index(mode)
+    acceleration, natural_hz = test.modal_acceleration(mode), float(test.modes.frequency_hz[index])
     low, high = band_hz
     frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
     inside = (frequency >= low) & (frequency <= high)
@@ -111,15 +164,14 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
             f"the band {low:g} to {high:g} Hz of mode {mode} has {inside.sum()} line(s) of test {test.name!r}, which "
             f"lasts {acceleration.size / test.fs:.3g} s at {test.fs:g} Hz: give a longer record or a wider band"
         )
-    kept_hz = _kept(float(test.modes.frequency_hz[place]), band_hz)
-    q, v = _motion(fft.rfft(acceleration), frequency, kept_hz, acceleration.size)
+    kept_hz = _kept(natural_hz, band_hz)
+    q, v = _motion(acceleration, test.fs, kept_hz)
     fade = _fade(acceleration.size, taper_s * test.fs)
-    of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * force)
-    k0, c0 = float(test.modes.stiffness()[place]), float(test.modes.damping()[place])
-    finer = int(np.ceil(SAMPLES_A_PERIOD * test.modes.frequency_hz[place] / test.fs))
+    of_acceleration, of_force = fft.rfft(fade * acceleration), fft.rfft(fade * test.modal_force(mode))
+    k0, c0 = float(test.modes.stiffness()[index]), float(test.modes.damping()[index])
+    finer = int(np.ceil(SAMPLES_A_PERIOD * natural_hz / test.fs))
     stiffness, damping = (_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
-    linear = c0 * damping[:, 0] + k0 * stiffness[:, 0]
-    noise_a, noise_f = (_noise_level(each, frequency, test) for each in (of_acceleration, of_force))
+    quiet = quiet_lines(test.modes, frequency)
     return ModeLines(
         test=test.name,
         frequency_hz=frequency[inside],
@@ -127,10 +179,10 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
         damping=damping,
         inertia=of_acceleration[inside],
         force=of_force[inside],
-        rest=of_force[inside] - of_acceleration[inside] - linear,
-        noise_force=noise_f,
-        noise_inertia=noise_a,
-        places=np.flatnonzero(inside),
+        rest=of_force[inside] - of_acceleration[inside] - (c0 * damping[:, 0] + k0 * stiffness[:, 0]),
+        noise_force=_noise_of_lines(of_force, quiet),
+        noise_inertia=_noise_of_lines(of_acceleration, quiet),
+        indices=np.flatnonzero(inside),
         q=q,
         v=v,
         fade=fade,
@@ -141,29 +193,60 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
 
 
 def modal_motion(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing far below the mode.
+    """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing far below the mode or its band."""
+    kept_hz = _kept(float(test.modes.frequency_hz[test.modes.index(mode)]), band_hz)
+    return _motion(test.modal_acceleration(mode), test.fs, kept_hz)
 
-    Args:
-        test: the test.
-        mode: number of the mode, from 1.
-        band_hz: its band, Hz, and what is kept at least.
-    """
-    acceleration = test.acceleration[:, test.modes.index(mode)]
-    frequency = fft.rfftfreq(acceleration.size, 1 / test.fs)
-    natural = float(test.modes.frequency_hz[test.modes.index(mode)])
-    return _motion(fft.rfft(acceleration), frequency, _kept(natural, band_hz), acceleration.size)
+
+def quiet_lines(modes: LinearModes, frequency_hz: FloatArray) -> NDArray[np.bool_]:
+    """Return which lines of a test hold noise alone: those above all modes, or most of all where there are few."""
+    above = frequency_hz > ABOVE_MODES * modes.frequency_hz.max()
+    return above if above.sum() >= 50 else frequency_hz > 0
+
+
+def noise_power(lines: ComplexArray) -> FloatArray:
+    """Return the mean square of noise from lines, (n, ...), most of which are noise: the median is ln 2 of the mean."""
+    return np.median(np.abs(lines) ** 2, axis=0) / np.log(2)
+
+
+def line_noise(lines: ModeLines, powers: Powers, value: FloatArray) -> FloatArray:
+    """Return the standard deviation of the equation's error on each line, (m,), by the mean square over time."""
+    k, c = powers.tangents(lines, value)
+    omega = 2 * np.pi * lines.frequency_hz
+    mean = np.abs(1 + c.mean() / (1j * omega) + k.mean() / (1j * omega) ** 2) ** 2
+    spread = c.var() / omega**2 + k.var() / omega**4
+    return np.sqrt(lines.noise_force**2 + lines.noise_inertia**2 * (mean + spread))
+
+
+def noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, value: FloatArray) -> FloatArray:
+    """Return the covariance (p, p) of Re sum conj(gradient) E over the lines, E the transform of the error."""
+    k, c = powers.tangents(lines, value)
+    n = lines.q.size
+    spectrum = np.zeros((n // 2 + 1, gradient.shape[1]), dtype=np.complex128)
+    spectrum[lines.indices] = gradient
+    # Re sum conj(G_l) e^(-j omega_l t), one signal a parameter, faded as the terms were
+    of_force = 0.5 * n * fft.irfft(spectrum, n, axis=0) * lines.fade[:, None]
+    frequency = fft.rfftfreq(n, 1 / lines.fs)
+    kept = ((frequency >= lines.kept_hz[0]) & (frequency <= lines.kept_hz[1]))[:, None]
+    backward = np.where(kept, -2j * np.pi * frequency[:, None], 1.0)  # the adjoint of a division by j omega
+    through = [fft.rfft(tangent[:, None] * of_force, axis=0) for tangent in (c, k)]
+    integrated = np.where(kept, through[0] / backward + through[1] / backward**2, 0.0)
+    of_inertia = of_force + fft.irfft(integrated, n, axis=0)
+    noise = lines.noise_force**2 * of_force.T @ of_force + lines.noise_inertia**2 * of_inertia.T @ of_inertia
+    # the noise was read from lines of the faded record
+    return noise / np.sum(lines.fade**2)
 
 
 def _kept(natural_hz: float, band_hz: tuple[float, float]) -> tuple[float, float]:
     return min(LOWEST * natural_hz, band_hz[0]), max(HARMONICS * natural_hz, band_hz[1])
 
 
-def _motion(
-    of_acceleration: ComplexArray, frequency: FloatArray, kept_hz: tuple[float, float], n: int
-) -> tuple[FloatArray, FloatArray]:
+def _motion(acceleration: FloatArray, fs: float, kept_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    n = acceleration.size
+    frequency = fft.rfftfreq(n, 1 / fs)
     kept = (frequency >= kept_hz[0]) & (frequency <= kept_hz[1])
     j_omega = np.where(kept, 2j * np.pi * frequency, 1.0)
-    velocity = np.where(kept, of_acceleration / j_omega, 0.0)
+    velocity = np.where(kept, fft.rfft(acceleration) / j_omega, 0.0)
     return fft.irfft(velocity / j_omega, n), fft.irfft(velocity, n)
 
 
@@ -182,10 +265,7 @@ def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
     return np.stack([each[: n // 2 + 1] / finer for each in powers], axis=1)
 
 
-def _noise_level(spectrum: ComplexArray, frequency: FloatArray, test: ModalTest) -> float:
-    """Standard deviation of a line by the sensor's noise: from the lines above all modes, where there is only noise."""
-    above = frequency > 1.3 * test.modes.frequency_hz.max()
-    lines = np.abs(spectrum[above if above.sum() >= 50 else slice(1, None)])
-    # the median of |line|^2 of complex noise is ln 2 of its mean
-    level = float(np.sqrt(np.median(lines**2) / np.log(2)))
-    return max(level, QUIETEST * float(np.abs(spectrum).max()), np.finfo(float).tiny)
+def _noise_of_lines(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
+    """Standard deviation of a line by the sensor's noise."""
+    least = QUIETEST * float(np.abs(spectrum).max())
+    return max(float(np.sqrt(noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -9,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError
-from opid.modal.forced.beat_window import first_minimum_hz, main_lobe_width_hz, require_positive, window_samples
 from opid.modal.linear.frequency_response import FrequencyResponse, resynthesised
 from opid.modal.linear.modes import LinearModes
 from opid.signals.recording import FloatArray
@@ -20,8 +20,20 @@ SweepKind = Literal["linear", "logarithmic"]
 FEWEST_PERIODS = 3.0
 """Of the sine in a beat: with fewer its spectrum has no peak at the centre frequency to speak of."""
 
-HIGHEST_SHARE = 1 / 2.56
+HIGHEST_RATE = 1 / 2.56
 """Of the sampling rate: what a data acquisition with the usual filters still records whole."""
+
+ALIKE = 1e-6
+"""Of a natural frequency: modes nearer to each other are at one frequency."""
+
+COUNTS_SAMPLES = (
+    *("gaussian", "gauss", "gss", "general gaussian", "general_gaussian", "general gauss", "general_gauss", "ggs"),
+    *("exponential", "poisson"),
+)
+"""Windows of scipy whose width counts samples: they do not scale with time."""
+
+N_FINE, FINER, WIDEST = 4096, 32, 96
+"""Samples of a window whose spectrum is looked at, its lines within 1/T, and how far it is searched, in 1/T."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +62,7 @@ class SineBeat:
 
     def __post_init__(self) -> None:
         for name in ("centre_hz", "duration_s"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}: give a positive number")
+            _require_positive(name, getattr(self, name))
         for name in ("lead_s", "tail_s"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
@@ -65,7 +75,7 @@ class SineBeat:
                 f"a beat of {self.duration_s:.3g} s holds {periods:.2g} periods of {self.centre_hz:.4g} Hz: give "
                 f"{FEWEST_PERIODS / self.centre_hz:.3g} s (three periods) or more"
             )
-        window_samples(self.window, 8)
+        _window_samples(self.window, 8)
 
 
 @dataclass(frozen=True)
@@ -109,7 +119,7 @@ def sine_beat_voltage(beat: SineBeat, fs: float) -> FloatArray:
     lead, length = round(beat.lead_s * fs), round(beat.duration_s * fs)
     time_s = np.arange(length + 1) / fs
     # the window ends on its last sample, as it begins on its first
-    shape = window_samples(beat.window, length + 1) * np.sin(2 * np.pi * beat.centre_hz * time_s)
+    shape = _window_samples(beat.window, length + 1) * np.sin(2 * np.pi * beat.centre_hz * time_s)
     voltage = np.zeros(max(n_samples, lead + 1))
     inside = min(shape.size, voltage.size - lead)
     voltage[lead : lead + inside] = beat.amplitude * shape[:inside]
@@ -172,22 +182,20 @@ def beat_between_neighbours(
     (0.4, 10.0, 20.0)
     """
     centre = _elastic_frequency(modes, mode)
-    below, above = _neighbours(modes, mode)
-    distances = [distance for distance in (below, above) if distance is not None]
-    if not distances:
-        raise InputError(f"mode {mode} has no elastic neighbour: design the beat by the drive-point peak instead")
-    nearest = min(distances)
-    if nearest < 1e-6 * centre:
+    if np.count_nonzero(np.abs(modes.frequency_hz - centre) < ALIKE * centre) > 1:
         raise InputError(
             f"mode {mode} has a neighbour at its own frequency, {centre:.5g} Hz: no beat can excite it alone"
         )
+    lower, upper = modes.neighbours_hz(mode)
+    below, above = centre - lower if lower else None, upper - centre if np.isfinite(upper) else None
+    distances = {word: each for word, each in (("below", below), ("above", above)) if each is not None}
+    if not distances:
+        raise InputError(f"mode {mode} has no elastic neighbour: design the beat by the drive-point peak instead")
+    nearest = min(distances.values())
     duration = first_minimum_hz(window, 1.0) / nearest
-    neighbours = " and ".join(
-        f"{distance:.4g} Hz {word}" for distance, word in ((below, "below"), (above, "above")) if distance is not None
-    )
+    neighbours = " and ".join(f"{distance:.4g} Hz {word}" for word, distance in distances.items())
     reason = f"first minima {nearest:.4g} Hz from mode {mode}: the neighbouring elastic modes lie {neighbours}"
-    tail = quiet_s(modes, mode) if tail_s is None else tail_s
-    beat = _designed(centre, duration, window, amplitude, lead_s, tail, reason)
+    beat = _designed(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
     return BeatDesign(beat, below, above, nearest, main_lobe_width_hz(window, duration), reason)
 
 
@@ -240,8 +248,7 @@ def beat_over_drive_point_peak(
         f"main lobe ({part}) of {width:.4g} Hz: there the imaginary part at {drive_point!r} exceeds "
         f"{100 * share:g} % of its value at mode {mode}"
     )
-    tail = quiet_s(modes, mode) if tail_s is None else tail_s
-    beat = _designed(centre, duration, window, amplitude, lead_s, tail, reason)
+    beat = _designed(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
     return BeatDesign(beat, centre - low, high - centre, first_minimum_hz(window, duration), width, reason)
 
 
@@ -276,6 +283,8 @@ def shaped_sweep(
     >>> sweep.size, round(float(np.abs(sweep[1000:1050]).max()), 1)
     (2048, 2.0)
     """
+    from scipy.signal import chirp
+
     points, heights = np.asarray(frequency_hz, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
     if points.ndim != 1 or points.shape != heights.shape or points.size == 0:
         raise InputError(
@@ -284,7 +293,7 @@ def shaped_sweep(
     if not (np.isfinite(points).all() and np.isfinite(heights).all() and (np.diff(points) > 0).all()):
         raise InputError("the points of the amplitude are not finite and increasing in frequency: sort them")
     for name, value in (("start_hz", start_hz), ("stop_hz", stop_hz), ("duration_s", duration_s)):
-        require_positive(name, value)
+        _require_positive(name, value)
     _require_rate(max(start_hz, stop_hz), fs, "the sweep")
     if kind not in get_args(SweepKind):
         raise InputError(f"there is no sweep of kind {kind!r}: give 'linear' or 'logarithmic'")
@@ -294,25 +303,99 @@ def shaped_sweep(
     if n_samples < 2:
         raise InputError(f"{duration_s} s at {fs} Hz make {n_samples} sample(s): at least two are needed")
     time_s = np.arange(n_samples) / fs
-    octave = np.log(stop_hz / start_hz)
-    if kind == "linear" or octave == 0:
-        rate = (stop_hz - start_hz) / duration_s
-        now_hz, cycles = start_hz + rate * time_s, start_hz * time_s + rate * time_s**2 / 2
-    else:
-        now_hz = start_hz * np.exp(octave * time_s / duration_s)
-        cycles = start_hz * duration_s / octave * np.expm1(octave * time_s / duration_s)
-    sweep = np.interp(now_hz, points, heights) * np.sin(2 * np.pi * cycles)
+    part = time_s / duration_s
+    sweeps = {"linear": start_hz + (stop_hz - start_hz) * part, "logarithmic": start_hz * (stop_hz / start_hz) ** part}
+    sweep = np.interp(sweeps[kind], points, heights) * chirp(
+        time_s, start_hz, duration_s, stop_hz, method=kind, phi=-90
+    )
     if fade_s > 0:
         edge = np.clip(np.minimum(time_s, duration_s - 1 / fs - time_s) / fade_s, 0, 1)
         sweep *= (1 - np.cos(np.pi * edge)) / 2
     return sweep
 
 
-def _designed(
-    centre: float, duration: float, window: Window, amplitude: float, lead_s: float, tail_s: float, reason: str
-) -> SineBeat:
+def first_minimum_hz(window: Window, duration_s: float) -> float:
+    """Return the distance from the centre of a beat's spectrum to its first minima, Hz: 4/T for Blackman-Harris.
+
+    >>> round(first_minimum_hz("blackmanharris", 2.0), 6)
+    2.0
+    """
+    from scipy import optimize
+
+    _require_positive("duration_s", duration_s)
+    value = np.abs(np.fft.rfft(_fine_window(window), FINER * N_FINE)[: WIDEST * FINER])
+    falls = np.diff(value)
+    turns = np.flatnonzero((falls[:-1] < 0) & (falls[1:] >= 0))
+    if not turns.size:
+        raise InputError(f"the spectrum of the window {window!r} has no minimum: take another window")
+    bounds = turns[0] / FINER, (turns[0] + 2) / FINER
+    height = _spectrum(window)
+    found = optimize.minimize_scalar(height, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+    return float(found.x) / duration_s
+
+
+def main_lobe_width_hz(window: Window, duration_s: float, *, level_db: float | None = None) -> float:
+    """Return the width, Hz, of the main lobe of a beat's spectrum, between its first minima or at a level, dB.
+
+    >>> round(main_lobe_width_hz("hann", 1.0), 6), round(main_lobe_width_hz("hann", 1.0, level_db=-3.0), 2)
+    (4.0, 1.44)
+    """
+    from scipy import optimize
+
+    minimum = first_minimum_hz(window, 1.0)
+    if level_db is None:
+        return 2 * minimum / duration_s
+    if not (np.isfinite(level_db) and level_db < 0):
+        raise InputError(f"level_db is {level_db}: give a negative number of decibels, e.g. -20")
+    level, height = 10 ** (level_db / 20), _spectrum(window)
+    if height(minimum) >= level:
+        raise InputError(f"the main lobe of {window!r} ends above {level_db:g} dB: give a level nearer to 0")
+    return 2 * float(optimize.brentq(lambda distance: height(distance) - level, 0, minimum)) / duration_s
+
+
+def _fine_window(window: Window) -> FloatArray:
+    shape = _window_samples(window, N_FINE + 1)
+    shape[[0, -1]] /= 2  # the trapezoidal rule, exact for sums of cosines
+    return shape
+
+
+def _spectrum(window: Window) -> Callable[[float], float]:
+    """Magnitude of a window's spectrum over that at its centre, as a function of the distance in 1/T."""
+    shape, position = _fine_window(window), np.arange(N_FINE + 1) / N_FINE - 0.5
+    return lambda distance: float(abs(np.exp(-2j * np.pi * distance * position) @ shape) / abs(shape.sum()))
+
+
+def _window_samples(window: Window, n_samples: int) -> FloatArray:
+    """The samples of a window from its first to its last."""
+    from scipy import signal
+
+    name = window if isinstance(window, str) else window[0]
+    if name in COUNTS_SAMPLES:
+        raise InputError(
+            f"the width of the window {name!r} counts samples: take one that scales with time, e.g. 'hann'"
+        )
     try:
-        return SineBeat(centre, duration, window, amplitude, lead_s, tail_s)
+        return np.asarray(signal.get_window(window, n_samples, fftbins=False), dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"the window {window!r} is none of scipy's ({error}): give a name like 'blackmanharris', or a tuple like "
+            "('kaiser', 14.0)"
+        ) from None
+
+
+def _designed(
+    modes: LinearModes,
+    mode: int,
+    duration: float,
+    window: Window,
+    amplitude: float,
+    lead_s: float,
+    tail_s: float | None,
+    reason: str,
+) -> SineBeat:
+    tail = quiet_s(modes, mode) if tail_s is None else tail_s
+    try:
+        return SineBeat(_elastic_frequency(modes, mode), duration, window, amplitude, lead_s, tail)
     except InputError as error:
         raise InputError(f"{error} (asked for: {reason})") from None
 
@@ -326,9 +409,9 @@ def _peak_band(
     shape = modes.row(drive_point)[place]
     if abs(shape) < 1e-6 * np.abs(modes.shapes[:, place]).max():
         raise InputError(f"mode {mode} does not move at {drive_point!r}: choose another drive point")
-    below, above = _neighbours(modes, mode)
-    lowest = centre - (below / 2 if below is not None else 0.9 * centre)
-    highest = centre + (above / 2 if above is not None else 0.9 * centre)
+    below, above = modes.neighbours_hz(mode)
+    lowest = (centre + below) / 2 if below else 0.1 * centre
+    highest = (centre + above) / 2 if np.isfinite(above) else 1.9 * centre
     if response is None:
         width = modes.damping_ratio[place] * centre
         if width == 0:
@@ -374,19 +457,15 @@ def _elastic_frequency(modes: LinearModes, mode: int) -> float:
     return float(modes.frequency_hz[place])
 
 
-def _neighbours(modes: LinearModes, mode: int) -> tuple[float | None, float | None]:
-    """Distances to the next elastic modes below and above, Hz."""
-    place = modes.index(mode)
-    others = np.delete(modes.frequency_hz, place)
-    distance = others[others > 0] - modes.frequency_hz[place]
-    below, above = -distance[distance < 0], distance[distance >= 0]
-    return (float(below.min()) if below.size else None, float(above.min()) if above.size else None)
-
-
 def _require_rate(highest_hz: float, fs: float, what: str) -> None:
-    require_positive("fs", fs)
-    if highest_hz > HIGHEST_SHARE * fs:
+    _require_positive("fs", fs)
+    if highest_hz > HIGHEST_RATE * fs:
         raise InputError(
-            f"{what} goes up to {highest_hz:.5g} Hz and a rate of {fs:g} Hz records up to {HIGHEST_SHARE * fs:.5g} Hz "
-            f"(fs / 2.56): sample at {highest_hz / HIGHEST_SHARE:.5g} Hz or more"
+            f"{what} goes up to {highest_hz:.5g} Hz and a rate of {fs:g} Hz records up to {HIGHEST_RATE * fs:.5g} Hz "
+            f"(fs / 2.56): sample at {highest_hz / HIGHEST_RATE:.5g} Hz or more"
         )
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{name} is {value}: give a positive number")

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from opid.errors import InputError, refuse
 from opid.estimate import Estimate
-from opid.modal.doubts import doubts_of_fit
 from opid.modal.forced.equation import ModeLines, mode_lines
-from opid.modal.forced.mode_tests import WIDEST, band_of_mode, doubts_of_rates, doubts_of_test, faults_of_test
-from opid.modal.forced.order_search import linear_is_off, search_orders
-from opid.modal.forced.other_modes import doubts_of_other_modes
-from opid.modal.forced.restoring_fit import Coefficients, fit_coefficients, linearised, modal_mass, power_curve
-from opid.modal.forced.span import doubts_of_shapes, faults_of_shapes
+from opid.modal.forced.mode_tests import (
+    WIDEST,
+    band_of_mode,
+    remarks_on_shapes,
+    remarks_on_test,
+    warnings_of_other_modes,
+    warnings_of_rates,
+)
+from opid.modal.forced.restoring_fit import (
+    Coefficients,
+    fit_coefficients,
+    linear_is_off,
+    linearised,
+    modal_mass,
+    search_orders,
+)
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.result import ForceCurve, ModeFit, OrderRung
@@ -28,6 +39,15 @@ ROUGH_ORDER = 3
 
 MASS_RANGE = (0.5, 2.0)
 """Modal mass that tests may show: outside, shapes or force are in another unit and nothing fitted would hold."""
+
+WARNED_MASS = 0.05
+"""Departure of the modal mass from 1 that is warned of."""
+
+WIDEST_BAND = 0.3
+"""Half width of a force curve's band where it ends, over the force: wider, the orders are too high."""
+
+MOST_UNEXPLAINED = 0.5
+"""Of the modal force: what a fit may leave without a warning."""
 
 UNITS = {
     "a force in lbf taken for N": 0.2248,
@@ -69,72 +89,65 @@ def fit_mode(
         raise InputError(f'no test with use = "fit" moves mode {mode} more than the others: give one, or free decays')
     band = _band(tests, mode, taper_s) if band_hz is None else band_hz
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
-    pairs = list(zip(tests, lines, strict=True))
-    refuse([fault for test, own in pairs for fault in faults_of_test(test, own, mode, band, taper_s)], None)
-    refuse([fault for test in tests for fault in faults_of_shapes(test, mode, band)], None)
+    remarks = [remarks_on_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
+    refuse([fault for faults, _ in remarks for fault in faults], None)
+    of_shapes = [remarks_on_shapes(test, mode, band) for test in tests]
+    refuse([fault for faults, _ in of_shapes for fault in faults], None)
     mass = modal_mass(lines)
     _require_mass(mass, mode, tests[0])
+
+    given = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     free = bool(free_linear)
-    rungs = _orders(lines, stiffness_order, damping_order, free)
-    if free_linear is None:
-        orders = _chosen(rungs, stiffness_order, damping_order)
-        free = linear_is_off(lines, stiffness_order=max(orders[0], 3), damping_order=max(orders[1], 3))
-        if free:
-            rungs = _orders(lines, stiffness_order, damping_order, free)
-    n_s, n_d = _chosen(rungs, stiffness_order, damping_order)
-    found = fit_coefficients(lines, stiffness_order=n_s, damping_order=n_d, free_linear=free)
-    doubts = [doubt for test, own in pairs for doubt in doubts_of_test(test, own, mode, band, taper_s)]
-    loudest, _ = max(pairs, key=lambda pair: pair[1].largest_q)
-    doubts += doubts_of_rates(tests, mode)
-    doubts += doubts_of_shapes(loudest, mode, band)
-    doubts += doubts_of_other_modes(loudest, mode, band)
-    return _mode_fit(mode, tests, lines, band, found, (n_s, n_d), free, mass, rungs, doubts)
+    tried, chosen = _orders(lines, given, free)
+    if free_linear is None and linear_is_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
+        free = True
+        tried, chosen = _orders(lines, given, free)
+    found = fit_coefficients(lines, **chosen, free_linear=free)
+    fit = _mode_fit(tests, mode, lines, band, found, mass, tried)
+    loudest = int(np.argmax([each.largest_q for each in lines]))
+    warnings = [warning for _, of_test in remarks for warning in of_test]
+    warnings += warnings_of_rates(tests, mode)
+    warnings += of_shapes[loudest][1]
+    warnings += warnings_of_other_modes(tests[loudest], mode, band)
+    return replace(fit, warnings=(*warnings, *_warnings_of_fit(fit)))
 
 
-def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
-    """The band in which the tests move the mode, and where its frequency goes at their largest amplitude."""
-    low, high = band_of_mode(tests, mode)
-    lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
-    rough = fit_coefficients(lines, stiffness_order=ROUGH_ORDER, damping_order=ROUGH_ORDER)
-    amplitude = np.array([max(each.largest_q for each in lines)])
-    k0, c0 = lines[0].linear
-    n_k = len(rough.powers_k)
-    omega = np.sqrt(np.maximum(k0 + linearised(rough.powers_k, rough.value[:n_k], amplitude), 0.25 * k0))
-    width = np.abs(c0 + linearised(rough.powers_c, rough.value[n_k:], omega * amplitude))
-    begin, end = ((omega + sign * width).item() / (2 * np.pi) for sign in (-1, 1))
-    natural = k0**0.5 / (2 * np.pi)
-    return min(low, max(begin, WIDEST[0] * natural)), max(high, min(end, WIDEST[1] * natural))
+def _orders(
+    lines: Sequence[ModeLines], given: Mapping[str, int | None], free: bool
+) -> tuple[tuple[OrderRung, ...], dict[str, int]]:
+    """The pairs of orders that were tried, none where both are given, and the one that was chosen."""
+    chosen = {name: order for name, order in given.items() if order is not None}
+    tried = () if len(chosen) == 2 else search_orders(lines, **chosen, free_linear=free)
+    for rung in tried:
+        if rung.chosen:
+            chosen = {"stiffness_order": rung.stiffness_order, "damping_order": rung.damping_order}
+    return tried, chosen
 
 
 def _mode_fit(
-    mode: int,
     tests: Sequence[ModalTest],
+    mode: int,
     lines: Sequence[ModeLines],
     band: tuple[float, float],
     found: Coefficients,
-    orders: tuple[int, int],
-    free: bool,
     mass: Estimate,
-    rungs: tuple[OrderRung, ...],
-    doubts: Sequence[str],
+    tried: tuple[OrderRung, ...],
 ) -> ModeFit:
-    modes, place = tests[0].modes, mode - 1
-    k0, c0 = float(modes.stiffness()[place]), float(modes.damping()[place])
-    largest_q, largest_v = max(each.largest_q for each in lines), max(each.largest_v for each in lines)
-    n_k = len(found.powers_k)
+    modes, index = tests[0].modes, tests[0].modes.index(mode)
+    (k0, c0), powers, n_k = lines[0].linear, found.powers, len(found.powers.k)
     value_k, value_c = found.value[:n_k], found.value[n_k:]
-    curve_k = _curve(found.powers_k, value_k, found.covariance[:n_k, :n_k], largest_q, k0)
-    curve_c = _curve(found.powers_c, value_c, found.covariance[n_k:, n_k:], largest_v, c0)
-    stiffness = k0 + linearised(found.powers_k, value_k, curve_k.position)
-    omega = np.sqrt(np.maximum(stiffness, 0.0))
-    damping = c0 + linearised(found.powers_c, value_c, omega * curve_k.position)
+    largest_q, largest_v = max(each.largest_q for each in lines), max(each.largest_v for each in lines)
+    curve_k = _curve(powers.k, value_k, found.covariance[:n_k, :n_k], largest_q, k0)
+    curve_c = _curve(powers.c, value_c, found.covariance[n_k:, n_k:], largest_v, c0)
+    omega = np.sqrt(np.maximum(k0 + linearised(powers.k, value_k, curve_k.position), 0.0))
+    damping = c0 + linearised(powers.c, value_c, omega * curve_k.position)
     return ModeFit(
         mode=mode,
-        frequency_hz=float(modes.frequency_hz[place]),
-        damping_ratio=float(modes.damping_ratio[place]),
-        stiffness_order=orders[0],
-        damping_order=orders[1],
-        free_linear=free,
+        frequency_hz=float(modes.frequency_hz[index]),
+        damping_ratio=float(modes.damping_ratio[index]),
+        stiffness_order=powers.orders[0],
+        damping_order=powers.orders[1],
+        free_linear=1 in powers.k,
         stiffness=found.stiffness(),
         damping=found.damping(),
         band_hz=band,
@@ -148,39 +161,64 @@ def _mode_fit(
         damping_curve=curve_c,
         frequency_at_hz=omega / (2 * np.pi),
         damping_at=damping / np.maximum(2 * omega, 1e-300),
-        orders=rungs,
-        warnings=(*doubts, *doubts_of_fit(mode, mass, found, curve_k, curve_c)),
+        orders=tried,
+        warnings=(),
     )
+
+
+def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
+    """The band in which the tests move the mode, and where its frequency goes at their largest amplitude."""
+    low, high = band_of_mode(tests, mode)
+    lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
+    rough = fit_coefficients(lines, stiffness_order=ROUGH_ORDER, damping_order=ROUGH_ORDER)
+    amplitude = np.array([max(each.largest_q for each in lines)])
+    k0, c0 = lines[0].linear
+    n_k = len(rough.powers.k)
+    omega = np.sqrt(np.maximum(k0 + linearised(rough.powers.k, rough.value[:n_k], amplitude), 0.25 * k0))
+    width = np.abs(c0 + linearised(rough.powers.c, rough.value[n_k:], omega * amplitude))
+    begin, end = ((omega + sign * width).item() / (2 * np.pi) for sign in (-1, 1))
+    natural = k0**0.5 / (2 * np.pi)
+    return min(low, max(begin, WIDEST[0] * natural)), max(high, min(end, WIDEST[1] * natural))
 
 
 def _curve(
     powers: tuple[int, ...], value: FloatArray, covariance: FloatArray, largest: float, linear: float
 ) -> ForceCurve:
+    """The nonlinear force; a corrected k0 or c0 moves the linear part, not the curve beside it."""
     position = np.linspace(0.0, largest, N_CURVE)
-    if not powers:
-        zero = np.zeros(N_CURVE)
-        return ForceCurve(position, zero, zero, zero, linear * position)
-    # a corrected k0 moves the linear part, not the curve beside it
-    columns = power_curve(powers, position)
+    columns = np.stack([(n > 1) * position**n for n in powers], axis=1) if powers else np.zeros((N_CURVE, 0))
     force = columns @ value
     half = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", columns, covariance, columns))
-    corrected = linear + (value[0] if powers[0] == 1 else 0.0)
+    corrected = linear + (value[0] if powers[:1] == (1,) else 0.0)
     return ForceCurve(position, force, force - half, force + half, corrected * position)
 
 
-def _orders(
-    lines: Sequence[ModeLines], stiffness_order: int | None, damping_order: int | None, free: bool
-) -> tuple[OrderRung, ...]:
-    if stiffness_order is not None and damping_order is not None:
-        return ()
-    return search_orders(lines, stiffness_order=stiffness_order, damping_order=damping_order, free_linear=free)
-
-
-def _chosen(rungs: Sequence[OrderRung], stiffness_order: int | None, damping_order: int | None) -> tuple[int, int]:
-    for rung in rungs:
-        if rung.chosen:
-            return rung.stiffness_order, rung.damping_order
-    return stiffness_order or 1, damping_order or 1
+def _warnings_of_fit(fit: ModeFit) -> Iterator[str]:
+    value, std = float(fit.modal_mass.value or 0.0), float(fit.modal_mass.std or 0.0)
+    if abs(value - 1) > max(WARNED_MASS, 4 * std):
+        yield (
+            f"mode {fit.mode}: the tests show a modal mass of {value:.3g} (standard deviation {std:.1g}) where it is "
+            "1: the scale of its shape or of the force is off, or the drive point, and with it the amplitudes"
+        )
+    for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):
+        largest = np.abs(curve.force).max()
+        half = 0.5 * (curve.high[-1] - curve.low[-1]) / largest if largest else 0.0
+        if half > WIDEST_BAND:
+            yield (
+                f"mode {fit.mode}: the nonlinear {word} force is known to +-{100 * half:.0f} % at the largest "
+                f"amplitude: the data cannot tell it, lower {word}_order or test at higher levels"
+            )
+    spring = fit.stiffness_curve
+    if (np.gradient(spring.linear + spring.force, spring.position) <= 0).any():
+        yield (
+            f"mode {fit.mode}: the fitted spring has no positive stiffness at the largest amplitude: do not go beyond "
+            "it"
+        )
+    if fit.residual_share > MOST_UNEXPLAINED:
+        yield (
+            f"mode {fit.mode}: the fit leaves {100 * fit.residual_share:.0f} % of the modal force unexplained: the "
+            "mode is not alone in its band, or its linear properties belong to another state of the structure"
+        )
 
 
 def _require_mass(mass: Estimate, mode: int, test: ModalTest) -> None:

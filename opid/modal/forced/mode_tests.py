@@ -1,4 +1,9 @@
-"""Which tests tell about a mode, in which band, and whether they can: decayed, with energy, with enough lines."""
+"""Which tests tell about a mode, in which band, and what speaks against them.
+
+A test must have decayed, with energy and enough motion in the band. The shapes must explain what the sensors saw: a
+swapped row, a wrong sign, a missing mode show without a force. Other modes that answer at multiples of the frequency
+under test are what a nonlinear modal model cannot hold.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy import fft
 
-from opid.modal.forced.equation import ModeLines, modal_motion
-from opid.modal.linear.modes import LinearModes, ModalTest
+from opid.mechanics.structure import ComplexArray
+from opid.modal.forced.equation import ModeLines, modal_motion, noise_power, quiet_lines
+from opid.modal.linear.frequency_response import accelerance
+from opid.modal.linear.modes import LinearModes, ModalTest, with_sensors
 from opid.modal.study import StudyTest
 from opid.signals.recording import FloatArray
 
@@ -19,7 +26,7 @@ TO_NEIGHBOUR = 0.8
 """Of the way to a neighbour, where the band ends at the latest: the modal filter leaves little of it, and the frequency
 of a nonlinear mode goes there."""
 
-ENERGY_LEVEL = 0.01
+LEAST_LINE = 0.01
 """Of the largest line of the modal acceleration: what is below it holds nothing of the mode."""
 
 HALF_WIDTHS = 4.0
@@ -34,155 +41,197 @@ THIRD = 3.1
 LEAST_SIGNAL = 3.0
 """Force in the band over its noise, rms: with less there is no energy in it."""
 
-SHARE_OF_LARGEST = 0.1
-"""A mode without tests of its own is fitted to those that reach this share of its largest amplitude."""
+PART_OF_LARGEST = 0.1
+"""A mode without tests of its own is fitted to those that reach this fraction of its largest amplitude."""
+
+WARNED_OUTSIDE, MOST_OUTSIDE = 0.1, 0.5
+"""Of the motion in the band, rms, outside of what the shapes can do: warned of, and refused."""
+
+MULTIPLES = (2, 3)
+"""Of the frequency under test, at which other modes are looked for."""
+
+LEAST_ANSWER = 0.3
+"""Of the motion of the mode under test, rms of modal accelerations: what another mode must reach to be named."""
+
+MOST_DRIVEN = 0.3
+"""Of what is observed: what the force may have driven by itself (the shaker has harmonics, too)."""
+
+Remarks = tuple[list[str], list[str]]
+"""Why something cannot be used, and what to be warned of where it can; one clause each."""
 
 
 def tests_of_mode(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]) -> tuple[ModalTest, ...]:
-    """Return the tests of a mode: those that name it, and those that move it more than the other nonlinear modes.
-
-    Args:
-        tests: those to fit.
-        mode: number of the mode, from 1.
-        nonlinear: numbers of all nonlinear modes.
-    """
+    """Return the tests of a mode: those that name it, and those that move it more than the other nonlinear modes."""
     named = [each.test for each in tests if each.mode == mode]
     free = [each.test for each in tests if each.mode is None]
     return tuple(named + [test for test in free if largest_mode(test, nonlinear) == mode])
 
 
 def tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
-    """Return the tests of other modes that move a mode that has none of its own, the strongest and those near it.
-
-    Args:
-        tests: those to fit.
-        mode: number of the mode, from 1.
-    """
-    free = [each.test for each in tests if each.mode is None]
-    energies = [_energy(test, mode) for test in free]
-    least = SHARE_OF_LARGEST**2 * max(energies, default=0.0)
-    return tuple(test for test, energy in zip(free, energies, strict=True) if energy >= least > 0)
+    """Return the tests of other modes that move a mode that has none of its own, the strongest and those near it."""
+    energies = [(each.test, _energy(each.test, mode)) for each in tests if each.mode is None]
+    least = PART_OF_LARGEST**2 * max((energy for _, energy in energies), default=0.0)
+    return tuple(test for test, energy in energies if energy >= least > 0)
 
 
 def largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
-    """Return the mode that a test moves most, by kinetic energy.
-
-    Args:
-        test: the test.
-        modes: numbers to choose from.
-    """
+    """Return which of some modes a test moves most, by kinetic energy."""
     return modes[int(np.argmax([_energy(test, mode) for mode in modes]))]
 
 
 def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
-    """Return the band in which some test moves a mode, Hz: no further than most of the way to the neighbours.
-
-    Args:
-        tests: those that tell about it.
-        mode: number of the mode, from 1.
-    """
+    """Return the band in which some test moves a mode, Hz: no further than most of the way to the neighbours."""
     lows, highs = [], []
     for test in tests:
-        place = test.modes.index(mode)
-        natural, damping = test.modes.frequency_hz[place], test.modes.damping_ratio[place]
+        index, acceleration = test.modes.index(mode), test.modal_acceleration(mode)
+        natural, damping = test.modes.frequency_hz[index], test.modes.damping_ratio[index]
         least, most = _limits(test.modes, mode)
-        frequency, spectrum = _spectrum(test, mode)
+        frequency, spectrum = fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
         inside = (frequency >= least) & (frequency <= most)
-        with_energy = frequency[inside][spectrum[inside] >= ENERGY_LEVEL * spectrum[inside].max(initial=0.0)]
+        with_energy = frequency[inside][spectrum[inside] >= LEAST_LINE * spectrum[inside].max(initial=0.0)]
         width = 2 * HALF_WIDTHS * damping * natural
         lows.append(max(least, min(natural - width, with_energy.min(initial=natural))))
         highs.append(min(most, max(natural + width, with_energy.max(initial=natural))))
     return float(min(lows)), float(max(highs))
 
 
-def faults_of_test(
-    test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float = 0.0
-) -> Iterator[str]:
-    """Yield why a test cannot be used for a mode, one clause each.
-
-    Args:
-        test: the test.
-        lines: its equation in the band.
-        mode: number of the mode, from 1.
-        band_hz: the band, Hz.
-        taper_s: time over which its ends are faded out, s.
-    """
+def remarks_on_test(
+    test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float
+) -> Remarks:
+    """Return whether a test, with its equation in a band, tells about a mode; `taper_s` fades its ends out."""
+    faults, warnings = [], []
     if _rms(lines.force) < LEAST_SIGNAL * lines.noise_force:
-        yield (
+        faults.append(
             f"test {test.name!r} puts no energy into {band_hz[0]:.4g} to {band_hz[1]:.4g} Hz, the band of mode {mode}: "
             "excite the mode, or leave the test to another one"
         )
     elif _rms(lines.inertia) < LEAST_SIGNAL * lines.noise_inertia:
-        yield f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave it out"
-    left, word = _left_over(test, lines, mode, band_hz)
-    if left > MOST_LEFT and not taper_s:
-        yield (
-            f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record "
-            "from rest until the mode has decayed, or fade the ends out in Python (taper_s of fit_mode)"
+        faults.append(
+            f"mode {mode} hardly moves in test {test.name!r}: drive it where its shape is larger, or leave it out"
         )
+    left, word = (0.0, "") if taper_s else _left_over(test, lines, mode, band_hz)
+    clause = f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record"
+    if left > MOST_LEFT:
+        faults.append(
+            f"{clause} from rest until the mode has decayed, or fade the ends out in Python (taper_s of fit_mode)"
+        )
+    elif left > WARNED_LEFT:
+        warnings.append(f"{clause} longer")
+    return faults, warnings
 
 
-def doubts_of_test(
-    test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float = 0.0
-) -> Iterator[str]:
-    """Yield what to doubt about a test that is used, one clause each.
+def remarks_on_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Remarks:
+    """Return whether a test moves in the shapes in the band of a mode."""
+    outside, cause = outside_shapes(test, band_hz)
+    hint = cause or "check the order, signs and units of the sensors, and whether a mode is missing"
+    motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} about mode {mode}"
+    remark = [f"{motion} cannot be made of the shapes: {hint}"] if outside > WARNED_OUTSIDE else []
+    return (remark, []) if outside > MOST_OUTSIDE else ([], remark)
 
-    Args:
-        test: the test.
-        lines: its equation in the band.
-        mode: number of the mode, from 1.
-        band_hz: the band, Hz.
-        taper_s: time over which its ends are faded out, s.
+
+def outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
+    """Return the fraction of the motion that no sum of the shapes can make, and what would lower it most.
+
+    |x - Phi pinv(Phi) x| / |x| over the lines of a band without the part of the sensors' noise; 0 where there are no
+    more sensors than modes, and nothing can be told. The clause names the sensor whose sign or whose row is the
+    likeliest cause, and is "" where none stands out.
     """
-    left, word = _left_over(test, lines, mode, band_hz)
-    if WARNED_LEFT < left <= MOST_LEFT and not taper_s:
-        yield f"test {test.name!r} {word} with {100 * left:.2g} % of its largest motion in mode {mode}: record longer"
+    sensors = test.sensors
+    shapes = with_sensors(test.modes, sensors).shapes
+    n_sensors, n_modes = shapes.shape
+    if n_sensors <= n_modes:
+        return 0.0, ""
+    spectrum = fft.rfft(test.at_sensors, axis=0)
+    frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
+    lines = spectrum[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
+    noise = float(np.mean(noise_power(spectrum[quiet_lines(test.modes, frequency)])))
+
+    def outside(shapes: FloatArray) -> float:
+        rest = lines - lines @ np.linalg.pinv(shapes).T @ shapes.T
+        excess = float(np.sum(np.abs(rest) ** 2)) - noise * (n_sensors - n_modes) * len(lines)
+        return float(np.sqrt(max(excess, 0.0) / max(float(np.sum(np.abs(lines) ** 2)), 1e-300)))
+
+    found = outside(shapes)
+    if found <= WARNED_OUTSIDE:
+        return found, ""
+    signs = np.where(np.eye(n_sensors, dtype=bool), -1.0, 1.0)
+    turned = [outside(shapes * sign[:, None]) for sign in signs]
+    best = int(np.argmin(turned))
+    if turned[best] < 0.3 * found:
+        return found, f"with the sign of {sensors[best]!r} turned it would be {100 * turned[best]:.0f} %"
+    swaps = {}
+    for one in range(n_sensors):
+        for other in range(one):
+            order = np.arange(n_sensors)
+            order[[one, other]] = other, one
+            swaps[other, one] = outside(shapes[order])
+    pair = min(swaps, key=lambda pair: swaps[pair])
+    if swaps[pair] < 0.3 * found:
+        names = " and ".join(repr(sensors[index]) for index in pair)
+        return found, f"with {names} exchanged it would be {100 * swaps[pair]:.0f} %"
+    return found, ""
 
 
-def doubts_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
-    """Yield that tests are sampled too slowly for the third harmonic of a mode, all in one clause.
-
-    Args:
-        tests: those of the mode.
-        mode: number of the mode, from 1.
-    """
-    slow = [test for test in tests if test.fs / 2 < THIRD * test.modes.frequency_hz[test.modes.index(mode)]]
+def warnings_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
+    """Yield that tests are sampled too slowly for the third harmonic of a mode, all in one clause."""
+    needed = {test: 2 * THIRD * float(test.modes.frequency_hz[test.modes.index(mode)]) for test in tests}
+    slow = [test for test in tests if test.fs < needed[test]]
     if slow:
-        needed = 2 * THIRD * slow[0].modes.frequency_hz[slow[0].modes.index(mode)]
         yield (
             f"{len(slow)} test(s) of mode {mode} at {slow[0].fs:g} Hz do not hold its third harmonic: the powers miss "
-            f"some thousandths; record at {needed:.0f} Hz or more"
+            f"some thousandths; record at {needed[slow[0]]:.0f} Hz or more"
         )
+
+
+def warnings_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Iterator[str]:
+    """Yield the modes that move at twice or three times the band of a mode, more than the force can have moved them.
+
+    A modal model takes its modes to be uncoupled; such motion shows that they are not (Pacini, section 4.2.2, where
+    force appropriation gives the proof: `opid.modal.modal_interaction`).
+    """
+    index = test.modes.index(mode)
+    frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
+    spectra = fft.rfft(test.acceleration, axis=0)
+    # what the force alone makes of linear modes
+    forces = [test.modal_force(number + 1) for number in range(test.modes.n_modes)]
+    driven = accelerance(test.modes, frequency) * fft.rfft(np.stack(forces, axis=1), axis=0)
+
+    def rms_in(spectra: ComplexArray, multiple: int) -> FloatArray:
+        inside = (frequency >= multiple * band_hz[0]) & (frequency <= multiple * band_hz[1])
+        return np.sqrt(np.sum(np.abs(spectra[inside]) ** 2, axis=0))
+
+    target = rms_in(spectra, 1)[index]
+    for multiple in MULTIPLES:
+        seen, own = rms_in(spectra, multiple), rms_in(driven, multiple)
+        telling = (seen > LEAST_ANSWER * target) & (own < MOST_DRIVEN * seen) & test.modes.elastic
+        telling[index] = False
+        if telling.any():
+            other = int(np.argmax(np.where(telling, seen, 0.0)))
+            by_force = 100 * own[other] / seen[other]
+            yield (
+                f"mode {other + 1} moves at {multiple} times the frequency of mode {mode} in test {test.name!r}, "
+                f"{seen[other] / target:.2f} times as much, of which the force explains {by_force:.0f} %: the modes "
+                f"interact, and where mode {other + 1} moves this model is wrong; force appropriation would show it"
+            )
 
 
 def _energy(test: ModalTest, mode: int) -> float:
-    """Mean square of the modal velocity that one mode has in its band: shares of the kinetic energy."""
+    """Mean square of the modal velocity that one mode has in its band, a part of the kinetic energy."""
     _, velocity = modal_motion(test, mode, _limits(test.modes, mode))
     return float(np.mean(velocity**2))
 
 
 def _limits(modes: LinearModes, mode: int) -> tuple[float, float]:
     """Most of the way to the neighbours, but never so near that the mode's own resonance is cut."""
-    place = modes.index(mode)
-    natural = modes.frequency_hz[place]
-    others = np.delete(modes.frequency_hz, place)
-    below, above = others[(others > 0) & (others <= natural)], others[others > natural]
-    own = HALF_WIDTHS * 2 * modes.damping_ratio[place] * natural
-    low, high = WIDEST[0] * natural, WIDEST[1] * natural
-    if below.size:
-        low = max(low, natural - TO_NEIGHBOUR * (natural - below.max()))
-    if above.size:
-        high = min(high, natural + TO_NEIGHBOUR * (above.min() - natural))
-    low, high = min(low, natural - own), max(high, natural + own)
-    return float(max(low, 0.1 * natural)), float(min(high, 3 * natural))
+    index = modes.index(mode)
+    natural = float(modes.frequency_hz[index])
+    own = HALF_WIDTHS * 2 * float(modes.damping_ratio[index]) * natural
+    low, high = (natural + TO_NEIGHBOUR * (neighbour - natural) for neighbour in modes.neighbours_hz(mode))
+    low, high = max(low, WIDEST[0] * natural), min(high, WIDEST[1] * natural)
+    return max(min(low, natural - own), 0.1 * natural), min(max(high, natural + own), 3 * natural)
 
 
-def _spectrum(test: ModalTest, mode: int) -> tuple[FloatArray, FloatArray]:
-    acceleration = test.acceleration[:, test.modes.index(mode)]
-    return fft.rfftfreq(acceleration.size, 1 / test.fs), np.abs(fft.rfft(acceleration))
-
-
-def _rms(lines: np.ndarray) -> float:
+def _rms(lines: ComplexArray) -> float:
     return float(np.sqrt(np.mean(np.abs(lines) ** 2)))
 
 
@@ -196,6 +245,4 @@ def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[floa
     noise = 2 * np.sum((lines.noise_inertia / (2 * np.pi * lines.frequency_hz)) ** 2) / velocity.size**2
     begin, end = (float(np.sqrt(2 * max(np.mean(part**2) - noise, 0.0))) for part in (velocity[:first], velocity[-n:]))
     largest = float(np.abs(velocity).max()) or 1.0
-    if end >= begin:
-        return end / largest, "ends"
-    return begin / largest, "begins"
+    return (end / largest, "ends") if end >= begin else (begin / largest, "begins")

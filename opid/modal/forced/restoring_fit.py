@@ -1,17 +1,22 @@
-"""The restoring force of one mode from the tests that excite it (Pacini section 3.3), every test stacked."""
+"""The restoring force of one mode from the tests that excite it (Pacini section 3.3): its coefficients and orders.
+
+All tests are stacked. How many powers a mode needs is found by cross-validation over tests, or over lines where there
+are few tests.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate
-from opid.modal.forced.equation import ModeLines
-from opid.modal.forced.equation_noise import line_noise, noise_scores
+from opid.mechanics.structure import ComplexArray
+from opid.modal.forced.equation import ModeLines, Powers, line_noise, noise_scores
 from opid.modal.power_laws import HIGHEST_ORDER, harmonic_share
+from opid.modal.result import OrderRung
 from opid.signals.recording import FloatArray
 
 N_ROUNDS = 2
@@ -20,14 +25,19 @@ N_ROUNDS = 2
 LARGEST_CONDITION = 1e6
 """Of the scaled columns: beyond it they are copies of each other on these tests."""
 
+PARSIMONY = 0.01
+"""Of the error: what a further power must win on tests that were left out."""
+
+N_BLOCKS = 5
+"""Parts of a band that are left out in turn where there are fewer than three tests."""
+
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
     """The coefficients of one mode.
 
     Args:
-        powers_k: powers of the displacement, 1 (if k0 is corrected) and 2 .. N_s.
-        powers_c: powers of the velocity likewise.
+        powers: of displacement and velocity.
         value: (n,) k_n, then c_n.
         covariance: (n, n).
         condition_raw: of the columns as they are.
@@ -36,8 +46,7 @@ class Coefficients:
         noise: for each test (m,), what each line was divided by: the noise, and what the model misses beyond it.
     """
 
-    powers_k: tuple[int, ...]
-    powers_c: tuple[int, ...]
+    powers: Powers
     value: FloatArray
     covariance: FloatArray
     condition_raw: float
@@ -47,11 +56,11 @@ class Coefficients:
 
     def stiffness(self) -> dict[int, Estimate]:
         """k_n by its power."""
-        return dict(zip(self.powers_k, self._estimates()[: len(self.powers_k)], strict=True))
+        return dict(zip(self.powers.k, self._estimates(), strict=False))
 
     def damping(self) -> dict[int, Estimate]:
         """c_n by its power."""
-        return dict(zip(self.powers_c, self._estimates()[len(self.powers_k) :], strict=True))
+        return dict(zip(self.powers.c, self._estimates()[len(self.powers.k) :], strict=True))
 
     def _estimates(self) -> list[Estimate]:
         return [Estimate.normal(v, s) for v, s in zip(self.value, np.sqrt(np.diag(self.covariance)), strict=True)]
@@ -74,55 +83,14 @@ def fit_coefficients(
     Raises:
         InputError: an order outside 1 to 5, or more coefficients than the lines can tell.
     """
-    powers_k, powers_c = powers(stiffness_order, free_linear), powers(damping_order, free_linear)
-    columns = [_columns(each, powers_k, powers_c) for each in lines]
-    value = solution(lines, powers_k, powers_c)
-    misfits = [each.rest - c @ value for each, c in zip(lines, columns, strict=True)]
-    noise = [line_noise(each, powers_k, powers_c, value) for each in lines]
-    whole = [np.hypot(n, _beyond(misfit, n)) for misfit, n in zip(misfits, noise, strict=True)]
-    return _answer(powers_k, powers_c, columns, lines, whole)
-
-
-def solution(lines: Sequence[ModeLines], powers_k: tuple[int, ...], powers_c: tuple[int, ...]) -> FloatArray:
-    """Return the coefficients k_n, then c_n, weighted by the sensors' noise alone, without what they are worth.
-
-    Args:
-        lines: one a test.
-        powers_k: powers of the displacement.
-        powers_c: powers of the velocity.
-
-    Raises:
-        InputError: more coefficients than the lines can tell.
-    """
-    columns = [_columns(each, powers_k, powers_c) for each in lines]
-    n_lines, n = sum(each.frequency_hz.size for each in lines), len(powers_k) + len(powers_c)
-    if n_lines < 4 * n:
-        raise InputError(
-            f"{n} coefficients are to be fitted to {n_lines} lines: lower stiffness_order ({max(powers_k, default=1)}) "
-            f"and damping_order ({max(powers_c, default=1)}), or give longer tests"
-        )
-    value = np.zeros(n)
-    for _ in range(N_ROUNDS):
-        value = _solved(columns, lines, [line_noise(each, powers_k, powers_c, value) for each in lines])
-    return value
-
-
-def powers(order: int, free_linear: bool) -> tuple[int, ...]:
-    """Return the powers that are fitted: 2 .. order, and 1 where the linear part is corrected.
-
-    Args:
-        order: N_s or N_d.
-        free_linear: whether the linear part is corrected.
-
-    Raises:
-        InputError: an order outside 1 to 5.
-
-    >>> powers(3, free_linear=False)
-    (2, 3)
-    """
-    if not 1 <= order <= HIGHEST_ORDER:
-        raise InputError(f"the order is {order}: give 1 (linear) to {HIGHEST_ORDER}")
-    return tuple(range(1 if free_linear else 2, order + 1))
+    powers = Powers.of(stiffness_order, damping_order, free_linear=free_linear)
+    value = _solution(lines, powers)
+    whole = []
+    for each in lines:
+        noise, misfit = line_noise(each, powers, value), powers.misfit(each, value)
+        beyond = np.sqrt(max(float(np.mean(np.abs(misfit) ** 2 - noise**2)), 0.0))
+        whole.append(np.hypot(noise, beyond))
+    return _answer(powers, lines, whole)
 
 
 def fit_unweighted(
@@ -139,47 +107,30 @@ def fit_unweighted(
     Raises:
         InputError: as `fit_coefficients`.
     """
-    powers_k, powers_c = powers(stiffness_order, free_linear), powers(damping_order, free_linear)
-    columns = [_columns(each, powers_k, powers_c) for each in lines]
-    return _answer(powers_k, powers_c, columns, lines, [np.ones(each.frequency_hz.size) for each in lines])
+    powers = Powers.of(stiffness_order, damping_order, free_linear=free_linear)
+    return _answer(powers, lines, [np.ones(each.frequency_hz.size) for each in lines])
 
 
-def modal_mass(lines: Sequence[ModeLines], *, stiffness_order: int = 3, damping_order: int = 3) -> Estimate:
+def modal_mass(lines: Sequence[ModeLines]) -> Estimate:
     """Return the mass that the tests show for a mode whose shape is mass-normalised, where it should be 1.
 
-    The inertia force gets a factor of its own beside free linear and nonlinear terms. A shape that is s times too large
-    gives s^2, a force that is g times too large g.
-
-    Args:
-        lines: one a test.
-        stiffness_order: of the nonlinear terms beside it.
-        damping_order: likewise.
+    The inertia force gets a factor of its own beside free linear and nonlinear terms up to the third power. A shape
+    that is s times too large gives s^2, a force that is g times too large g.
     """
-    powers_k, powers_c = powers(stiffness_order, True), powers(damping_order, True)
-    columns = [np.column_stack([each.inertia, _columns(each, powers_k, powers_c)]) for each in lines]
-    whole = [replace(each, rest=each.force, linear=(0.0, 0.0)) for each in lines]
-    noise = [line_noise(each, (), (), np.zeros(0)) for each in lines]
-    found = _solved(columns, whole, noise)
-    residual = [(each.rest - c @ found) / n for each, c, n in zip(whole, columns, noise, strict=True)]
+    powers = Powers.of(3, 3, free_linear=True)
+    columns = [np.column_stack([each.inertia, powers.columns(each)]) for each in lines]
+    forces = [each.force for each in lines]
+    noise = [line_noise(each, Powers((), ()), np.zeros(0)) for each in lines]
+    found = _solved(columns, forces, noise)
     # its uncertainty need not be exact: white residuals, as large as they are
-    matrix, _ = _stacked(columns, whole, noise)
+    matrix = _stacked(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
-    variance = float(np.mean(np.abs(np.concatenate(residual)) ** 2)) / 2
+    residual = _stacked(forces, noise) - matrix @ found
     of_mass = np.linalg.pinv((matrix / scale).T @ (matrix / scale))[0, 0] / scale[0] ** 2
-    return Estimate.normal(found[0], float(np.sqrt(variance * of_mass)))
+    return Estimate.normal(found[0], float(np.sqrt(np.mean(residual**2) * of_mass)))
 
 
-def power_curve(powers: Sequence[int], position: FloatArray) -> FloatArray:
-    """Return the columns x^n, n >= 2, of a force curve over positive x, zero for the power 1: (n_points, n_powers).
-
-    Args:
-        powers: of the coefficients.
-        position: (n_points,) displacement or velocity, from 0.
-    """
-    return np.stack([position**n if n > 1 else np.zeros_like(position) for n in powers], axis=1)
-
-
-def linearised(powers: Sequence[int], value: FloatArray, amplitude: FloatArray) -> FloatArray:
+def linearised(powers: Iterable[int], value: Iterable[float], amplitude: FloatArray) -> FloatArray:
     """Return sum value_n a_n A^(n-1): what a coefficient adds to k0 or c0 at an amplitude (harmonic linearisation).
 
     Args:
@@ -193,96 +144,155 @@ def linearised(powers: Sequence[int], value: FloatArray, amplitude: FloatArray) 
     return total
 
 
-def _columns(lines: ModeLines, powers_k: Sequence[int], powers_c: Sequence[int]) -> np.ndarray:
-    return np.column_stack([lines.stiffness[:, [n - 1 for n in powers_k]], lines.damping[:, [n - 1 for n in powers_c]]])
-
-
-def _solved(columns: Sequence[np.ndarray], lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> FloatArray:
-    if columns[0].shape[1] == 0:
-        return np.zeros(0)
-    matrix, rest = _stacked(columns, lines, noise)
-    scale = np.linalg.norm(matrix, axis=0)
-    if not scale.all():
-        raise InputError("a column of the fit is zero: the tests do not move the mode in its band")
-    return np.linalg.lstsq(matrix / scale, rest, rcond=None)[0] / scale
-
-
-def _stacked(
-    columns: Sequence[np.ndarray], lines: Sequence[ModeLines], noise: Sequence[FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    matrix = np.concatenate([c / n[:, None] for c, n in zip(columns, noise, strict=True)])
-    rest = np.concatenate([each.rest / n for each, n in zip(lines, noise, strict=True)])
-    return np.concatenate([matrix.real, matrix.imag]), np.concatenate([rest.real, rest.imag])
-
-
-def _beyond(misfit: np.ndarray, noise: FloatArray) -> float:
-    """What a test misses beyond its noise, standard deviation of a line; 0 where the noise explains the misfit."""
-    return float(np.sqrt(max(np.mean(np.abs(misfit) ** 2 - noise**2), 0.0)))
-
-
-def _answer(
-    powers_k: tuple[int, ...],
-    powers_c: tuple[int, ...],
-    columns: Sequence[np.ndarray],
+def search_orders(
     lines: Sequence[ModeLines],
-    noise: Sequence[FloatArray],
-) -> Coefficients:
-    value = _solved(columns, lines, noise)
-    matrix, _ = _stacked(columns, lines, noise)
-    scale = np.linalg.norm(matrix, axis=0)
-    condition = float(np.linalg.cond(matrix / scale)) if scale.size else 1.0
-    if condition > LARGEST_CONDITION:
-        raise InputError(
-            f"the columns of orders {max(powers_k, default=1)} (stiffness) and {max(powers_c, default=1)} (damping) "
-            f"are copies of each other on these tests (condition {condition:.1g}): lower the orders, or add levels"
-        )
-    raw = np.concatenate(columns)
-    misfit = [each.rest - c @ value for each, c in zip(lines, columns, strict=True)]
-    force = np.concatenate([each.force for each in lines])
-    return Coefficients(
-        powers_k,
-        powers_c,
-        value,
-        _covariance(powers_k, powers_c, value, columns, lines, noise, misfit),
-        float(np.linalg.cond(np.concatenate([raw.real, raw.imag]))) if scale.size else 1.0,
-        condition,
-        float(np.sqrt(np.mean(np.abs(np.concatenate(misfit)) ** 2) / np.mean(np.abs(force) ** 2))),
-        tuple(noise),
+    *,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    free_linear: bool = False,
+) -> tuple[OrderRung, ...]:
+    """Return every pair of orders with its error on what was left out; one is chosen.
+
+    With three tests and more each is left out in turn, except that with the largest motion: beyond it no polynomial
+    can be asked. With fewer, interleaved blocks of lines are left out. The fewest powers are chosen whose error is
+    within one standard error and 1 % of the least one.
+    """
+    folds = _folds(lines)
+    errors: dict[tuple[int, int], np.ndarray] = {}
+    every = range(1, HIGHEST_ORDER + 1)
+    for n_s in every if stiffness_order is None else (stiffness_order,):
+        for n_d in every if damping_order is None else (damping_order,):
+            try:
+                powers = Powers.of(n_s, n_d, free_linear=free_linear)
+                errors[n_s, n_d] = np.array([_left_out(kept, out, powers) for kept, out in folds])
+            except InputError:
+                continue  # too many for what is kept
+    if not errors:
+        raise InputError("no order can be fitted to so few lines: give longer or more tests")
+    mean = {orders: float(np.sqrt(np.mean(each**2))) for orders, each in errors.items()}
+    best = min(mean, key=lambda orders: (mean[orders], sum(orders)))
+    root = len(folds) ** 0.5
+    # from fold to fold, against the best: what all folds share does not count
+    near = [
+        orders
+        for orders, each in errors.items()
+        if mean[orders] <= (1 + PARSIMONY) * mean[best] + float(np.std(each - errors[best], ddof=1)) / root
+    ]
+    chosen = min(near, key=lambda orders: (sum(orders), mean[orders]))
+    return tuple(
+        OrderRung(*orders, mean[orders], float(np.std(each, ddof=1)) / root, orders == chosen)
+        for orders, each in errors.items()
     )
 
 
-def _covariance(
-    powers_k: tuple[int, ...],
-    powers_c: tuple[int, ...],
-    value: FloatArray,
-    columns: Sequence[np.ndarray],
-    lines: Sequence[ModeLines],
-    noise: Sequence[FloatArray],
-    misfit: Sequence[np.ndarray],
-) -> FloatArray:
-    """What the sensors' noise makes of the coefficients, and what the model misses beyond it."""
-    if not value.size:
-        return np.zeros((0, 0))
-    matrix, _ = _stacked(columns, lines, noise)
+def linear_is_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_order: int) -> bool:
+    """Whether the tests demand that k0 and c0 be corrected (Bayesian information criterion, two parameters)."""
+    orders = {"stiffness_order": stiffness_order, "damping_order": damping_order}
+    fixed, free = (fit_coefficients(lines, **orders, free_linear=is_free) for is_free in (False, True))
+    # both are judged by the weights of the freer one
+    chi2 = [
+        sum(
+            float(np.sum(np.abs(fit.powers.misfit(each, fit.value) / noise) ** 2))
+            for each, noise in zip(lines, free.noise, strict=True)
+        )
+        for fit in (fixed, free)
+    ]
+    n_lines = sum(each.frequency_hz.size for each in lines)
+    gain = 2 * (chi2[0] - chi2[1]) / max(chi2[1] / n_lines, 1e-300)
+    return gain > 2 * np.log(2 * n_lines)
+
+
+def lagged_products(scores: FloatArray, reach: int) -> FloatArray:
+    """Return the covariance of the sum of scores, (n, p), that go together up to a lag, with Bartlett's weights.
+
+    Newey and West 1987, Econometrica 55, 703-708.
+    """
+    total = scores.T @ scores
+    for lag in range(1, min(reach, len(scores) - 1) + 1):
+        product = (1 - lag / (reach + 1)) * scores[lag:].T @ scores[:-lag]
+        total += product + product.T
+    return total
+
+
+def _solution(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
+    """The coefficients, weighted by the sensors' noise alone."""
+    n_lines, n = sum(each.frequency_hz.size for each in lines), len(powers.k) + len(powers.c)
+    if n_lines < 4 * n:
+        raise InputError(
+            f"{n} coefficients are to be fitted to {n_lines} lines: lower stiffness_order ({powers.orders[0]}) "
+            f"and damping_order ({powers.orders[1]}), or give longer tests"
+        )
+    columns, rests, value = [powers.columns(each) for each in lines], [each.rest for each in lines], np.zeros(n)
+    for _ in range(N_ROUNDS):
+        value = _solved(columns, rests, [line_noise(each, powers, value) for each in lines])
+    return value
+
+
+def _folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[ModeLines]]]:
+    if len(lines) >= 3:
+        top = max(lines, key=lambda each: each.largest_q)
+        return [([other for other in lines if other is not each], [each]) for each in lines if each is not top]
+    blocks = [np.arange(each.frequency_hz.size) // 3 % N_BLOCKS for each in lines]
+    return [
+        (
+            [each.only(own != block) for each, own in zip(lines, blocks, strict=True)],
+            [each.only(own == block) for each, own in zip(lines, blocks, strict=True)],
+        )
+        for block in range(N_BLOCKS)
+    ]
+
+
+def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], powers: Powers) -> float:
+    """Misfit of what was left out over its modal force, in lines weighted by their noise."""
+    value = _solution(kept, powers)
+    noise = [line_noise(each, powers, value) for each in out]
+    left = _stacked([powers.misfit(each, value) for each in out], noise)
+    return float(np.linalg.norm(left) / np.linalg.norm(_stacked([each.force for each in out], noise)))
+
+
+def _stacked(parts: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
+    """Lines (m, ...) of all tests over their noise, real parts above the imaginary ones."""
+    weighted = np.concatenate([(part.T / n).T for part, n in zip(parts, noise, strict=True)])
+    return np.concatenate([weighted.real, weighted.imag])
+
+
+def _solved(columns: Sequence[ComplexArray], rests: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
+    matrix = _stacked(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
+    if not scale.all():
+        raise InputError("a column of the fit is zero: the tests do not move the mode in its band")
+    return np.linalg.lstsq(matrix / scale, _stacked(rests, noise), rcond=None)[0] / scale if scale.size else scale
+
+
+def _answer(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> Coefficients:
+    """The coefficients, what the sensors' noise makes of them, and what the model misses beyond it."""
+    columns = [powers.columns(each) for each in lines]
+    value = _solved(columns, [each.rest for each in lines], noise)
+    misfit = [powers.misfit(each, value) for each in lines]
+    force = np.concatenate([each.force for each in lines])
+    missed = float(np.sqrt(np.mean(np.abs(np.concatenate(misfit)) ** 2) / np.mean(np.abs(force) ** 2)))
+    if not value.size:
+        return Coefficients(powers, value, np.zeros((0, 0)), 1.0, 1.0, missed, tuple(noise))
+    matrix = _stacked(columns, noise)
+    scale = np.linalg.norm(matrix, axis=0)
+    condition = float(np.linalg.cond(matrix / scale))
+    if condition > LARGEST_CONDITION:
+        raise InputError(
+            f"the columns of orders {powers.orders[0]} (stiffness) and {powers.orders[1]} (damping) are copies of "
+            f"each other on these tests (condition {condition:.1g}): lower the orders, or add levels"
+        )
     bread = np.linalg.inv((matrix / scale).T @ (matrix / scale))
     meat = np.zeros_like(bread)
     for each, c, n, left in zip(lines, columns, noise, misfit, strict=True):
         gradient = c / n[:, None] ** 2 / scale
-        meat += noise_scores(each, gradient, powers_k, powers_c, value)
-        by_noise = line_noise(each, powers_k, powers_c, value)
-        # the share of the misfit that the noise does not explain is smooth over frequency: neighbours go together
-        share = max(0.0, 1.0 - float(np.sum(by_noise**2) / max(np.sum(np.abs(left) ** 2), 1e-300)))
-        meat += share * _neighbours_together((gradient.conj() * left[:, None]).real, each)
-    return bread @ meat @ bread / np.outer(scale, scale)
-
-
-def _neighbours_together(scores: FloatArray, lines: ModeLines) -> FloatArray:
-    """Sum of the products of scores of lines that are no further apart than what lasts as long as the motion has."""
-    lasting = float(np.sum(lines.q**2) ** 2 / max(np.sum(lines.q**4), 1e-300))
-    reach = int(np.ceil(2 * lines.q.size / max(lasting, 1.0)))
-    total = scores.T @ scores
-    for lag in range(1, min(reach, len(scores) - 1) + 1):
-        product = (1 - lag / (reach + 1)) * scores[lag:].T @ scores[:-lag]  # Bartlett
-        total += product + product.T
-    return total
+        meat += noise_scores(each, gradient, powers, value)
+        by_noise = line_noise(each, powers, value)
+        # the part of the misfit that the noise does not explain is smooth over frequency: lines that are no further
+        # apart than what lasts as long as the motion go together
+        part = max(0.0, 1.0 - float(np.sum(by_noise**2) / max(np.sum(np.abs(left) ** 2), 1e-300)))
+        lasting = float(np.sum(each.q**2) ** 2 / max(np.sum(each.q**4), 1e-300))
+        reach = int(np.ceil(2 * each.q.size / max(lasting, 1.0)))
+        meat += part * lagged_products((gradient.conj() * left[:, None]).real, reach)
+    covariance = bread @ meat @ bread / np.outer(scale, scale)
+    raw = float(np.linalg.cond(_stacked(columns, [np.ones(each.size) for each in noise])))
+    return Coefficients(powers, value, covariance, raw, condition, missed, tuple(noise))
