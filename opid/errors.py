@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -18,6 +19,36 @@ class NotDeterminedError(RuntimeError):
     def __init__(self, message: str, partial: object = None) -> None:
         super().__init__(message)
         self.partial = partial
+
+
+def missing_library(what: str, library: str, extra: str) -> InputError:
+    """Return the refusal of what needs a library that is not installed.
+
+    Args:
+        what: needs it.
+        library: its name for pip.
+        extra: of opid that installs it.
+    """
+    return InputError(
+        f"{what} needs {library}, which is not installed: run `pip install '.[{extra}]'` in a clone of opid, "
+        f"or `pip install {library}`"
+    )
+
+
+def require(module: str, what: str, library: str, extra: str) -> None:
+    """Refuse before long work what could not be done after it.
+
+    Args:
+        module: that will be imported.
+        what: needs it, as `missing_library` has the rest.
+        library: its name for pip.
+        extra: of opid that installs it.
+
+    Raises:
+        InputError: the module is not there.
+    """
+    if find_spec(module) is None:
+        raise missing_library(what, library, extra)
 
 
 def refuse(faults: list[str], source: Path | None) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from opid.errors import InputError
+from opid.errors import require
 from opid.estimate import Estimate, rounded
 from opid.provenance import ReadFile
 
@@ -84,10 +84,9 @@ class Result(ABC):
         Raises:
             InputError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise InputError("pandas, which makes the frame, is not installed: pip install pandas") from error
+        require("pandas", "a frame", "pandas", "tables")
+        import pandas
+
         rows = self.summary()
         nothing = (None, None)
         table = [(row.value, row.std, *(row.interval95 or nothing), row.unit) for row in rows]

@@ -1,9 +1,14 @@
 """What commands that write show of their work, and what they do with an older result: the same options everywhere."""
 
+import io
 import json
+import sys
+import time
 
 import pytest
 from cli_runs import CHANNELS, commands, opid, refused
+
+from opid.cli.group import progress
 
 WRITING = {words: each for words, each in commands() if any(option.name == "out" for option in each.params)}
 REPORTING = {words: each for words, each in WRITING.items() if words[1] not in ("simulate", "inspect")}
@@ -81,6 +86,37 @@ def test_the_result_is_shown_as_asked(field_test, tmp_path):
     assert f"opened {field_test / 'heavy.csv'}: CSV with " in told.stderr
     assert any(step.startswith("each gear alone (gear): law arctan_velocity, ") for step in steps)
     refused(opid(*command, "--verbose", "--quiet"), "give one of them")
+
+
+class Terminal(io.StringIO):
+    """What is written, line by line as it is drawn over."""
+
+    def isatty(self):
+        return True
+
+    def drawn(self):
+        return self.getvalue().split("\r")[1:]
+
+
+def test_the_step_is_drawn_again_while_it_takes_its_time(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress() as say:
+        say("law search")
+        while sum("law search (" in line for line in sys.stderr.drawn()) < 2:
+            time.sleep(0.05)
+    assert sys.stderr.drawn()[-1] == ""
+    assert sys.stderr.drawn()[-2].strip() == ""
+    assert len({len(line) for line in sys.stderr.drawn()[:-1]}) == 1
+
+
+def test_no_step_is_drawn_where_nobody_looks(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(quiet=True) as say:
+        say("law search")
+    monkeypatch.setattr(Terminal, "isatty", lambda self: False)
+    with progress() as say:
+        say("law search")
+    assert sys.stderr.getvalue() == ""
 
 
 def test_a_report_has_no_figures_where_none_are_wanted(field_test, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -94,11 +95,18 @@ def test_bad_usage_ends_with_status_2_before_the_work(study, quick, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_without_emcee_its_sampler_is_refused_before_any_work(study, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "emcee", None)
+    monkeypatch.setattr(identification, "update_linear", None)
+    refused(opid("update", study, "--sampler", "ensemble", "--out", tmp_path / "out"), "pip install '.[ensemble]'")
+    assert not (tmp_path / "out").exists()
+
+
 def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: None)
+    monkeypatch.setattr("opid.errors.find_spec", lambda name: None)
     refused(opid("update", study, "--chains", "--out", tmp_path / "out"), "pip install '.[bayes]'")
     assert quick == []
-    monkeypatch.setattr("opid.report.updating.chains.find_spec", lambda name: "there")
+    monkeypatch.setattr("opid.errors.find_spec", lambda name: "there")
     monkeypatch.setattr("opid.report.updating.chains.to_inference_data", lambda chain, names: Written(names))
     done = opid("update", study, "--chains", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output

@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import sys
 from dataclasses import fields, is_dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -250,12 +249,6 @@ def test_a_frame_is_made_of_it(result):
             [told["value"], told["std"]], [np.nan if x is None else x for x in (row.value, row.std)], equal_nan=True
         )
         assert told["unit"] == row.unit
-
-
-def test_without_pandas_a_sentence_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="pandas, which makes the frame, is not installed: pip install pandas"):
-        small_body().to_frame()
 
 
 def test_a_long_reason_does_not_make_the_summary_long():

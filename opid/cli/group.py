@@ -10,6 +10,8 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
+from shutil import get_terminal_size
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -247,8 +249,34 @@ def steps() -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show the step that is under way on stderr; nothing where that is no terminal."""
-    from tqdm import tqdm
+    """Show the step that is under way and the time since the start on stderr; nothing where that is no terminal.
 
-    with tqdm(bar_format="{desc} ({elapsed})", file=sys.stderr, disable=quiet or None, leave=False) as bar:
-        yield bar.set_description_str
+    A thread draws the line anew every second: a long step is seen to be alive.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda step: None
+        return
+    room = get_terminal_size().columns - 1  # what wraps cannot be drawn over
+    start, step, stirred, ended = time.monotonic(), "", Event(), Event()
+
+    def say(name: str) -> None:
+        nonlocal step
+        step = name
+        stirred.set()
+
+    def draw() -> None:
+        while not ended.is_set():
+            minutes, seconds = divmod(int(time.monotonic() - start), 60)
+            click.echo(f"\r{f'{step} ({minutes:02}:{seconds:02})'[:room].ljust(room)}", err=True, nl=False)
+            stirred.wait(1.0)
+            stirred.clear()
+        click.echo(f"\r{'':{room}}\r", err=True, nl=False)
+
+    line = Thread(target=draw, daemon=True)
+    line.start()
+    try:
+        yield say
+    finally:
+        ended.set()
+        stirred.set()
+        line.join()

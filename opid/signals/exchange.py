@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from opid.errors import InputError
+from opid.errors import InputError, require
 from opid.signals.clock import ClockError, resolution_of, uniform_clock
 from opid.signals.column_names import seconds_per_unit, sound_rate, split_unit
 from opid.signals.recording import Channel, FloatArray, Recording
@@ -86,6 +86,7 @@ def frame_of(recording: Recording) -> pandas.DataFrame:
     >>> frame.columns.tolist(), frame.index.name, frame.index.tolist()
     (['upper_z [m/s^2]'], 'time [s]', [0.0, 0.1])
     """
+    require("pandas", "a frame", "pandas", "tables")
     import pandas
 
     frame = pandas.DataFrame(
@@ -155,6 +156,7 @@ def xarray_of(recording: Recording) -> xarray.DataArray:
     >>> array.dims, array.sel(channel="upper_z").values, str(array.units.values[0])
     (('time', 'channel'), array([1., 2.]), 'm/s^2')
     """
+    require("xarray", "a data array", "xarray", "tables")
     import xarray
 
     units = [channel.unit for channel in recording.channels]

@@ -21,6 +21,7 @@ from opid.updating.linear_updating import update_linear
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.sampling.ensemble import require_emcee
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 
@@ -41,11 +42,13 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         progress: called with the name of each step as it begins.
 
     Raises:
-        InputError: a structure, backbones or settings that cannot be used.
+        InputError: a structure, backbones or settings that cannot be used, or a sampler that is not installed.
         NotDeterminedError: the lowest points do not tell the linear parameters, or no class has a likelihood.
     """
     if not isinstance(study, UpdatingStudy):
         raise InputError(f"study is of type {type(study).__name__}: give an UpdatingStudy, as read_study makes one")
+    if study.sampler == "ensemble":
+        require_emcee()
     say = progress or (lambda step: None)
     linear, system = _linear(study, say)
     say("backbones")

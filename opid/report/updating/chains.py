@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, require
 from opid.signals.directory import made_directory
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.arviz_export import to_inference_data
@@ -22,11 +21,7 @@ def require_arviz() -> None:
     Raises:
         InputError: ArviZ is not installed.
     """
-    if find_spec("arviz") is None:
-        raise InputError(
-            "ArviZ, which writes chains, is not installed: run `pip install '.[bayes]'` in a clone of opid, "
-            "or `pip install arviz`, or go on without the chains"
-        )
+    require("arviz", "writing chains", "arviz", "bayes")
 
 
 def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[Path, ...]:

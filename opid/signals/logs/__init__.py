@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, missing_library, nearest
 from opid.signals.clock_columns import with_clocks
 from opid.signals.conversion import recording_of
 from opid.signals.log import Block, Log, Track
@@ -289,12 +289,9 @@ def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
     except InputError:
         raise
     except ModuleNotFoundError as error:
-        if form.needs is None:
+        if form.needs is None or form.extra is None:
             raise
-        raise InputError(
-            f"reading {file} ({form.name}) needs {form.needs}, which is not installed: "
-            f"run `pip install '.[{form.extra}]'` in a clone of opid, or `pip install {form.needs}`"
-        ) from error
+        raise missing_library(f"reading {file} ({form.name})", form.needs, form.extra) from error
     except MemoryError as error:
         raise InputError(
             f"{file} takes more memory than its size explains: it is damaged, or a whole that is packed tightly; "

@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from opid.errors import InputError
+from opid.errors import InputError, require
 from opid.signals.recording import FloatArray
 from opid.updating.sampling.chains import Chain, LogDensity, Progress, as_count, evaluate, starting_densities
+
+
+def require_emcee() -> None:
+    """Refuse before long work what emcee could not do after it.
+
+    Raises:
+        InputError: emcee is not installed.
+    """
+    require("emcee", "the ensemble sampler", "emcee", "ensemble")
 
 
 def ensemble(
@@ -33,7 +42,7 @@ def ensemble(
 
     Raises:
         InputError: a start outside the support, too few walkers or all in one plane, a log density of another shape or
-            not a number, counts that are not positive.
+            not a number, counts that are not positive, or emcee is not installed.
 
     >>> rng = np.random.default_rng(1)
     >>> chain = ensemble(lambda t: -0.5 * np.sum(t**2, axis=1), rng.standard_normal((8, 2)), n_samples=500,
@@ -41,6 +50,7 @@ def ensemble(
     >>> chain.samples.shape
     (8, 500, 2)
     """
+    require_emcee()
     import emcee
 
     kept, dropped = as_count(n_samples, "n_samples", least=1), as_count(n_warm_up, "n_warm_up", least=0)

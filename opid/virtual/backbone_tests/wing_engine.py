@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from opid.errors import InputError
+from opid.errors import InputError, require
 from opid.mechanics.laws.law import FloatArray
 
 PLATE_SENSORS = ("1", "2", "3", "4", "5", "6", "7", "8")
@@ -144,6 +144,9 @@ def wing_engine_matrices(dimensions: WingEngine | None = None) -> WingEngineMatr
     Args:
         dimensions: the structure; the paper's where left out.
 
+    Raises:
+        InputError: scikit-fem is not installed.
+
     >>> wing_engine_matrices().mass.shape
     (1135, 1135)
     """
@@ -183,6 +186,7 @@ def _mesh_lines(given: WingEngine) -> tuple[FloatArray, FloatArray]:
 
 def _plate(given: WingEngine, along: FloatArray, across: FloatArray) -> tuple[Any, Any]:
     """Mass and stiffness of the bending plate, four degrees of freedom a node, node after node."""
+    require("skfem", "the wing-engine structure", "scikit-fem", "wing")
     import skfem
     from skfem.helpers import dd, ddot, dot, grad, trace
 
