@@ -41,10 +41,9 @@ def identified(field_test):
 @pytest.fixture
 def few_figures(monkeypatch):
     """Draw only one figure where the figures are not what a test is about."""
-    from opid.report import identification_report
+    from opid.report.suspensions import figures
 
-    every = identification_report.gear_pictures
-    one = "law_ladder"
     monkeypatch.setattr(
-        identification_report, "gear_pictures", lambda result: [each for each in every(result) if each.name == one]
+        "opid.report.suspensions.identification.figures_of",
+        lambda result, truth: [each for each in figures.figures_of(result, truth) if each.name == "law_ladder"],
     )

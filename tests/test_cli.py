@@ -9,8 +9,7 @@ import pytest
 from cli_runs import N_PICTURES, commands, opid, parsed, refused, shell
 
 from opid.mechanics.laws.kinds import LAWS
-from opid.report import identification_report
-from opid.report.page import Picture
+from opid.report.document import Figure
 from opid.suspensions import identification
 
 # ---- the main paths, in a process of their own -----------------------------------------------------
@@ -124,8 +123,8 @@ def test_what_goes_wrong_outside_is_a_sentence(error, status, word, field_test, 
 
 
 def test_a_failure_while_drawing_leaves_no_half_report(field_test, tmp_path, monkeypatch):
-    failing = Picture("broken", "", "", _raise(RuntimeError("no figure")))
-    monkeypatch.setattr(identification_report, "gear_pictures", lambda result: (failing,))
+    failing = Figure("broken", "", "", _raise(RuntimeError("no figure")))
+    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: (failing,))
     with pytest.raises(RuntimeError, match="no figure"):
         opid("identify", field_test / "study.toml", "--out", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

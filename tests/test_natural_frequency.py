@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from law_runs import study_of
 
+import opid
 from opid.mechanics.laws.law import law
-from opid.report.gear_text import gear_text
 from opid.suspensions.identification import identify
 from opid.virtual.taxi_tests.airframe import LandingGear
 
@@ -51,13 +51,13 @@ def test_table_and_json_say_what_the_frequency_belongs_to():
     }
     found = identify(study_of(LandingGear(law=SPRING)), law=SPRING.name)
     assert found.to_dict()["natural_frequency_of"] == "tangent at rest"
-    said = gear_text(found, truth)
+    said = opid.text(found, truth)
     assert "On the tangent stiffness at rest in the reference run, with the damping C2" in said
     # the truth beside it is that of the tangent, too
     assert "2.66143" in said
 
 
 def test_a_law_that_remembers_is_told_with_its_equivalents():
-    said = gear_text(identify(study_of(LandingGear(law=DAHL), lowest_step_rate_hz=16384.0), law=DAHL.name))
+    said = opid.text(identify(study_of(LandingGear(law=DAHL), lowest_step_rate_hz=16384.0), law=DAHL.name))
     assert "Without what the law remembers: stiffer in small or quick motion" in said
     assert said.count("natural freq.") == 3

@@ -8,12 +8,11 @@ import pytest
 from body_runs import aircraft, study as body_study
 from law_runs import DAMPING, MASS_KG, STIFFNESS, gear_study, study_of
 
+import opid
 from opid.errors import InputError
 from opid.mechanics.driven import Interface
 from opid.mechanics.laws.law import LAWS, LINEAR, default_law, law
 from opid.mechanics.repeatability import PARTS, Departure, part_of
-from opid.report.body_text import body_text
-from opid.report.gear_text import gear_text
 from opid.suspensions.fitting.fit import fit_model
 from opid.suspensions.fitting.repeatability import levels, with_departures
 from opid.suspensions.identification import identify
@@ -111,7 +110,7 @@ def test_a_repeatability_of_zero_that_the_runs_contradict_is_not_believed(gear):
     (alike,) = (each.repeatability for each in result.evidence)
     assert (alike.stated, alike.exceeds) == (0.0, True)
     assert any("more than the stated repeatability of 0 %" in each for each in result.warnings)
-    assert "(`repeatability = 0`), which these runs contradict: they show" in " ".join(gear_text(result).split())
+    assert "(`repeatability = 0`), which these runs contradict: they show" in " ".join(opid.text(result).split())
 
 
 def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
@@ -125,14 +124,14 @@ def test_flights_that_are_alike_cost_a_wider_interval_and_no_accuracy():
     assert alike.is_usual
     assert alike.estimated < 0.3 * alike.stated
     assert alike.mass_if_alike == pytest.approx(masses[0].std / masses[1].std, rel=0.2)
-    text = " ".join(gear_text(usual).split())
+    text = " ".join(opid.text(usual).split())
     found = re.search(r": \+-([\d.]+) % from the sensors' noise, \+-([\d.]+) % from suspensions", text)
     noise, rest = map(float, found.groups())
     assert noise == pytest.approx(196 * masses[0].std / MASS_KG, rel=0.2)
     assert np.hypot(noise, rest) == pytest.approx(196 * masses[1].std / MASS_KG, rel=0.05)
     assert "is taken to be 1 % (the usual value, for the study states no `repeatability`)" in text
     assert "What would help most: each mass flown once more, in turn" in text
-    text = " ".join(gear_text(same).split())
+    text = " ".join(opid.text(same).split())
     assert "all of it from the sensors' noise" in text
     assert "stated to be the same in all runs (`repeatability = 0`)" in text
 
@@ -259,7 +258,7 @@ def test_a_body_whose_runs_may_differ_is_told_with_wider_intervals(shared):
     assert masses[1].std > masses[0].std
     assert masses[1].holds(aircraft().mass_kg)
     assert abs(masses[1].value - masses[0].value) < 3 * masses[1].std
-    assert "from suspensions that may differ from run to run" in " ".join(body_text(usual).split())
+    assert "from suspensions that may differ from run to run" in " ".join(opid.text(usual).split())
 
 
 @pytest.mark.parametrize("kind", ["cubic_stiffness", "arctan_displacement"])

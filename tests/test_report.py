@@ -21,11 +21,12 @@ from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate, rounded
 from opid.json_values import json_text, plain
 from opid.mechanics.laws.law import law_from_parameters
-from opid.report import identification_report as report_module
-from opid.report.again import command_of, python_of
-from opid.report.as_text import estimate_row, wrapped
-from opid.report.gear_pictures import gear_pictures
-from opid.report.gear_text import gear_rows
+from opid.report.as_text import wrapped
+from opid.report.estimates import estimate_row
+from opid.report.suspensions import identification as report_module
+from opid.report.suspensions.again import command_of, python_of
+from opid.report.suspensions.figures import figures_of
+from opid.report.writing import document_of
 from opid.signals import files
 from opid.signals.directory import made_directory, require_directory, write_together
 from opid.signals.health.inspection import inspect
@@ -73,7 +74,12 @@ N_PICTURES = 12
 
 def one_picture(name):
     """Draw only this figure, or none."""
-    return lambda result: [each for each in gear_pictures(result) if each.name == name]
+    return lambda result, truth: [each for each in figures_of(result, truth) if each.name == name]
+
+
+def rows_of(result, truth=None):
+    """Return the cells of each row of the table of numbers by its label."""
+    return {row[0]: row[1:] for row in document_of(result, truth).blocks[0].rows}
 
 
 @pytest.fixture(scope="module")
@@ -231,13 +237,13 @@ def test_text_shows_each_parameter_within_80_columns(identified):
 
 
 def test_text_compares_with_the_truth(identified):
-    table = {row.label: row.cells for row in gear_rows(identified.result, identified.truth)}
+    table = rows_of(identified.result, identified.truth)
     value, _, unit, true, error, inside = table["sprung mass M2"]
     assert (unit, true, inside) == ("kg", "1850", "yes")
     assert float(error.rstrip("%")) == pytest.approx(100 * (float(value) / 1850 - 1), abs=0.02)
     other = json.loads(json.dumps(identified.truth))
     other["parameters"]["sprung_mass_kg"] = 2000.0
-    table = {row.label: row.cells for row in gear_rows(identified.result, other)}
+    table = rows_of(identified.result, other)
     assert table["sprung mass M2"][-1] == "no"
     assert max(map(len, opid.text(identified.result, identified.truth).splitlines())) <= 80
 
@@ -251,7 +257,7 @@ def test_text_says_another_true_law(identified):
 def test_text_without_a_mass_says_why_and_gives_ratios(one_run, identified):
     text = opid.text(one_run, identified.truth)
     assert "Not determined: one run gives ratios to the mass alone" in text
-    table = {row.label: row.cells for row in gear_rows(one_run, identified.truth)}
+    table = rows_of(one_run, identified.truth)
     assert table["sprung mass M2"][0] == "-"
     assert table["amplitude"][2] == "N/kg"
     # the true law per unit of the true mass
@@ -321,7 +327,7 @@ def test_the_figures_of_the_page_are_the_files_beside_it(report):
 def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identified):
     html = (report / "report.html").read_text(encoding="utf-8")
     assert "sprung mass M2" in html
-    assert ("What to doubt" in html) == bool(identified.result.warnings)
+    assert ("<strong>Warning" in html) == bool(identified.result.warnings)
     assert f"opid identify {identified.result.study.source} --band 0.3 40" in html
     result = json.loads((report / "result.json").read_text(encoding="utf-8"))
     read = [Path(file["name"]).name for file in result.pop("provenance")["files"]]
@@ -330,7 +336,7 @@ def test_the_page_tells_numbers_warnings_and_how_to_do_it_again(report, identifi
 
 
 def test_a_title_is_text_on_the_page_and_never_markup(identified, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "gear_pictures", one_picture("accelerations"))
+    monkeypatch.setattr(report_module, "figures_of", one_picture("accelerations"))
     opid.write_report(titled(identified.result, "<script>alert(1)</script>"), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script>" not in html
@@ -338,7 +344,7 @@ def test_a_title_is_text_on_the_page_and_never_markup(identified, tmp_path, monk
 
 
 def test_a_reason_and_missing_values_are_on_the_page(one_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "gear_pictures", one_picture("estimates"))
+    monkeypatch.setattr(report_module, "figures_of", one_picture("estimates"))
     opid.write_report(one_run, tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Not determined:</strong>" in html
@@ -350,7 +356,7 @@ def test_every_kind_of_result_has_text_page_and_json(identified, one_run, by_pap
     for number, result in enumerate((identified.result, one_run, by_paper, refused)):
         assert max(map(len, opid.text(result).splitlines())) <= 80
         page = opid.write_report(result, tmp_path / str(number)).read_text(encoding="utf-8")
-        assert page.count("data:image/png;base64,") == len(gear_pictures(result))
+        assert page.count("data:image/png;base64,") == len(list(figures_of(result)))
         found = json.loads((tmp_path / str(number) / "result.json").read_text(encoding="utf-8"))
         assert found["method"] == result.method
         assert ("Not determined" in page) == bool(result.not_determined)
@@ -358,7 +364,7 @@ def test_every_kind_of_result_has_text_page_and_json(identified, one_run, by_pap
 
 def test_no_figure_of_a_refused_answer_draws_its_fit(refused):
     assert refused.is_refused
-    names = {picture.name for picture in gear_pictures(refused)}
+    names = {figure.name for figure in figures_of(refused)}
     assert names >= {"accelerations", "restoring_force_surface", "law_ladder", "transmissibility"}
     assert not names & {"law_curves", "force_sections", "force_departures", "equation_residual"}
     for draw in (plots.law_curves, plots.equation_residual):
@@ -376,11 +382,11 @@ def test_no_figure_of_the_paper_draws_a_fit_that_ran_away(method, field_test):
     exchanged = replace(study, interfaces=(replace(gear, sprung=gear.unsprung, unsprung=gear.sprung),))
     found = identify(exchanged, method=method, law="cubic_stiffness")
     assert found.is_refused
-    pictures = gear_pictures(found)
-    assert {"accelerations", "slices", "law_ladder", "transmissibility"} <= {each.name for each in pictures}
-    for picture in pictures:
-        axes = np.ravel(picture.draw(found, None))
-        assert max(abs(end) for ax in axes for end in (*ax.get_xlim(), *ax.get_ylim())) < 1e5, picture.name
+    figures = list(figures_of(found))
+    assert {"accelerations", "slices", "law_ladder", "transmissibility"} <= {each.name for each in figures}
+    for figure in figures:
+        axes = np.ravel(figure.draw())
+        assert max(abs(end) for ax in axes for end in (*ax.get_xlim(), *ax.get_ylim())) < 1e5, figure.name
     with pytest.raises(NotDeterminedError, match="no fit to draw: "):
         plots.law_curves(found)
 
@@ -402,7 +408,7 @@ def test_a_report_without_the_steps_of_the_paper_is_written(error, identified, t
         "law_curves",
         "equation_residual",
     }
-    assert "<td>heavy</td>" in page
+    assert '<td class="left">heavy</td>' in page
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["diagnostics"]
     assert (found["peak_pairs"], found["static_transmissibility_read_from_lines"]) == ([], None)
     assert [run["name"] for run in found["runs"]] == ["heavy", "light"]
@@ -525,18 +531,18 @@ def test_a_full_disk_leaves_an_older_report_as_it_was(tmp_path):
 
 
 def test_a_figure_that_fails_leaves_nothing(identified, tmp_path, monkeypatch):
-    def broken(result, truth):
+    def broken():
         raise RuntimeError("no figure")
 
-    first, second = gear_pictures(identified.result)[:2]
-    monkeypatch.setattr(report_module, "gear_pictures", lambda result: (first, replace(second, draw=broken)))
+    first, second, *_ = figures_of(identified.result)
+    monkeypatch.setattr(report_module, "figures_of", lambda result, truth: (first, replace(second, draw=broken)))
     with pytest.raises(RuntimeError, match="no figure"):
         opid.write_report(identified.result, tmp_path / "report")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_second_report_replaces_the_first_and_nothing_else(identified, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "gear_pictures", one_picture("law_ladder"))
+    monkeypatch.setattr(report_module, "figures_of", one_picture("law_ladder"))
     (tmp_path / "mine.txt").write_text("mine")
     for title in ("first", "second"):
         opid.write_report(titled(identified.result, title), tmp_path)
@@ -602,9 +608,9 @@ def test_a_constant_is_printed_as_one():
     """As the samples of a chain that lies at a bound of its prior: their scatter is rounding."""
     samples = np.full(7, 0.1) + np.array([0, 0, 0, 0, 0, 0, 1e-17])
     estimate = Estimate(float(samples.mean()), 1.4e-17, (0.1 - 2.8e-17, 0.1))
-    assert estimate_row("share", "1", estimate).cells == ("0.1000", "-", "-", "1")
-    assert estimate_row("share", "1", estimate, 0.1, with_truth=True).cells[:2] == ("0.1000", "-")
-    assert estimate_row("share", "1", Estimate.normal(0.1, 1e-6)).cells[:2] == ("0.1000000", "0.0000010")
+    assert estimate_row("share", "1", estimate)[1:] == ("0.1000", "-", "-", "1")
+    assert estimate_row("share", "1", estimate, 0.1, has_truth=True)[1:3] == ("0.1000", "-")
+    assert estimate_row("share", "1", Estimate.normal(0.1, 1e-6))[1:3] == ("0.1000000", "0.0000010")
 
 
 @pytest.mark.parametrize(

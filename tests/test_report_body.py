@@ -11,8 +11,8 @@ import opid
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.json_values import json_text
-from opid.report.body_pictures import body_pictures
-from opid.report.body_text import body_rows, candidate_table, suspension_rows, true_ratio
+from opid.report.suspensions.figures import figures_of
+from opid.report.writing import document_of
 from opid.suspensions.identification import identify
 from opid.suspensions.result import SCHEMA, BodyParameters, BodyRatios, Candidate, GearParameters, GearRatios
 from opid.virtual.files.taxi import BODY_TRUTH, taxi_truth
@@ -30,17 +30,22 @@ def plain_pictures(monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
 
 
+def rows_of(result, truth=None):
+    """Return the rows of the table of numbers: label and cells."""
+    return document_of(result, truth).blocks[0].rows
+
+
 def lines(text):
     assert max(len(line) for line in text.splitlines()) <= 80
     return text.replace("\n", " ")
 
 
 def test_the_text_holds_the_numbers_within_eighty_columns(truth):
-    for result in (small_body(), body_without_mass()):
+    for result, per_mass in ((small_body(), ""), (body_without_mass(), "/M")):
         for known in (None, truth):
             text = lines(opid.text(result, known))
-            assert "An aircraft made by hand, 2026-03-01 (rigid body)" in text
-            assert "Suspension left: arctan_velocity, f = A (2/pi) arctan(z' / s)" in text
+            assert "An aircraft made by hand (rigid body, from accelerations alone, runs of 2026-03-01)" in text
+            assert f"Suspension left: arctan_velocity, f{per_mass} = A (2/pi) arctan(z' / s)" in text
             assert "Recommended: rigid body. Why: " + WHY in text
             assert "Warning: run 'loaded', 'tail': it has an offset" in text
     text = lines(opid.text(small_body()))
@@ -51,17 +56,17 @@ def test_the_text_holds_the_numbers_within_eighty_columns(truth):
 
 
 def test_truth_stands_beside_each_estimate(truth):
-    table = {row.label: row.cells for row in body_rows(small_body(), truth)}
+    table = {row[0]: row[1:] for row in rows_of(small_body(), truth)}
     assert table["sprung mass M"][3:] == ("5400", "+0.06%", "yes")
     assert table["c.g. y"][3:] == ("0", "-", "yes")
     assert table["roll radius"][3] == "1.72133"
-    stiffness = [row.cells for row in suspension_rows(small_body(), truth) if row.label == "stiffness K"]
+    stiffness = [row[1:] for row in rows_of(small_body(), truth) if row[0] == "stiffness K"]
     assert [cells[3] for cells in stiffness] == ["150000", "470000", "470000"]
     # per kg of the body, the truth is, too; scales are not
-    table = [row for row in suspension_rows(body_without_mass(), truth) if row.cells]
-    assert [row.cells[3] for row in table if row.label == "stiffness K/M"][1] == f"{4.7e5 / 5400:.6g}"
-    assert next(row.cells[3] for row in table if row.label == "amplitude") == f"{160 / 5400:.6g}"
-    assert {row.cells[3] for row in table if row.label == "scale"} == {"0.02"}
+    table = rows_of(body_without_mass(), truth)
+    assert [row[4] for row in table if row[0] == "stiffness K/M"][1] == f"{4.7e5 / 5400:.6g}"
+    assert next(row[4] for row in table if row[0] == "amplitude") == f"{160 / 5400:.6g}"
+    assert {row[4] for row in table if row[0] == "scale"} == {"0.02"}
     other = {**truth, "interfaces": {**truth["interfaces"], "nose": {**truth["interfaces"]["nose"], "law": LINEAR}}}
     assert "Suspension nose: arctan_velocity" in opid.text(small_body(), other)
     assert "truth: linear" in opid.text(small_body(), other)
@@ -74,7 +79,7 @@ def test_one_loading_gives_ratios_and_nothing_absolute():
     result = body_without_mass()
     text = lines(opid.text(result))
     assert "Not determined: all runs have the same loading" in text
-    rows = {row.label: row.cells for row in body_rows(result)}
+    rows = {row[0]: row[1:] for row in rows_of(result)}
     assert rows["sprung mass M"] == ("-", "-", "-", "kg")
     assert [label for label in rows if label.startswith("c.g.")] == ["c.g. x", "c.g. y"]
     assert rows["c.g. x"][0] == "0.6013"
@@ -85,15 +90,19 @@ def test_suspensions_that_share_are_told_once():
     whole = small_body()
     nose, left, right = whole.interfaces
     shared = (nose, replace(left, shared_with=("right",)), replace(right, shared_with=("left",)))
-    rows = suspension_rows(replace(whole, interfaces=shared))
-    assert "Suspension right: as left, shared" in [row.label for row in rows]
-    assert sum(row.label == "stiffness K" for row in rows) == 2
-    assert sum(row.label == "residual/noise" for row in rows) == 3
+    labels = [row[0] for row in rows_of(replace(whole, interfaces=shared))]
+    assert "Suspension right: as left, shared" in labels
+    assert labels.count("stiffness K") == 2
+    assert labels.count("residual/noise") == 3
 
 
 def test_candidates_are_a_table_with_a_verdict():
-    head, *table = candidate_table(small_body())
-    assert head == ("structure", "residual / noise", "left-out run", "mass [kg]", "law", "verdict")
+    structures = next(
+        block for block in document_of(small_body()).blocks if getattr(block, "title", "").startswith("Structures")
+    )
+    table = structures.rows
+    heads = [column.head for column in structures.columns]
+    assert heads == ["structure", "fit", "left out", "mass ± std [kg]", "law", "verdict"]
     assert [row[-1] for row in table] == ["no fit", "rejected", "rejected", "rejected", "recommended"]
     assert table[0][1:4] == ("-", "-", "-")
     assert table[3][:4] == ("mean left, right", "14.2", "17.0", "2290 ± 120")
@@ -172,13 +181,13 @@ def test_result_json_without_mass_without_date_and_with_several_laws():
 
 def test_the_page_holds_tables_figures_and_the_command(tmp_path, truth, plain_pictures):
     page = opid.write_report(small_body(), tmp_path / "report", truth).read_text(encoding="utf-8")
-    names = [picture.name for picture in body_pictures(small_body())]
+    names = [figure.name for figure in figures_of(small_body())]
     assert page.count("data:image/png;base64,") == len(names) == 6
     assert sorted(path.name for path in (tmp_path / "report").iterdir()) == sorted(
         [*(f"{name}.png" for name in names), "report.html", "result.json"]
     )
     for words in (
-        "Structures compared",
+        "Structures: residual over noise",
         "arctan_velocity + cubic_stiffness",
         "+0.06%",
         "runs of 2026-03-01",
@@ -186,11 +195,11 @@ def test_the_page_holds_tables_figures_and_the_command(tmp_path, truth, plain_pi
         "opid.read_study(&#34;my study.toml&#34;),\n    band_hz=(0.3, 40.0)",
     ):
         assert words in page
-    assert "What to doubt" in page
+    assert "<strong>Warning</strong>" in page
 
 
 def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.report.identification_report.body_pictures", lambda result: ())
+    monkeypatch.setattr("opid.report.suspensions.identification.figures_of", lambda result, truth: ())
     whole = body_without_mass()
     none = Estimate()
     interfaces = tuple(replace(each, stiffness=none, damping=none, law_estimates={}) for each in whole.interfaces)
@@ -205,8 +214,8 @@ def test_a_page_of_nothing_determined_is_written_all_the_same(tmp_path, monkeypa
     )
     page = opid.write_report(empty, tmp_path).read_text(encoding="utf-8")
     assert "Not determined:" in page
-    assert "Structures compared" not in page
-    assert [picture.name for picture in body_pictures(empty)] == ["plan_view", "candidates"]
+    assert "Structures:" not in page
+    assert [figure.name for figure in figures_of(empty)] == ["plan_view", "candidates"]
     lines(opid.text(empty))
 
 
@@ -224,8 +233,3 @@ def test_a_truth_is_read_back(tmp_path, truth):
     path.write_text(json.dumps({**truth, "parameters": {}}), encoding="utf-8")
     with pytest.raises(InputError, match=r"no truth of a simulated aircraft, it has no .*: give the truth"):
         read_truth(path, BODY_TRUTH)
-
-
-def test_a_true_ratio_that_is_a_parameter_is_that_parameter():
-    assert true_ratio("x_cg_m", {"x_cg_m": 0.6}) == 0.6
-    assert true_ratio("x_cg_m", {}) is None

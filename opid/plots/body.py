@@ -90,7 +90,7 @@ def structure_candidates(result: Identification, ax: Any = None) -> Axes:
         ax.set_xscale("log")
         ax.set_xlim(min(0.8, *found) / 1.1, max(4.0, *found) * 3.0)
         plain_numbers(ax.xaxis)
-        labels = [_candidate_label(candidate) + _law_line(candidate) for candidate in candidates]
+        labels = [candidate.label + _law_line(candidate) for candidate in candidates]
         ax.set_yticks(range(len(candidates)), labels, fontsize=8)
         for label, candidate in zip(ax.get_yticklabels(), candidates, strict=True):
             label.set_color(VERMILION if candidate.recommended else INK)
@@ -205,13 +205,6 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) ->
 
 
 # ---- structures ------------------------------------------------------------------------------------
-
-
-def _candidate_label(candidate: Candidate) -> str:
-    if candidate.kind == "rigid_body":
-        return "rigid body"
-    names = ", ".join(candidate.interfaces)
-    return f"mean {names}" if candidate.kind == "pair" else f"{names} alone"
 
 
 def _law_line(candidate: Candidate) -> str:

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
-from opid.estimate import Estimate
-from opid.report import estimates
 from opid.report.document import Block, Column, Document, Paragraph, Remarks, Table, ended
 
 WIDTH = 80
@@ -17,28 +13,6 @@ WIDTH = 80
 # a path to a file, blanks in it: from a root, a drive, the home or this folder to its ending
 _PATH = re.compile(r"(?<!\S)(?:~|\.{1,2}|[A-Za-z]:)?[/\\][^\n:;,'\"]*?\.\w{1,8}(?!\w)")
 _NO_BREAK = "\ue000"  # of no text
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table of numbers; a heading has no cells.
-
-    Args:
-        label: what it is.
-        cells: in the order of `columns`.
-    """
-
-    label: str
-    cells: tuple[str, ...] = ()
-
-
-def columns(truth: Mapping[str, Any] | None) -> tuple[str, ...]:
-    """Return the heads of the columns of a table of estimates.
-
-    Args:
-        truth: of a simulation, or None.
-    """
-    return tuple(column.head for column in estimates.estimate_columns(truth))
 
 
 def wrapped(text: str, head: str = "") -> list[str]:
@@ -151,43 +125,6 @@ def labelled(head: str, sentences: Iterable[str]) -> list[str]:
     ['Law: linear.', 'Law: cubic.']
     """
     return [line for sentence in sentences for line in wrapped(sentence, head)]
-
-
-def refusal(reason: str | None) -> list[str]:
-    """Return why there is no answer, as lines; none where there is one.
-
-    Args:
-        reason: `not_determined` of a result.
-    """
-    return wrapped(f"Not determined: {reason}") if reason else []
-
-
-def estimate_row(label: str, unit: str, estimate: Estimate, true: float | None = None, with_truth: bool = False) -> Row:
-    """Return an estimate as a line of the table.
-
-    Args:
-        label: what it is.
-        unit: of the value.
-        estimate: value and interval.
-        true: of a simulated run.
-        with_truth: whether the table has columns for the truth.
-    """
-    name, *cells = estimates.estimate_row(label, unit, estimate, true, with_truth)
-    return Row(name, tuple(cells))
-
-
-def table_lines(table: Sequence[Row], head: Sequence[str]) -> list[str]:
-    """Align the rows that have cells; headings stand between them.
-
-    Args:
-        table: the rows.
-        head: of the columns.
-    """
-    lines = iter(aligned([head, *((row.label, *row.cells) for row in table if row.cells)]))
-    text = [next(lines)]
-    for row in table:
-        text += [next(lines)] if row.cells else ["", row.label]
-    return text
 
 
 def aligned(table: Sequence[Sequence[str]], *, left: Collection[int] = (0,), gap: int = 2) -> list[str]:

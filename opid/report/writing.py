@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.provenance import traced
 from opid.report.as_text import as_text
 from opid.report.document import Document, Figure, Truth
-from opid.report.page import Page, as_page, drawn, pictured, rendered
+from opid.report.page import as_page, pictured
 from opid.result import Result
 from opid.signals.directory import write_together
 
@@ -26,8 +25,8 @@ class KindOfResult:
 
     Args:
         result: its class in `opid`, by its full name: nothing of a wing is loaded to know whose a result is.
-        module: in `opid.report`, with `text_of` and `page_of`.
-        has_truth: whether these take the truth of a simulation, too.
+        module: in `opid.report`, with `document_of`.
+        has_truth: whether that takes the truth of a simulation, too.
     """
 
     result: str
@@ -36,11 +35,11 @@ class KindOfResult:
 
 
 KINDS = (
-    KindOfResult("suspensions.result.Identification", "identification_report", has_truth=True),
-    KindOfResult("suspensions.paper.result.PaperIdentification", "identification_report", has_truth=True),
-    KindOfResult("suspensions.own_structure.StructureIdentification", "structure"),
-    KindOfResult("suspensions.bench.law.BenchLaw", "bench"),
-    KindOfResult("suspensions.flights.comparison.Comparison", "comparison"),
+    KindOfResult("suspensions.result.Identification", "suspensions.identification", has_truth=True),
+    KindOfResult("suspensions.paper.result.PaperIdentification", "suspensions.identification", has_truth=True),
+    KindOfResult("suspensions.own_structure.StructureIdentification", "suspensions.structure"),
+    KindOfResult("suspensions.bench.law.BenchLaw", "suspensions.bench"),
+    KindOfResult("suspensions.flights.comparison.Comparison", "suspensions.comparison"),
     KindOfResult("signals.health.result.Health", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "modal.decay"),
     KindOfResult("modal.result.ModalIdentification", "modal.modes", has_truth=True),
@@ -58,8 +57,6 @@ def text(result: Result, truth: Truth | None = None) -> str:
     Raises:
         InputError: what is no result, or a truth beside a result that is compared with none.
     """
-    if not _has_document(result):
-        return _made("text_of", result, truth)
     return as_text(document_of(result, truth))
 
 
@@ -73,8 +70,13 @@ def document_of(result: Result, truth: Truth | None = None) -> Document:
     Raises:
         InputError: what is no result, or a truth beside a result that is compared with none.
     """
-    document: Document = _made("document_of", result, truth)
-    return document
+    kind = _kind_of(result)
+    make: Callable[..., Document] = import_module(f"opid.report.{kind.module}").document_of
+    if kind.has_truth:
+        return make(result, truth)
+    if truth is not None:
+        raise InputError(f"a {type(result).__name__} is compared with no truth: leave it out")
+    return make(result)
 
 
 def write_report(
@@ -103,34 +105,7 @@ def write_report(
         InputError: what is no result, a truth beside a result that is compared with none, or a place that cannot be
             written to.
     """
-    if _has_document(result):
-        return _write(document_of(result, truth), result, directory, command, figures, progress)
-    page: Page = _made("page_of", result, truth)
-    # a figure of an older report would show another result
-    older = [] if figures else [Path(directory, f"{picture.name}.png") for picture in page.pictures]
-    if not figures:
-        page = replace(page, pictures=())
-    images = drawn(page.pictures, result, truth, progress=progress)
-    words = page.command if command is None else command
-    html = rendered(page, images, result=result, truth=truth, command=None if words is None else shlex.join(words))
-    contents = {f"{name}.png": image for name, image in images.items()}
-    contents["report.html"] = html.encode("utf-8", "backslashreplace")
-    # last, so that a result.json is never there without its report
-    contents[page.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
-    write_together(directory, contents)
-    for file in older:
-        file.unlink(missing_ok=True)
-    return Path(directory) / "report.html"
-
-
-def _write(
-    document: Document,
-    result: Result,
-    directory: str | os.PathLike[str],
-    command: Sequence[str] | None,
-    figures: bool,
-    progress: Callable[[str], None] | None,
-) -> Path:
+    document = document_of(result, truth)
     every = tuple(document.details())
     pictures = [block for block in every if isinstance(block, Figure)]
     images = pictured(pictures if figures else [], progress=progress)
@@ -146,20 +121,6 @@ def _write(
     for figure in () if figures else pictures:
         Path(directory, f"{figure.name}.png").unlink(missing_ok=True)
     return Path(directory) / "report.html"
-
-
-def _has_document(result: Result) -> bool:
-    return hasattr(import_module(f"opid.report.{_kind_of(result).module}"), "document_of")
-
-
-def _made(what: str, result: Result, truth: Truth | None) -> Any:
-    kind = _kind_of(result)
-    make = getattr(import_module(f"opid.report.{kind.module}"), what)
-    if kind.has_truth:
-        return make(result, truth)
-    if truth is not None:
-        raise InputError(f"a {type(result).__name__} is compared with no truth: leave it out")
-    return make(result)
 
 
 def _kind_of(result: Result) -> KindOfResult:

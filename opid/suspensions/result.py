@@ -234,6 +234,14 @@ class Candidate:
     recommended: bool
     why: str
 
+    @property
+    def label(self) -> str:
+        """What it is called in tables and figures."""
+        if self.kind == "rigid_body":
+            return "rigid body"
+        names = ", ".join(self.interfaces)
+        return f"mean {names}" if self.kind == "pair" else f"{names} alone"
+
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:

@@ -1,0 +1,173 @@
+"""The figures of an identification: those of one gear, with the steps of the paper, and those of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from opid import plots
+from opid.report.document import Figure, Truth
+from opid.suspensions.answer.as_json import chain_of
+from opid.suspensions.paper.result import AnyIdentification
+from opid.suspensions.result import Identification
+
+
+def figures_of(result: AnyIdentification, truth: Truth | None = None) -> Iterator[Figure]:
+    """Yield the figures in the order of the page, those that have something to show.
+
+    Nothing is drawn of a fit that is refused, and no step of the paper where they cannot be taken on all runs.
+
+    Args:
+        result: of one gear, by any method, or of a body on several suspensions.
+        truth: of a simulation, as in truth.json: shown beside the estimates.
+    """
+    if result.study.is_one_gear:
+        yield from _of_gear(result, truth)
+    elif isinstance(result, Identification):
+        yield from _of_body(result, truth)
+
+
+def _of_gear(result: AnyIdentification, truth: Truth | None) -> Iterator[Figure]:
+    chain = chain_of(result)
+    yield Figure(
+        "accelerations",
+        "What was recorded",
+        "The spindle (grey) follows the road; the airframe above the strut (in colour) moves less and slower. If "
+        "the grey signal is the quieter one, the sensors are swapped.",
+        lambda: plots.accelerations(result),
+    )
+    if chain is not None:
+        # the run without a mass change, or the first one
+        reference = next((run for run in chain.runs if run.mass_change_kg == 0), chain.runs[0])
+        yield Figure(
+            "integration",
+            "From acceleration to motion",
+            "Removing the mean before each integration leaves a parabola that hides the motion, for the mean of a "
+            "velocity over a finite run is not its constant of integration. The steps of the paper below rest on "
+            "the other curve, which keeps only the band in which the motion can be known; the driven model integrates "
+            "no acceleration.",
+            lambda: plots.integration(reference),
+        )
+        yield Figure(
+            "restoring_force_surface",
+            "Restoring force",
+            "The force on the sprung mass over travel and velocity, averaged over cells, before any law is assumed. "
+            "A linear suspension gives a plane; a step or a bend is the nonlinearity.",
+            lambda: plots.restoring_force_surface(reference),
+        )
+        yield Figure(
+            "restoring_force_map",
+            "The same from above, and where the data are",
+            "Left, straight and evenly spaced contours mean a linear law; a kink at zero velocity is friction. Right, "
+            "no law is known where no samples are.",
+            lambda: plots.restoring_force_map(reference),
+        )
+        yield Figure(
+            "slices",
+            "Stiffness curve and damping curve",
+            "Slices through the surface near zero velocity and near zero travel, with an arctangent fitted to each "
+            "and what it leaves over (Figs. 6 and 7 of the paper).",
+            lambda: plots.slices(reference),
+        )
+    yield Figure(
+        "law_ladder",
+        "Which law",
+        "Each law is fitted to all runs at once. A good one comes down to the noise floor of the sensors (dashed); "
+        "a further term is kept only if it lowers the error, also of a run left out of the fit (diamonds).",
+        lambda: plots.law_ladder(result),
+    )
+    if isinstance(result, Identification) and not result.is_refused:
+        surface = next(iter(result.evidence[0].surfaces.values()))
+        yield Figure(
+            "force_sections",
+            "The law against the force without a law",
+            "Measured force on the predicted motion, less stiffness and damping, averaged in bins near zero velocity "
+            "and near zero travel with two standard errors; the line is the law.",
+            lambda: plots.force_sections(surface),
+        )
+        yield Figure(
+            "force_departures",
+            "Where the law and the force disagree",
+            "Mean measured force less that of the model in each visited cell, in standard errors. Speckle is chance; a "
+            "patch of one colour is a term that the law lacks.",
+            lambda: plots.force_departures(surface),
+        )
+    if not result.is_refused:
+        yield Figure(
+            "law_curves",
+            "The law that was found",
+            "The nonlinear force beside the linear one. Beyond the shaded range, and above all beyond the drawn one, "
+            "the law is an extrapolation. A law that remembers is drawn as in a slow motion in one direction.",
+            lambda: plots.law_curves(result, truth=truth),
+        )
+    if chain is not None:
+        yield Figure(
+            "transmissibility",
+            "Transmissibility",
+            "Ratio of airframe to spindle. With the nonlinear force taken out it should follow the dashed curve of the "
+            "fitted suspension, which has one resonance; other peaks of the measured ratio are friction and chance.",
+            lambda: plots.transmissibilities(result),
+        )
+    if not result.is_refused:
+        yield Figure(
+            "equation_residual",
+            "What is left over",
+            "The misfit of the equation of motion, expressed as the sensor noise that would cause it. Near the dashed "
+            "line the model explains all that the sensors can show; a hump names the band in which it does not.",
+            lambda: plots.equation_residual(result),
+        )
+    # the paper's chain takes its law from the joint fit; beside a driven model that is refused it takes none
+    if chain is not None and (isinstance(result, Identification) or not result.is_refused):
+        yield Figure(
+            "estimates",
+            "Every method side by side",
+            "Mass from two runs of known mass difference, and the ratios to it, with 95 % intervals. Values beyond the "
+            "frame stand at its edge. The peak formula is the paper's; hollow marks come from peaks that the mass "
+            "change cannot have moved so.",
+            lambda: plots.estimates(result, truth=truth),
+        )
+
+
+def _of_body(result: Identification, truth: Truth | None) -> Iterator[Figure]:
+    yield Figure(
+        "plan_view",
+        "Where everything is",
+        "The body from above, its front upward: suspensions, the sensors on the body, and what the runs carry more "
+        "than the reference. The cross is the centre of gravity that was found, as long as its 95 % intervals.",
+        lambda: plots.plan_view(result, truth=truth),
+    )
+    yield Figure(
+        "candidates",
+        "Which structure",
+        "What each structure leaves of the accelerations, over the noise of the sensors: full marks for the runs "
+        "it was fitted to, hollow ones for runs that the others predict. Right of the dashed line the structure "
+        "is wrong, however narrow its intervals.",
+        lambda: plots.structure_candidates(result),
+    )
+    if result.is_refused:
+        return
+    yield Figure(
+        "suspensions",
+        "Suspension by suspension",
+        "Stiffness, damping and the amplitudes of the laws with their 95 % intervals, beside one another.",
+        lambda: plots.suspension_parameters(result, truth=truth),
+    )
+    yield Figure(
+        "suspension_forces",
+        "The force of each suspension",
+        "The force over velocity (at z = 0) and over travel (at z′ = 0) as far as the runs went, and its nonlinear "
+        "part. Outside the shaded range, the rms of the motion, few samples speak.",
+        lambda: plots.suspension_forces(result, truth=truth),
+    )
+    yield Figure(
+        "predicted_accelerations",
+        "Measured and predicted",
+        "Some seconds of each sensor on the body: what it read, what the model said it would, and the difference.",
+        lambda: plots.predicted_accelerations(result),
+    )
+    yield Figure(
+        "residual_spectra",
+        "What is left over",
+        "The errors of the prediction of each sensor over its noise, averaged over neighbouring lines. One is "
+        "noise alone; a hump in one sensor names a place and a band that the structure does not know.",
+        lambda: plots.body_residuals(result),
+    )

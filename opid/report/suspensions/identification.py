@@ -1,0 +1,505 @@
+"""What is told of an identification: of one gear, by any method, or of a body on several suspensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+
+from opid.estimate import Estimate, rounded
+from opid.mechanics.laws.law import Law, law_from_parameters
+from opid.mechanics.weight import depends_on_travel
+from opid.report.document import (
+    Block,
+    Document,
+    Paragraph,
+    Remarks,
+    Table,
+    Truth,
+    columns,
+    counted,
+    ended,
+    sentence,
+    warnings,
+)
+from opid.report.estimates import estimate_columns, estimate_row, law_in_words, law_rows
+from opid.report.suspensions.again import command_of, python_of
+from opid.report.suspensions.figures import figures_of
+from opid.suspensions.answer.as_json import chain_of
+from opid.suspensions.answer.intervals import limits_of_mass
+from opid.suspensions.fitting.noise import over_noise
+from opid.suspensions.paper.result import AnyIdentification, PaperIdentification
+from opid.suspensions.result import UNITS, Candidate, GearParameters, Identification, InterfaceEstimate
+
+LABELS = {
+    "suspension_stiffness_n_per_m": "stiffness K2",
+    "suspension_damping_n_s_per_m": "damping C2",
+    "ground_stiffness_n_per_m": "ground K3",
+    "roll_inertia_kg_m2": "inertia Ixx",
+    "pitch_inertia_kg_m2": "inertia Iyy",
+    "x_cg_m": "c.g. x",
+    "y_cg_m": "c.g. y",
+    "stiffness_per_mass": "K2/M2",
+    "damping_per_mass": "C2/M2",
+    "ground_stiffness_per_mass": "K3/M2",
+    "natural_frequency_hz": "natural freq.",
+    "damping_ratio": "damping ratio",
+    "roll_radius_m": "roll radius",
+    "pitch_radius_m": "pitch radius",
+}
+FREQUENCY_OF = {
+    "linear part": "",
+    "tangent at rest": "On the tangent stiffness at rest in the reference run, with the damping C2",
+    "all but what the law remembers": "Without what the law remembers: stiffer in small or quick motion",
+}
+"""What natural frequency and damping ratio belong to, where that is not K2 with C2 alone."""
+
+REFERENCE = (
+    "J. Iwaniec and T. Uhl, Identification of nonlinear parameters of the Skytruck airplane landing gear by means of "
+    "the operational modal analysis output-only method, Molecular and Quantum Acoustics 28 (2007), “the paper” above."
+)
+
+MOST_NAMED = 6
+"""Kinds of law that are named one by one."""
+
+Row = tuple[str, ...]
+Known = tuple[Truth | None, Truth | None]
+"""What is true of one suspension, and of the whole simulation."""
+
+
+def document_of(result: AnyIdentification, truth: Truth | None = None) -> Document:
+    """Return what is told of an identification: the numbers, what they rest on, and what to doubt.
+
+    Args:
+        result: of one gear, by any method, or of a body on several suspensions.
+        truth: of a simulation, as in truth.json: shown beside each estimate.
+    """
+    day = f", runs of {result.date}" if result.date else ""
+    return Document(
+        result.title or "Identification",
+        f"{_kind(result)}, from accelerations alone{day}",
+        _answer(result),
+        result.not_determined,
+        (*_blocks(result, truth), warnings(result.warnings)),
+        lambda: _details(result, truth),
+        command_of(result),
+        python_of(result),
+        reference=REFERENCE if result.study.is_one_gear else "",
+    )
+
+
+def _kind(result: AnyIdentification) -> str:
+    if isinstance(result, PaperIdentification) or result.study.is_one_gear:
+        return f"method {result.method}"
+    return _in_words(result.structure)
+
+
+def _in_words(structure: str) -> str:
+    names = {"single": "each suspension alone", "pair": "mean of each pair"}
+    return names.get(structure, structure.replace("_", " "))
+
+
+def _answer(result: AnyIdentification) -> str:
+    mass, said = result.parameters.sprung_mass_kg, []
+    if mass.interval95 is not None:
+        low, high = (rounded(end, mass.std) for end in mass.interval95)
+        said.append(f"the sprung mass is {rounded(mass.value, mass.std)} kg (95 % interval {low} .. {high} kg)")
+    if not result.is_refused:
+        said += _laws_in_words(result)
+    return sentence("; ".join(said))
+
+
+def _laws_in_words(result: AnyIdentification) -> Iterator[str]:
+    if result.study.is_one_gear or not isinstance(result, Identification):
+        yield f"the law is {result.law.name}"
+        return
+    names: dict[str, list[str]] = {}
+    for interface in result.interfaces:
+        names.setdefault(interface.law.name, []).append(interface.name)
+    for law, whose in names.items():
+        yield f"the law of {'each suspension' if len(names) == 1 else ' and '.join(whose)} is {law}"
+
+
+def _blocks(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
+    simulated = " The runs were simulated: truth, error, and whether the interval held the truth, are known."
+    about_body = (
+        " Values are those of the reference loading; inertias about the centre of gravity, x forward, y to the left."
+    )
+    yield Table(
+        estimate_columns(truth),
+        tuple(_rows(result, truth)),
+        legend="The interval holds the value with 95 % if the model holds."
+        + simulated * (truth is not None)
+        + about_body * (not result.study.is_one_gear)
+        + " The force of a suspension is K z + C z′ + f(z, z′), z the travel of the body less that below.",
+    )
+    yield Paragraph(_limits(result))
+    if isinstance(result, Identification):
+        if result.candidates and not result.study.is_one_gear:
+            yield _structures(result)
+            yield Paragraph(_recommendation(result))
+        yield from _sensors(result)
+    yield Remarks("Law", result.alternative_laws)
+
+
+def _details(result: AnyIdentification, truth: Truth | None) -> Iterator[Block]:
+    yield _runs(result)
+    yield from figures_of(result, truth)
+
+
+# ---- the table of numbers --------------------------------------------------------------------------
+
+
+def _rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+    """Parameters, suspensions, and what needs no known mass, which may be all that a body is known by."""
+    yield from _parameter_rows(result, truth)
+    if result.study.is_one_gear:
+        yield from _law_of_gear(result, truth)
+        yield from _ratio_rows(result, truth)
+        yield from _equivalent_rows(result, has_truth=truth is not None)
+    elif isinstance(result, Identification):
+        yield from _ratio_rows(result, truth)
+        if result.place_corrections:
+            yield ("Places: what is to be added to the coordinates stated",)
+        for name, estimate in result.place_corrections.items():
+            yield estimate_row(_place(name), "m", estimate, None, truth is not None)
+        yield from _suspension_rows(result, truth)
+
+
+def _parameter_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+    true = truth["parameters"] if truth else {}
+    ratios = dict(result.ratios.items())
+    # gears alone have no inertia, and what one loading alone gives stands among the ratios
+    is_told = isinstance(result.parameters, GearParameters) or _is_rigid(result)
+    for name, estimate in result.parameters.items():
+        if estimate.value is not None or name == "sprung_mass_kg" or (is_told and name not in ratios):
+            yield estimate_row(_label(name, result), UNITS[name], estimate, true.get(name), truth is not None)
+
+
+def _is_rigid(result: AnyIdentification) -> bool:
+    return isinstance(result, Identification) and result.structure == "rigid_body"
+
+
+def _label(name: str, result: AnyIdentification) -> str:
+    if name == "sprung_mass_kg":
+        return "sprung mass M2" if result.study.is_one_gear else "sprung mass M"
+    return LABELS[name]
+
+
+def _ratio_rows(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+    given = dict(result.parameters.items())
+    told = {name: each for name, each in result.ratios.items() if name not in given or given[name].value is None}
+    if not (result.study.is_one_gear or any(estimate.value is not None for estimate in told.values())):
+        return
+    is_model = isinstance(result, Identification)
+    true = _true_ratios(truth, at_rest=is_model) if truth else {}
+    yield ("Ratios to the mass of the reference run" if result.study.is_one_gear else "What needs no known mass",)
+    for name, estimate in told.items():
+        if name == "natural_frequency_hz" and estimate.value is not None and isinstance(result, Identification):
+            belongs_to = FREQUENCY_OF[result.frequency_of]
+            yield from [(belongs_to,)] * bool(belongs_to)
+        yield estimate_row(LABELS[name], UNITS[name], estimate, true.get(name), truth is not None)
+
+
+def _true_ratios(truth: Truth, *, at_rest: bool) -> dict[str, float]:
+    """What is true of the ratios of a gear or a body; its frequency is that on the tangent stiffness `at_rest`."""
+    true = truth["parameters"]
+    mass = true["sprung_mass_kg"]
+    if "law" not in truth:
+        radii = {part: math.sqrt(true[f"{part}_inertia_kg_m2"] / mass) for part in ("roll", "pitch")}
+        return {**true, **{f"{part}_radius_m": radius for part, radius in radii.items()}}
+    stiffness, damping = true["suspension_stiffness_n_per_m"], true["suspension_damping_n_s_per_m"]
+    ground, law = true["ground_stiffness_n_per_m"], truth["law"]
+    slope = law_from_parameters(law["name"], law["parameters"]).gradient(0.0, 0.0)[0] if at_rest else 0.0
+    omega = math.sqrt((stiffness + ground + float(slope)) / mass)
+    return {
+        "stiffness_per_mass": stiffness / mass,
+        "damping_per_mass": damping / mass,
+        "ground_stiffness_per_mass": ground / mass,
+        "natural_frequency_hz": omega / (2 * math.pi),
+        "damping_ratio": damping / (2 * mass * omega),
+    }
+
+
+def _equivalent_rows(result: AnyIdentification, *, has_truth: bool) -> Iterator[Row]:
+    """What a linear analysis would find in each run, where no number of the law is believed, or the law remembers."""
+    if not isinstance(result, Identification) or not (result.limited_by == "model" or result.law.has_memory):
+        return
+    for each in result.equivalents:
+        yield (f"Straight suspension that comes nearest to it over the motion of run {each.run!r}",)
+        for name in ("natural_frequency_hz", "damping_ratio"):
+            yield estimate_row(LABELS[name], UNITS[name], getattr(each, name), None, has_truth)
+
+
+def _place(name: str) -> str:
+    """A coordinate in words: "sensor_x_m[left]" is "left, sensor x"."""
+    what, _, whose = name.rstrip("]").partition("[")
+    return f"{whose}, {what.removesuffix('_m').replace('_', ' ')}" if whose else name
+
+
+# ---- suspensions -----------------------------------------------------------------------------------
+
+
+def _law_of_gear(result: AnyIdentification, truth: Truth | None) -> Iterator[Row]:
+    yield from _law(result, "", result.law, result.law_estimates, (truth, truth))
+    if isinstance(result, Identification):
+        yield from _rest_rows(result, result.interfaces[0], has_truth=truth is not None)
+
+
+def _suspension_rows(result: Identification, truth: Truth | None) -> Iterator[Row]:
+    shown: set[str] = set()
+    for interface in result.interfaces:
+        like = next((name for name in interface.shared_with if name in shown), None)
+        if like is not None and truth is None:
+            yield (f"Suspension {interface.name}: as {like}, shared",)
+            yield _residual_row(interface, has_truth=False)
+        else:
+            true = truth["interfaces"].get(interface.name) if truth else None
+            springs = _spring_rows(result, interface, (true, truth))
+            yield from _law(result, interface.name, interface.law, interface.law_estimates, (true, truth), springs)
+            yield from _rest_rows(result, interface, has_truth=truth is not None)
+        shown.add(interface.name)
+
+
+def _spring_rows(result: Identification, interface: InterfaceEstimate, known: Known) -> Iterator[Row]:
+    true, truth = known
+    springs = (
+        ("stiffness K", "stiffness_n_per_m", interface.stiffness),
+        ("damping C", "damping_n_s_per_m", interface.damping),
+        ("ground K3", "ground_stiffness_n_per_m", interface.ground_stiffness),
+    )
+    yield _residual_row(interface, has_truth=truth is not None)
+    for label, name, estimate in springs if interface.ground_stiffness.value else springs[:2]:
+        value = true[name] * _scale(result, truth) if true and name in true else None
+        unit = result.units["damping" in name]
+        yield estimate_row(f"{label}{'/M' * result.per_mass}", unit, estimate, value, truth is not None)
+
+
+def _law(
+    result: AnyIdentification,
+    suspension: str,
+    law: Law,
+    estimates: Mapping[str, Mapping[str, Estimate]],
+    known: Known,
+    springs: Iterable[Row] = (),
+) -> Iterator[Row]:
+    """The name of a law, the springs beside it, and its parameters; of one gear the suspension has no name."""
+    true, truth = known
+    other = f"; truth: {true['law']['name']}" if true and true["law"]["name"] != law.name else ""
+    symbol = "f" if not result.per_mass else "f/M" if suspension else "f/M2"
+    yield (f"{f'Suspension {suspension}' if suspension else 'Law'}: {law_in_words(law, symbol)}{other}",)
+    yield from springs
+    yield from law_rows(
+        law,
+        estimates,
+        of=suspension,
+        per_mass=result.per_mass,
+        true=true["law"]["parameters"] if true else None,
+        true_scale=_scale(result, truth),
+        has_truth=truth is not None,
+    )
+
+
+def _scale(result: AnyIdentification, truth: Truth | None) -> float:
+    """What the true stiffness is multiplied by: forces may be told per kg."""
+    return 1.0 / float(truth["parameters"]["sprung_mass_kg"]) if truth and result.per_mass else 1.0
+
+
+def _residual_row(interface: InterfaceEstimate, *, has_truth: bool) -> Row:
+    blank = ("-", "1", "-", "-", "-") if has_truth else ("-", "-", "1")
+    return ("residual/noise", over_noise(interface.residual_over_noise), *blank)
+
+
+def _rest_rows(result: Identification, interface: InterfaceEstimate, *, has_truth: bool) -> Iterator[Row]:
+    """Where a suspension rests in each run, and how stiff it is there; nothing where its law knows no travel."""
+    if interface.stiffness.value is None or not depends_on_travel(interface.law):
+        return
+    stiffness, damping = result.units
+    rows: list[tuple[str, str, Estimate]] = []
+    if interface.rest_m.value:
+        rows.append(("rest on the law", "m", interface.rest_m))
+    for each in interface.at_rest:
+        if each.travel_m.std:
+            rows.append((f"{each.run}: travel", "m", each.travel_m))
+        rows.append((f"{each.run}: stiffness", stiffness, each.stiffness))
+        rows.append((f"{each.run}: damping", damping, each.damping))
+    yield ("At rest, run by run: static travel from the reference run, tangent stiffness, equivalent damping",)
+    yield from (estimate_row(*row, None, has_truth) for row in rows)
+    gas = interface.gas
+    if gas is None:
+        return
+    rows = [("gas: pressure times volume", "N m", gas.content_n_m)]
+    if gas.pressure_pa.value is not None:
+        rows += [("gas: gauge pressure", "Pa", gas.pressure_pa), ("gas: volume", "m^3", gas.volume_m3)]
+    yield ("Gas at rest in the reference run; pressure times volume falls where gas leaks or cools",)
+    yield from (estimate_row(*row, None, has_truth) for row in rows)
+
+
+# ---- structures, sensors and runs ------------------------------------------------------------------
+
+
+def _structures(result: Identification) -> Table:
+    def row(candidate: Candidate) -> Row:
+        mass = candidate.sprung_mass_kg
+        return (
+            candidate.label,
+            over_noise(candidate.residual_over_noise),
+            over_noise(candidate.left_out_over_noise),
+            rounded(mass.value, mass.std) + (f" ± {rounded(mass.std, mass.std)}" if mass.std is not None else ""),
+            candidate.law.replace("+", " + ") or "-",
+            _verdict(candidate),
+        )
+
+    return Table(
+        columns("structure", "fit", "left out", "mass ± std [kg]", "law", "verdict", left=(0, 4, 5), elastic=(4,)),
+        tuple(map(row, result.candidates)),
+        "Structures: residual over noise of the fit, and of runs left out of it",
+        legend="The mass is what rests on a suspension alone or on one of a pair, and all that is sprung for a rigid "
+        "body. The noise is known beforehand, from the study or from the records.",
+    )
+
+
+def _verdict(candidate: Candidate) -> str:
+    if candidate.recommended:
+        return "recommended"
+    if not math.isfinite(candidate.residual_over_noise):
+        return "no fit"
+    return "explains" if candidate.explains else "rejected"
+
+
+def _recommendation(result: Identification) -> str:
+    best = result.recommended
+    if best is None:
+        explained = any(candidate.explains for candidate in result.candidates)
+        doubt = "their mass would be negative" if explained else "none leaves noise alone"
+        return f"Recommended: none of them, for {doubt}. The numbers are those of: {_in_words(result.structure)}."
+    return f"Recommended: {_in_words(best.kind)}. Why: {ended(result.reason)}"
+
+
+def _sensors(result: Identification) -> Iterator[Table]:
+    """What the fits found out about the sensors, beside what was known of them before."""
+    rows = tuple(
+        (
+            fault.name,
+            f"{fit.value(fault.name):.5g}",
+            f"{fit.std[fit.model.names.index(fault.name)]:.1g}",
+            f"{fault.nominal:.3g}",
+            f"{fault.std:.1g}",
+        )
+        for fit in (evidence.fit for evidence in result.evidence)
+        for fault in fit.model.faults
+    )
+    if rows:
+        yield Table(columns("of the sensors", "found", "std. dev.", "known before", "std. dev."), rows)
+
+
+def _runs(result: AnyIdentification) -> Table:
+    """The runs; what the steps of the paper found of each where they can be taken."""
+    chain = chain_of(result) if result.study.is_one_gear else None
+    steps = chain.runs if chain is not None else ()
+
+    def cells(place: int) -> Row:
+        surface = steps[place].surface
+        travel, velocity = 1e3 * float(surface.travel.std()), float(surface.velocity.std())
+        return f"{travel:.3g}", f"{velocity:.3g}", f"{steps[place].T.spectra.n_averages:.1f}"
+
+    heads = ("travel rms [mm]", "velocity rms [m/s]", "averages")
+    return Table(
+        columns("run", "mass change [kg]", "length [s]", "rate [Hz]", *(heads if steps else ())),
+        tuple(
+            (
+                run.name,
+                f"{run.mass_change_kg:+g}" if run.mass_change_kg else "0",
+                f"{run.recording.duration_s:.4g}",
+                f"{run.recording.fs:g}",
+                *(cells(place) if steps else ()),
+            )
+            for place, run in enumerate(result.study.runs)
+        ),
+        "Runs",
+    )
+
+
+# ---- what the answer rests on ----------------------------------------------------------------------
+
+
+def _limits(result: AnyIdentification) -> str:
+    if isinstance(result, PaperIdentification):
+        return _limits_of_chain(result)
+    return _limits_of_gear(result) if result.study.is_one_gear else _limits_of_body(result)
+
+
+def _limits_of_gear(result: Identification) -> str:
+    evidence, lines = result.evidence[0], result.runs[0].frequency_hz
+    white = evidence.whiteness.white
+    predicted = (
+        f"{_from_runs(len(result.runs), (lines[0], lines[-1]))}the model predicts the airframe acceleration to "
+        f"{_mm_per_s2(evidence.fit.noise_m_per_s2)} rms, and the sensors' noise is at most "
+        f"{_mm_per_s2(evidence.noise)}; the prediction errors are {'white, as noise is' if white else 'not white'}."
+    )
+    if not any(estimate.interval95 for _, estimate in (*result.parameters.items(), *result.ratios.items())):
+        return predicted
+    checked = evidence.bootstrap_over_white.get("inverse_mass")
+    check = f" (resampling blocks of time gives {checked:.2f} times that of the mass)" if checked and white else ""
+    unlike = " and for suspensions that differ from run to run" * (evidence.repeatability.estimated is not None)
+    left_out = (
+        f"The other runs predict {result.runs[each.run].name!r} to {100 * each.unexplained:.2g} % of its rms "
+        f"acceleration, with {100 * each.inside:.0f} % of its lines inside the band that is to hold 95 %."
+        for each in (evidence.error.left_out if evidence.error else ())
+    )
+    sentences = (
+        f"{predicted} The intervals allow for {'such noise' if white else 'errors so coloured'}{check}{unlike}.",
+        *left_out,
+        *map(sentence, evidence.limits),
+    )
+    return " ".join(sentences) + _chosen_among(result.options.law, result.options.kinds)
+
+
+def _limits_of_chain(result: PaperIdentification) -> str:
+    averages = min(run.T.spectra.n_averages for run in result.chain.runs)
+    the_same = (
+        " Stiffness, damping and friction are taken to be the same in all runs; the driven model lets them differ."
+    )
+    return (
+        f"{_from_runs(len(result.chain.runs), result.chain.band_hz)}the fitted equation leaves "
+        f"{_mm_per_s2(result.joint.noise_m_per_s2)} rms unexplained, the noise floor of the airframe sensor is at most "
+        f"{_mm_per_s2(result.chain.noise_floor_m_per_s2)}. Each transmissibility rests on {averages:.1f} independent "
+        f"averages (the parameters do not come from it).{the_same * (len(result.chain.runs) > 1)}"
+        f"{_chosen_among(result.settings.law, result.tried_kinds)}"
+    )
+
+
+def _limits_of_body(result: Identification) -> str:
+    n_gears = len(result.interfaces)
+    n_sensors = max((len(run.measured) for run in result.runs), default=n_gears)
+    n_loadings = len({run.loading for run in result.runs})
+    scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
+    # of gears that were fitted one by one, each has a share of its own
+    mass = result.parameters.sprung_mass_kg if len(result.evidence) == 1 else Estimate()
+    alike = (limits_of_mass(each.repeatability, each.fit, mass) for each in result.evidence[:1])
+    return " ".join(
+        (
+            f"From {counted(len(result.runs), 'run')} at {scale}: {counted(n_sensors, 'sensor')} on the body predicted "
+            f"from the motion below {counted(n_gears, 'suspension')}, {over_noise(result.residual_over_noise)} times "
+            f"the noise of {1e3 * result.noise_m_per_s2:.2g} mm/s^2 is left.",
+            *(sentence(limit) for limits in alike for limit in limits),
+        )
+    )
+
+
+def _from_runs(n_runs: int, band_hz: tuple[float, float]) -> str:
+    return f"From {counted(n_runs, 'run')}, {band_hz[0]:.3g} to {band_hz[1]:.3g} Hz: "
+
+
+def _chosen_among(law: str | None, kinds: tuple[str, ...]) -> str:
+    if law is not None:
+        return ""
+    named = ", ".join(sorted(kinds)) if len(kinds) <= MOST_NAMED else f"the {len(kinds)} kinds of the library"
+    return (
+        f" Stiffness and damping are the linear part of the force and the law is the rest of it, chosen among {named} "
+        "and their sums; beside another law they would be others."
+    )
+
+
+def _mm_per_s2(value: float) -> str:
+    """An acceleration with two digits."""
+    return f"{float(f'{1e3 * value:.2g}'):g} mm/s^2"
