@@ -30,7 +30,7 @@ from opid.report.updating.figures import class_labels
 from opid.signals.directory import write_together
 from opid.studies.updating_study import FACTOR_PRIOR
 from opid.updating.identification import update_study
-from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
+from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
 from opid.updating.result import BackboneBand, ClassPosterior, Updating
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import ReductionErrors, craig_bampton, modes_of, reduction_errors

@@ -22,11 +22,11 @@ import numpy as np
 from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.data.measured import MeasuredBackbone
 from opid.updating.identification import update_study
-from opid.updating.likelihood.backbones import BackboneData, backbone_data, log_likelihood
-from opid.updating.model_class import Prior
-from opid.updating.paper_classes import PAPER_CLASSES
+from opid.updating.likelihood.backbones import log_likelihood
+from opid.updating.likelihood.curves import BackboneData, backbone_data
+from opid.updating.measured import MeasuredBackbone
+from opid.updating.model_class import PAPER_CLASSES, Prior
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.structure.reduction import reduce

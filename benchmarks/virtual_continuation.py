@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
-from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
+from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import measured_curve
 from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES

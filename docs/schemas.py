@@ -42,7 +42,7 @@ from opid.suspensions.result import (
     RunResidual,
     SpringEstimate,
 )
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
 from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, LinearPosterior, Updating
 from opid.updating.structure.reduction import ReductionErrors

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.structure.affine import AffineStructure
 from opid.virtual.backbone_tests.measured import synthetic_backbones

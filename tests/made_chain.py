@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import sparse
 
-from opid.updating.data.checks import nominal_modes
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.checks import nominal_modes
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.structure.affine import AffineStructure
 
 DOFS = ("a", "b", "c", "tip")

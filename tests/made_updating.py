@@ -6,17 +6,11 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior
-from opid.updating.result import (
-    BackboneBand,
-    ClassPosterior,
-    Diagnostics,
-    Evidence,
-    LinearMode,
-    LinearPosterior,
-    Updating,
-)
+from opid.updating.result import BackboneBand, ClassPosterior, LinearMode, LinearPosterior, Updating
+from opid.updating.sampling.chains import Diagnostics
+from opid.updating.sampling.evidence import Evidence
 
 SENSORS = ("9", "10", "11", "12", "13", "14")
 CONTROLLED = "10"

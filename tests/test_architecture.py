@@ -42,7 +42,7 @@ KNOWN_TO_VIRTUAL_TESTS = {
     "modal.model",
     "modal.power_laws",
     "modal.study",
-    "updating.data.measured",
+    "updating.measured",
     "updating.model_class",
     "updating.structure.affine",
     "updating.structure.matrices_file",
@@ -50,10 +50,10 @@ KNOWN_TO_VIRTUAL_TESTS = {
 # The files of the estimator call each other; the paper's chain, benches and flights are users of it.
 OF_ESTIMATOR = [PACKAGE / "suspensions" / each for each in ("", "model", "fitting", "law_search", "answer")]
 ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
-# So do those of each of these, and those of signals and of nonlinear modal models, whose users are all others.
+# So do those of each of these, and those of signals and of the other wings.
 PAPER, BENCH, FLIGHTS = (frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights"))
-SIGNALS, MODAL = (frozenset(path.parent for path in (PACKAGE / each).rglob("*.py")) for each in ("signals", "modal"))
-ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, SIGNALS, MODAL)
+WHOLE = [frozenset(path.parent for path in (PACKAGE / each).rglob("*.py")) for each in ("signals", "modal", "updating")]
+ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE)
 MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND

@@ -7,7 +7,7 @@ import pytest
 from made_chain import DOFS, curve_of
 
 from opid.errors import InputError
-from opid.updating.data.backbone_file import read_backbone, write_backbone
+from opid.updating.measured import read_backbone, write_backbone
 
 
 def written(tmp_path, text):

@@ -14,8 +14,7 @@ from opid import cli
 from opid.errors import NotDeterminedError
 from opid.studies.study_file import read_study
 from opid.updating import identification
-from opid.updating.data.backbone_file import write_backbone
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone, write_backbone
 from opid.updating.structure.matrices_file import write_structure
 from opid.virtual.files.backbones import UPDATING_TRUTH
 from opid.virtual.files.truth import read_truth
@@ -125,7 +124,7 @@ class Written:
 
 
 def test_the_options_are_those_of_the_library():
-    from opid.updating.likelihood.backbones import FORMS
+    from opid.updating.likelihood.curves import FORMS
     from opid.updating.study import FEWEST_SAMPLES, SAMPLERS
 
     options = {option.name: option for option in cli.main.commands["update"].params}

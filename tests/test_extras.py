@@ -15,7 +15,7 @@ from opid.report.updating.chains import write_chains
 from opid.signals.exchange import frame_of, xarray_of
 from opid.signals.logs import formats
 from opid.signals.recording import recording_from_arrays
-from opid.updating.sampling.ensemble import ensemble
+from opid.updating.sampling.samplers import ensemble
 from opid.virtual.backbone_tests.wing_engine import wing_engine_matrices
 
 PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]

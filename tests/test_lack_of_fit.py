@@ -6,13 +6,11 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.updating.doubts import LEAST_MISFIT, RARE, doubts_of_class, unexplained_share
-from opid.updating.likelihood.backbones import backbone_data, log_likelihood
-from opid.updating.likelihood.lack_of_fit import LackOfFit, lack_of_fit
-from opid.updating.result import Diagnostics
+from opid.updating.doubts import LEAST_MISFIT, RARE, LackOfFit, doubts_of_fit, lack_of_fit, unexplained_fraction
+from opid.updating.likelihood.backbones import log_likelihood
+from opid.updating.likelihood.curves import backbone_data
 
 GRID = np.linspace(0.3, 4.0, 371)[:, None]
-FINE = Diagnostics("adaptive", 5000, 5500, 0.3, 1000.0, 1.0)
 
 
 def misfits_at_best(measured, model_class, **settings):
@@ -21,11 +19,8 @@ def misfits_at_best(measured, model_class, **settings):
     return data, best, lack_of_fit(data, model_class, best)
 
 
-def told(misfits, unexplained=0.0, **clauses):
-    given = {"gaps": (), "lost": ()} | clauses
-    return list(
-        doubts_of_class(made.CUBIC, {}, [], FINE, [], misfits=misfits, unexplained=unexplained, **given)
-    )  # fmt: skip
+def told(misfits, unexplained=0.0):
+    return list(doubts_of_fit(misfits, unexplained))
 
 
 @pytest.mark.parametrize("form", ["recommended", "paper"])
@@ -37,7 +32,7 @@ def test_the_right_law_is_not_doubted_and_a_wrong_one_is(form, noise):
         assert [each.mode for each in right] == [2, 3]
         assert told(right) == []
         _, _, wrong = misfits_at_best(measured, made.QUADRATIC, form=form)
-        assert max(each.share for each in wrong) > 0.1
+        assert max(each.fraction for each in wrong) > 0.1
         (sentence,) = told(wrong)
         assert "of the measured growth of the frequencies of mode" in sentence
         assert "unexplained, the same way in all curves" in sentence
@@ -82,8 +77,8 @@ def test_curves_without_noise_and_curves_too_short():
     short = made.backbones(0, n_points=3, n_curves=(2, 1))
     data = backbone_data(made.system(), short, harmonics=(1,))
     assert lack_of_fit(data, made.CUBIC, np.array([made.TRUTH])) == ()
-    assert unexplained_share(data, made.CUBIC, np.array([0.0])) == pytest.approx(1.0, abs=0.05)
-    (sentence,) = told((), unexplained_share(data, made.CUBIC, np.array([0.5])))
+    assert unexplained_fraction(data, made.CUBIC, np.array([0.0])) == pytest.approx(1.0, abs=0.05)
+    (sentence,) = told((), unexplained_fraction(data, made.CUBIC, np.array([0.5])))
     assert "% of the measured growth of the frequencies unexplained: this law does not fit" in sentence
 
 

@@ -7,8 +7,8 @@ from scipy import sparse
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.laws.law import Law, Term
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.likelihood.linear_error import growth_of_linear_error
+from opid.updating.linear_updating import growth_of_linear_error
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.structure.affine import AffineStructure
 
 FACTORS = {"plate": 1.0, "leaves": 1.0}

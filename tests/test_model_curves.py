@@ -10,21 +10,22 @@ from opid.errors import NotDeterminedError
 from opid.json_values import plain
 from opid.mechanics.backbones.family import backbone_family
 from opid.updating import doubts, prediction
-from opid.updating.data.noise_settings import NoiseSettings
-from opid.updating.doubts import doubts_of_choice, doubts_of_class
-from opid.updating.likelihood import model_curves
-from opid.updating.likelihood.backbones import backbone_data, likelihood_function, log_likelihood
-from opid.updating.likelihood.model_curves import (
+from opid.updating.doubts import doubts_of_choice, doubts_of_curves
+from opid.updating.likelihood import backbones
+from opid.updating.likelihood.backbones import (
     curves_of,
+    likelihood_function,
+    log_likelihood,
     met_modes,
     where_it_fails,
     where_modes_interact,
     without_interactions,
 )
-from opid.updating.paper_classes import PAPER_CLASSES
+from opid.updating.likelihood.curves import backbone_data
+from opid.updating.likelihood.noise import NoiseSettings
+from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.result import Diagnostics
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.measured import synthetic_backbones
 from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
@@ -72,7 +73,7 @@ def between(low, high):
 def test_a_gap_is_bridged_from_the_rest_of_the_curve(data, monkeypatch, hole):
     whole, mode = log_likelihood(data, made.CUBIC, THETA), data.modes[0]
     exact = curves_of(data, mode, made.CUBIC)(THETA)
-    with_holes(monkeypatch, model_curves, hole)
+    with_holes(monkeypatch, backbones, hole)
     eigenvalue, shapes, missing, lost = curves_of(data, mode, made.CUBIC)(THETA)
     assert missing.any()
     assert not lost.any()
@@ -86,7 +87,7 @@ def test_a_gap_is_bridged_from_the_rest_of_the_curve(data, monkeypatch, hole):
 
 @pytest.mark.parametrize("hole", [between(1.2e-3, 1.0), between(3e-4, 1.1e-3)])
 def test_a_curve_with_too_much_missing_is_impossible(data, monkeypatch, hole):
-    with_holes(monkeypatch, model_curves, lambda c, a: hole(c, a) & (c > 1e8)[:, None])
+    with_holes(monkeypatch, backbones, lambda c, a: hole(c, a) & (c > 1e8)[:, None])
     value, failed = likelihood_function(data, made.CUBIC)(THETA)
     assert np.isneginf(value).tolist() == [False, True, True]
     assert failed > 4
@@ -94,7 +95,7 @@ def test_a_curve_with_too_much_missing_is_impossible(data, monkeypatch, hole):
 
 def test_where_it_fails_names_mode_amplitude_and_point(data, monkeypatch):
     assert where_it_fails(data, made.CUBIC, THETA) == []
-    with_holes(monkeypatch, model_curves, lambda c, a: between(1.6e-3, 1.8e-3)(c, a) & (c > 1e8)[:, None])
+    with_holes(monkeypatch, backbones, lambda c, a: between(1.6e-3, 1.8e-3)(c, a) & (c > 1e8)[:, None])
     (told,) = where_it_fails(data, made.CUBIC, THETA)  # mode 3 ends below
     assert told.startswith("mode 2 at 1.")
     assert "mm of sensor 'left' (point" in told
@@ -104,7 +105,7 @@ def test_where_it_fails_names_mode_amplitude_and_point(data, monkeypatch):
 
 def test_gaps_in_the_posterior_are_told_and_the_class_is_kept(data, monkeypatch):
     before = update_class(data, made.CUBIC, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
-    with_holes(monkeypatch, model_curves, between(1.6e-3, 1.8e-3))
+    with_holes(monkeypatch, backbones, between(1.6e-3, 1.8e-3))
     found = update_class(data, made.CUBIC, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
     assert found.log_evidence == pytest.approx(before.log_evidence, abs=0.05)
     (told,) = found.warnings
@@ -115,8 +116,8 @@ def test_gaps_in_the_posterior_are_told_and_the_class_is_kept(data, monkeypatch)
 
 def test_a_posterior_that_may_be_cut_off_is_told(data, monkeypatch):
     edge = 1.70 * made.CUBIC.scales[0]  # some standard deviations above the best
-    with_holes(monkeypatch, model_curves, lambda c, a: between(1e-3, 1.0)(c, a) & (c > edge)[:, None])
-    monkeypatch.setattr("opid.updating.posterior.FAR_OUT", 20.0)
+    with_holes(monkeypatch, backbones, lambda c, a: between(1e-3, 1.0)(c, a) & (c > edge)[:, None])
+    monkeypatch.setattr("opid.updating.doubts.FAR_OUT", 20.0)
     found = update_class(data, made.CUBIC, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
     (told,) = [each for each in found.warnings if "converge" in each]
     assert told.startswith("beside the posterior, in mode 2 at ")
@@ -124,7 +125,7 @@ def test_a_posterior_that_may_be_cut_off_is_told(data, monkeypatch):
 
 
 def test_a_class_that_never_converges_says_where(data, monkeypatch):
-    with_holes(monkeypatch, model_curves, between(1e-3, 1.0))
+    with_holes(monkeypatch, backbones, between(1e-3, 1.0))
     with pytest.raises(NotDeterminedError, match=r"no backbone anywhere in its prior \(in mode 2 at .* mm of sensor"):
         update_class(data, made.CUBIC, rng=np.random.default_rng(0))
 
@@ -260,9 +261,7 @@ def test_measured_points_at_an_interaction_are_told(wing_structure):
     assert len(told) == 1
     assert told[0].startswith("mode 8 at 2.3")
     assert told[0].endswith("measured amplitudes) harmonic 3 meets mode 13 at 57.53 Hz")
-    fine = Diagnostics("adaptive", 5000, 5500, 0.3, 1000.0, 1.0)
-    clauses = {"misfits": (), "unexplained": 0.0, "gaps": (), "lost": (), "met": told}
-    (sentence,) = doubts_of_class(PAPERS_CUBIC, {}, [], fine, [], **clauses)
+    (sentence,) = doubts_of_curves((), (), told)
     assert sentence.startswith("in mode 8 at 2.3")
     assert "may lie off the smooth backbone of the model, which knows no interaction" in sentence
     rough = backbone_data(system, measured, noise=NoiseSettings(point_noise=0.05))

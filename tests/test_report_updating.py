@@ -20,7 +20,7 @@ from opid.report.updating.chains import write_chains
 from opid.report.updating.figures import reached_extension
 from opid.report.updating.reduction import order_sentences, reduction_sentences
 from opid.report.writing import document_of
-from opid.updating.result import Evidence
+from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
 from opid.virtual.files.backbones import UPDATING_TRUTH
 from opid.virtual.files.truth import read_truth

@@ -11,8 +11,8 @@ from scipy import linalg
 
 from opid.errors import InputError
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.data.checks import backbone_faults, nominal_modes, overlaps, sensor_faults, structure_faults
-from opid.updating.data.noise_settings import NoiseSettings
+from opid.updating.checks import backbone_faults, nominal_modes, overlaps, sensor_faults, structure_faults
+from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.structure import wing_engine_structure

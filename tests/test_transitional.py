@@ -8,8 +8,8 @@ from scipy import special
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating.model_class import Prior
-from opid.updating.sampling.diagnostics import effective_samples
-from opid.updating.sampling.transitional import transitional
+from opid.updating.sampling.chains import effective_samples
+from opid.updating.sampling.samplers import transitional
 
 
 def priors_of(*priors):
@@ -171,5 +171,3 @@ def test_what_it_cannot_go_on_with():
         run(lambda t: t[:, 0], log_prior, lambda n, rng: rng.uniform(0, 1, n))
     with pytest.raises(InputError, match="n_particles is 3"):
         transitional(lambda t: t[:, 0], log_prior, sample, rng=rng, n_particles=3)
-    with pytest.raises(InputError, match="coefficient_of_variation is 0"):
-        run(lambda t: t[:, 0], log_prior, sample, coefficient_of_variation=0.0)

@@ -7,8 +7,8 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating import identification, posterior
-from opid.updating.data.noise_settings import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH, NoiseSettings
 from opid.updating.identification import update_study
+from opid.updating.likelihood.noise import LINEAR_ERROR_GROWTH, UNMENDED_GROWTH, NoiseSettings
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.study import UpdatingStudy
 
@@ -106,7 +106,7 @@ def settings_of_phase_i(monkeypatch, **changes):
     monkeypatch.setattr(identification, "update_linear", note)
     with pytest.raises(NotDeterminedError, match="noted"):
         update_study(study(structure=made.structure(), parameters={"plate": BOUNDS}, n_internal=0, **changes))
-    return {name: told.get(name) for name in ("cov", "weights", "shape_std", "shape_factor")}
+    return {name: told.get(name) for name in ("cov", "weight", "shape_std", "shape_factor")}
 
 
 def test_a_mode_with_one_curve_leaves_the_others_inferred(monkeypatch):
@@ -131,15 +131,15 @@ def test_settings_of_the_papers_forms_are_for_both_phases_of_these(monkeypatch):
     noise = NoiseSettings(weight=2.0, cov={2: 0.01, 3: 0.02}, shape_factor=3.0)
     for form in ("paper", "independent"):
         found = settings_of_phase_i(monkeypatch, form=form, noise=noise)
-        assert found == {"cov": noise.cov, "weights": {2: 2.0, 3: 2.0}, "shape_std": None, "shape_factor": 3.0}
+        assert found == {"cov": noise.cov, "weight": 2.0, "shape_std": None, "shape_factor": 3.0}
     assert settings_of_phase_i(monkeypatch, noise=noise) == settings_of_phase_i(monkeypatch)
     told = update_study(study(noise=noise, classes=(made.CUBIC,))).warnings
     assert any("recommended form does not use weight, cov, shape_factor: leave out what" in each for each in told)
 
 
 def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from_phase_i(monkeypatch):
-    names, best = ("plate", "leaves"), np.ones(2)
-    given = {"structure": made.structure(), "parameters": dict.fromkeys(names, BOUNDS), "n_internal": 0}
+    factors = {"plate": 1.0, "leaves": 1.0}
+    given = {"structure": made.structure(), "parameters": dict.fromkeys(factors, BOUNDS), "n_internal": 0}
     given["classes"] = (made.CUBIC,)
     growths = []
     for noise, std in (
@@ -148,7 +148,7 @@ def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from
         (NoiseSettings(), 0.01),
         (NoiseSettings(), 0.02),
     ):
-        linear = SimpleNamespace(names=names, best=best, covariance=std**2 * np.eye(2), warnings=())
+        linear = SimpleNamespace(factors=factors, covariance=std**2 * np.eye(2), warnings=())
         monkeypatch.setattr(identification, "update_linear", lambda *_, linear=linear, **__: linear)
         found = update_study(study(noise=noise, **given))
         growths.append(np.array(list(found.settings["noise"]["linear_error_growth"].values())))

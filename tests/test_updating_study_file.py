@@ -8,9 +8,8 @@ from made_chain import DOFS, curve_of, small_chain
 
 from opid.errors import InputError
 from opid.studies.study_file import read_study, write_study
-from opid.updating.data.backbone_file import write_backbone
-from opid.updating.data.checks import nominal_modes
-from opid.updating.data.noise_settings import LeftOut
+from opid.updating.checks import nominal_modes
+from opid.updating.measured import write_backbone
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.structure.matrices_file import write_structure
 
@@ -99,8 +98,8 @@ def test_what_may_be_left_out_has_its_default(place):
     study = study_of(place, text.replace('title = "A chain"', ""))
     assert study.title == "study"
     assert dict(study.parameters) == {}
-    assert (study.n_samples, study.n_drawn) == (None, 5500)
-    assert replace(study, sampler="ensemble").n_drawn == 20000
+    assert (study.n_samples, study.n_samples_of_class) == (None, 5500)
+    assert replace(study, sampler="ensemble").n_samples_of_class == 20000
     # what is not updated is as it was
     assert abs(study.structure.stiffness_at({}) - small_chain().stiffness_at({})).max() == 0
     named = study_of(place, STUDY.replace('E = ["lognormal", 1, 0.3]', ""))
@@ -178,9 +177,8 @@ def test_a_growth_of_the_linear_error_that_is_stated_is_read_and_written(place, 
     again = read_study(place / "again" / "study.toml")
     for each in (study, again):
         assert each.noise.linear_error_growth == growth
-        assert not isinstance(each.noise.linear_error_growth, LeftOut)
     # what is left out is not written
-    assert isinstance(study_of(place, STUDY).noise.linear_error_growth, LeftOut)
+    assert study_of(place, STUDY).noise.linear_error_growth is None
     write_study(study_of(place, STUDY), place / "again" / "study.toml")
     assert "[noise]" not in (place / "again" / "study.toml").read_text(encoding="utf-8")
 

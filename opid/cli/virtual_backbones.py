@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from opid.mechanics.backbones.jointed_modes import JointedModes
-    from opid.updating.data.measured import MeasuredBackbone
+    from opid.updating.measured import MeasuredBackbone
     from opid.updating.model_class import ModelClass
 
 DRIVE, DAMPING_RATIO = "7", 0.003
@@ -83,7 +83,7 @@ def backbones(
     from opid.errors import InputError
     from opid.report.document import counted
     from opid.studies.updating_study import FACTOR_PRIOR
-    from opid.updating.paper_classes import PAPER_CLASSES, PAPER_THETA
+    from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
     from opid.updating.structure.reduction import reduce
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones

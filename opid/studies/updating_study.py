@@ -12,11 +12,10 @@ from opid.errors import InputError, nearest, refuse
 from opid.studies.class_tables import ClassTable, PriorRow, table_of_class
 from opid.studies.kinds import BACKBONES
 from opid.studies.schema import Document, Say, noted, read_tables, text_of
-from opid.updating.data.backbone_file import read_backbone, write_backbone
-from opid.updating.data.checks import backbone_faults, shortened
-from opid.updating.data.curves import Form
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.data.noise_settings import NoiseSettings
+from opid.updating.checks import backbone_faults, shortened
+from opid.updating.likelihood.curves import Form
+from opid.updating.likelihood.noise import NoiseSettings
+from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
 from opid.updating.model_class import Prior
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import checked_structure, write_structure

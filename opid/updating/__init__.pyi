@@ -1,27 +1,25 @@
 # The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
-from .data.backbone_file import (
-    read_backbone as read_backbone,
-    write_backbone as write_backbone,
-)
-from .data.curves import (
-    BackboneData as BackboneData,
-    backbone_data as backbone_data,
-)
-from .data.measured import MeasuredBackbone as MeasuredBackbone
-from .data.noise_settings import NoiseSettings as NoiseSettings
 from .identification import update_study as update_study
 from .likelihood.backbones import (
     likelihood_function as likelihood_function,
     log_likelihood as log_likelihood,
 )
-from .linear_updating import update_linear as update_linear
-from .model_class import (
-    ModelClass as ModelClass,
-    Prior as Prior,
+from .likelihood.curves import (
+    BackboneData as BackboneData,
+    backbone_data as backbone_data,
 )
-from .paper_classes import (
+from .likelihood.noise import NoiseSettings as NoiseSettings
+from .linear_updating import update_linear as update_linear
+from .measured import (
+    MeasuredBackbone as MeasuredBackbone,
+    read_backbone as read_backbone,
+    write_backbone as write_backbone,
+)
+from .model_class import (
     PAPER_CLASSES as PAPER_CLASSES,
     PAPER_THETA as PAPER_THETA,
+    ModelClass as ModelClass,
+    Prior as Prior,
 )
 from .posterior import (
     density_of as density_of,
@@ -34,7 +32,7 @@ from .result import (
     LinearPosterior as LinearPosterior,
     Updating as Updating,
 )
-from .sampling.arviz_export import to_inference_data as to_inference_data
+from .sampling.chains import to_inference_data as to_inference_data
 from .sampling.evidence import laplace as laplace
 from .sampling.maximum import maximum_a_posteriori as maximum_a_posteriori
 from .structure.affine import AffineStructure as AffineStructure

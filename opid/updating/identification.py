@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,17 +11,17 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.data.checks import overlaps
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.data.noise_settings import UNMENDED_GROWTH, LeftOut
+from opid.updating.checks import overlaps
 from opid.updating.doubts import doubts_of_choice, doubts_of_classes
-from opid.updating.likelihood.backbones import BackboneData, backbone_data
-from opid.updating.likelihood.linear_error import growth_of_linear_error
-from opid.updating.linear_updating import update_linear
+from opid.updating.likelihood.curves import BackboneData, backbone_data
+from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
+from opid.updating.likelihood.noise import UNMENDED_GROWTH
+from opid.updating.linear_updating import growth_of_linear_error, update_linear
+from opid.updating.measured import by_mode
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
-from opid.updating.sampling.ensemble import require_emcee
+from opid.updating.sampling.samplers import require_emcee
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 
@@ -50,17 +50,16 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     if study.sampler == "ensemble":
         require_emcee()
     say = progress or (lambda step: None)
-    linear, system = _linear(study, say)
+    linear, system = _update_linear(study, say)
     say("backbones")
-    growth = _growth(study, linear)
-    data = _data(study, system, growth)
-    classes, lost = _classes(study, data, say)
+    growth = _growth_by_mode(study, linear)
+    data = _prepare(study, system, growth)
+    classes, lost = _update_classes(study, data, say)
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
-    bands, gone = _prediction(study, data, best)
-    of_classes = doubts_of_classes(classes)
-    of_study = [*_unused(study), *overlaps(study.backbones)]
-    of_linear = [f"linear structure: {doubt}" for doubt in linear.warnings] if linear else []
+    bands, gone = _predict(study, data, best)
+    stated = study.noise.stated_for_papers if study.form == "recommended" else ()
+    unused = f"the recommended form does not use {', '.join(stated)}: leave out what is stated, or take another form"
     return Updating(
         title=study.title,
         form=study.form,
@@ -70,55 +69,52 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         classes=tuple(classes),
         best_class=best.model_class.name,
         prediction=bands,
-        warnings=(*of_study, *of_linear, *lost, *of_classes, *doubts_of_choice(classes, bands), *gone),
+        warnings=(
+            *([unused] if stated else []),
+            *overlaps(study.backbones),
+            *(f"linear structure: {doubt}" for doubt in (linear.warnings if linear else ())),
+            *lost,
+            *doubts_of_classes(classes),
+            *doubts_of_choice(classes, bands),
+            *gone,
+        ),
         not_determined="",
         settings=_settings(study, data, growth),
     )
 
 
-def _unused(study: UpdatingStudy) -> list[str]:
-    """At most one sentence: settings that the form does not use."""
-    stated = study.noise.stated_for_papers
-    if study.form != "recommended" or not stated:
-        return []
-    return [f"the recommended form does not use {', '.join(stated)}: leave out what is stated, or take another form"]
-
-
-def _linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, JointedModes]:
+def _update_linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, JointedModes]:
     """Phase I where there is something to update, and the structure by its modes."""
     if isinstance(study.structure, JointedModes):
         return None, study.structure
-    linear, factors = None, {}
+    linear = None
     if study.parameters:
         say("linear structure")
-        rng = np.random.default_rng([study.seed, 1])
         linear = update_linear(
             study.structure,
             study.backbones,
             priors=study.parameters,
-            rng=rng,
-            progress=lambda share: say(f"linear structure {share:.0%}"),
-            **_linear_noise(study),
+            rng=np.random.default_rng([study.seed, 1]),
+            progress=lambda fraction: say(f"linear structure {fraction:.0%}"),
+            **_linear_errors(study),
         )
-        factors = dict(zip(linear.names, (float(value) for value in linear.best), strict=True))
     say("reduction")
-    return linear, reduce(study.structure, factors, n_modes=study.n_internal)
+    return linear, reduce(study.structure, linear.factors if linear else {}, n_modes=study.n_internal)
 
 
-def _linear_noise(study: UpdatingStudy) -> dict[str, Any]:
+def _linear_errors(study: UpdatingStudy) -> LinearErrors:
     """How phase I weighs frequencies and shapes: by the scatter of the curves, inferred in the recommended form.
 
     Beside it stands an error that all curves of a mode share, but in the forms that are the paper's.
     """
     noise = study.noise
-    given: dict[str, Any] = {} if study.form in ("paper", "literal") else {"common_error": noise.linear_error}
-    modes = sorted({one.mode for one in study.backbones})
+    common = 0.0 if study.form in ("paper", "literal") else noise.linear_error
     if study.form != "recommended":
-        weights = dict.fromkeys(modes, noise.weight)
-        return given | {"cov": noise.cov or "scatter", "weights": weights, "shape_factor": noise.shape_factor}
-    cov, shape_std = {}, {}
-    for mode in modes:
-        curves = [one for one in study.backbones if one.mode == mode]
+        factor = noise.shape_factor
+        return {"cov": noise.cov or "scatter", "weight": noise.weight, "shape_factor": factor, "common_error": common}
+    cov: dict[int, OneCov] = {}
+    shape_std: dict[int, OneShapeStd] = {}
+    for mode, curves in by_mode(study.backbones).items():
         scatters = len({float(one.frequency_hz[0]) for one in curves}) > 1
         # one curve has no scatter, nor have curves that begin alike: its offset is what is expected of one
         cov[mode] = "inferred" if scatters else 2 * noise.curve_offset
@@ -127,67 +123,70 @@ def _linear_noise(study: UpdatingStudy) -> dict[str, Any]:
             continue  # one sensor has no shape
         # a shape that the factors can meet exactly tells nothing of its own error
         rest = len(curves) * (n_sensors - 1) - len(study.parameters)
-        level = float(np.hypot(noise.shape_offset, noise.linear_shape_error))
-        shape_std[mode] = "inferred" if len(curves) > 1 or rest > 0 else level
-    return given | {"cov": cov, "shape_std": shape_std}
+        expected = float(np.hypot(noise.shape_offset, noise.linear_shape_error))
+        shape_std[mode] = "inferred" if len(curves) > 1 or rest > 0 else expected
+    return {"cov": cov, "shape_std": shape_std, "common_error": common}
 
 
-def _growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
+def _growth_by_mode(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
     """How far the linear error may grow along the backbones of each mode: as set, else by what phase I leaves."""
-    growth = dict.fromkeys(sorted({one.mode for one in study.backbones}), study.noise.linear_error_growth)
-    stated = not isinstance(study.noise.linear_error_growth, LeftOut)
+    noise = study.noise
+    growth = dict.fromkeys(by_mode(study.backbones), noise.growth_of_linear_error)
+    stated = noise.linear_error_growth is not None
     if linear is None or stated or study.form != "recommended" or isinstance(study.structure, JointedModes):
         return growth
     left = growth_of_linear_error(
         study.structure,
-        dict(zip(linear.names, (float(value) for value in linear.best), strict=True)),
+        linear.factors,
         linear.covariance,
         study.backbones,
-        linear_error=study.noise.linear_error,
+        linear_error=noise.linear_error,
         n_modes=study.n_internal,
     )
     return growth | {mode: float(np.hypot(value, UNMENDED_GROWTH)) for mode, value in left.items()}
 
 
-def _data(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, float]) -> BackboneData:
+def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, float]) -> BackboneData:
     """The backbones, each mode with the growth of its own linear error."""
     of_modes = [
         backbone_data(
             system,
-            [one for one in study.backbones if one.mode == mode],
+            curves,
             form=study.form,
             harmonics=study.harmonics,
-            noise=replace(study.noise, linear_error_growth=value),
+            noise=replace(study.noise, linear_error_growth=growth[mode]),
         )
-        for mode, value in growth.items()
+        for mode, curves in by_mode(study.backbones).items()
     ]
     return replace(of_modes[0], modes=tuple(mode for each in of_modes for mode in each.modes), noise=study.noise)
 
 
-def _classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
+def _update_classes(study: UpdatingStudy, data: BackboneData, say: Say) -> tuple[list[ClassPosterior], list[str]]:
+    """The posterior of each class that has a likelihood, and why others are left out."""
     classes, lost = [], []
     for number, model_class in enumerate(study.classes):
-        say(model_class.name)
-
-        def say_done(fraction: float, name: str = model_class.name) -> None:
-            say(f"{name} {fraction:.0%}")
-
-        rng = np.random.default_rng([study.seed, 2, number])
+        name = model_class.name
+        say(name)
         try:
             found = update_class(
-                data, model_class, rng=rng, sampler=study.sampler, n_samples=study.n_drawn, progress=say_done
+                data,
+                model_class,
+                rng=np.random.default_rng([study.seed, 2, number]),
+                sampler=study.sampler,
+                n_samples=study.n_samples_of_class,
+                progress=lambda fraction, name=name: say(f"{name} {fraction:.0%}"),  # type: ignore[misc]
             )
-            told = "class %s: log evidence %.2f, %d evaluations"
-            logger.info(told, model_class.name, found.log_evidence, found.diagnostics.n_evaluations)
+            n_evaluations = found.diagnostics.n_evaluations
+            logger.info("class %s: log evidence %.2f, %d evaluations", name, found.log_evidence, n_evaluations)
             classes.append(found)
         except NotDeterminedError as error:
-            lost.append(f"class {model_class.name!r} is left out: {error}")
+            lost.append(f"class {name!r} is left out: {error}")
     if not classes:
         raise NotDeterminedError("; ".join(lost))
     return classes, lost
 
 
-def _prediction(
+def _predict(
     study: UpdatingStudy, data: BackboneData, best: ClassPosterior
 ) -> tuple[tuple[BackboneBand, ...], list[str]]:
     try:
@@ -200,20 +199,16 @@ def _settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, flo
     """What the result was made with, in plain values."""
     noise = dict(vars(study.noise))
     noise["cov"] = {str(mode.mode): mode.cov for mode in data.modes if mode.cov > 0}
-    if study.form == "recommended":
-        noise["linear_error_growth"] = {str(mode): value for mode, value in growth.items()}
+    by_name = {str(mode): value for mode, value in growth.items()}
+    noise["linear_error_growth"] = by_name if study.form == "recommended" else study.noise.growth_of_linear_error
     return {
         "form": study.form,
         "sampler": study.sampler,
-        "samples": study.n_drawn,
+        "samples": study.n_samples_of_class,
         "seed": study.seed,
         "harmonics": list(study.harmonics),
         "internal_modes": study.n_internal,
         "noise": noise,
-        "backbones": _names(study.backbones),
+        "backbones": [one.name for one in study.backbones],
         "study": str(study.source or ""),
     }
-
-
-def _names(backbones: Sequence[MeasuredBackbone]) -> list[str]:
-    return [one.name for one in backbones]

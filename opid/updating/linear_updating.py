@@ -1,24 +1,28 @@
-"""Phase I: parameters of the linear structure from the lowest points of backbones (Song et al. 2021; 2.1.1)."""
+"""Phase I: parameters of the linear structure from the lowest points of backbones (Song et al. 2021; 2.1.1).
+
+And how the error that they leave in the linear structure grows along the backbones.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Unpack
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
-from opid.estimate import Estimate
+from opid.mechanics.backbones.family import family_evaluator
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.likelihood.linear import Cov, LinearData, ShapeStd, linear_data, log_posterior, mean_eigenvalue
+from opid.updating.likelihood.linear import LinearData, LinearErrors, linear_data, log_posterior, mean_eigenvalue
+from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
 from opid.updating.result import LinearMode, LinearPosterior
-from opid.updating.sampling.chains import LogDensity, spread_starts
-from opid.updating.sampling.diagnostics import diagnose, presses_against
+from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, presses_against, spread_starts
 from opid.updating.sampling.maximum import Maximum, Support, maximum_a_posteriori
-from opid.updating.sampling.metropolis import adaptive_metropolis
+from opid.updating.sampling.samplers import adaptive_metropolis
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes
+from opid.updating.structure.reduction import lowest_modes, reduce
 from opid.updating.structure.ritz import ritz_model
 
 LEAST_RATIO = 0.01
@@ -39,6 +43,18 @@ POOR_MAC = 0.8
 """MAC of the updated shape with the measured ones below which they are hardly of one mode."""
 MOVED = 1.0
 """Standard deviations of the mean by which the lowest points may lie off the linear frequency of their curves."""
+STEP = 0.01
+"""Fraction by which each factor is changed to see what it does to the backbones."""
+N_AMPLITUDES = 12
+"""At which the backbones are compared."""
+LAW = "cubic_stiffness"
+"""Law whose growth is that of the measured curves; with a quintic one errors grow some 1.4 times as far."""
+COEFFICIENTS = np.geomspace(0.5, 50.0, 40)
+"""Coefficients that are tried, in units of what one mode alone would need: others move with it and take of it."""
+LEAST_GROWTH = 1e-3
+"""Growth of lambda below which a curve is linear: there is nothing that an error could grow with."""
+FEWEST = 3
+"""Amplitudes at which all backbones must have converged."""
 
 
 def update_linear(
@@ -47,15 +63,11 @@ def update_linear(
     *,
     priors: Mapping[str, Prior],
     rng: np.random.Generator,
-    cov: Cov = "scatter",
-    weights: Mapping[int, float] | None = None,
-    shape_std: ShapeStd = "paper",
-    shape_factor: float | None = None,
-    common_error: float = 0.0,
     n_chains: int = 4,
     n_samples: int = 1000,
     n_warm_up: int = 200,
     progress: Callable[[float], None] | None = None,
+    **errors: Unpack[LinearErrors],
 ) -> LinearPosterior:
     """Return the parameters of the linear structure given the lowest point of every backbone (Song section 4.1).
 
@@ -66,32 +78,26 @@ def update_linear(
         backbones: measured; modes are counted from the lowest one of the structure, rigid ones included.
         priors: of the parameters to update, by name; a part of the stiffness that is left out stays at 1.
         rng: source of chance.
-        cov: see `linear_data`.
-        weights: see `linear_data`.
-        shape_std: see `linear_data`.
-        shape_factor: see `linear_data`.
-        common_error: relative error of a linear frequency of the model, which all curves of its mode share: see
-            `linear_data`. Without it (0, the paper's form) the intervals hold only what makes curves differ.
         n_chains: chains.
         n_samples: kept of each.
         n_warm_up: dropped of each before them.
-        progress: called with the share that is done.
+        progress: called with the fraction that is done.
+        errors: what is known of the errors of the points, see `LinearErrors`: `cov`, `weight`, `shape_std`,
+            `shape_factor`, `common_error`.
 
     Raises:
-        InputError: see `linear_data`; a prior of an unknown parameter, or one that allows nothing above 0.
+        InputError: no backbone, sensors that do not fit, errors that are not known or not positive; a prior of an
+            unknown parameter, or one that allows nothing above 0.
         NotDeterminedError: the data do not tell a parameter.
     """
-    data = linear_data(
-        structure, backbones, cov=cov, weights=weights, shape_std=shape_std, shape_factor=shape_factor,
-        common_error=common_error,
-    )  # fmt: skip
+    data = linear_data(structure, backbones, **errors)
     modes = [each.mode for each in data]
     model = ritz_model(structure, box=_prior_box(structure, priors), modes=modes)
     density = log_posterior(data, model, priors)
     ordered = [priors[name] for name in model.names]
     support = [(max(low, 0.0), high) for low, high in (prior.support for prior in ordered)]
     draws = np.column_stack([prior.sample(200, rng) for prior in ordered])
-    peak = _peak(density, draws, support)
+    peak = _find_peak(density, draws, support)
     start = spread_starts(density, peak.theta, peak.covariance_inside, n_chains=n_chains, rng=rng)
     chain = adaptive_metropolis(
         density,
@@ -102,12 +108,11 @@ def update_linear(
         rng=rng,
         progress=progress,
     )
-    samples = chain.pooled
     diagnostics = diagnose(chain)
     table = _mode_table(structure, data, dict(zip(model.names, peak.theta.tolist(), strict=True)))
     warnings = [
-        pressure.sentence.replace(f"theta_{pressure.parameter}", model.names[pressure.parameter - 1], 1)
-        for pressure in presses_against(samples, ordered)
+        f"{model.names[pressure.parameter - 1]} {pressure.sentence}"
+        for pressure in presses_against(chain.pooled, ordered)
     ]
     if diagnostics.r_hat > UNMIXED:
         warnings.append(
@@ -116,17 +121,17 @@ def update_linear(
     return LinearPosterior(
         names=model.names,
         best=peak.theta,
-        estimates={name: _estimate(column) for name, column in zip(model.names, samples.T, strict=True)},
-        covariance=np.atleast_2d(np.cov(samples, rowvar=False)),
-        samples=samples,
+        estimates=estimates_of(chain, model.names),
+        covariance=chain.covariance,
+        samples=chain.pooled,
         modes=table,
         diagnostics=diagnostics,
-        warnings=(*warnings, *_doubts(data, table, backbones, cov)),
+        warnings=(*warnings, *_doubts(data, table, backbones, errors)),
         chain=chain,
     )
 
 
-def _peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:
+def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:
     """The maximum a posteriori, from the best of the draws; from others where that one leads nowhere."""
     ranked = draws[np.argsort(-density(draws), kind="stable")]
     for start in ranked[: MOST_STARTS - 1]:
@@ -155,21 +160,15 @@ def _prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> dict[
     return box
 
 
-def _estimate(column: FloatArray) -> Estimate:
-    low, high = np.quantile(column, [0.025, 0.975])
-    return Estimate(float(column.mean()), float(column.std(ddof=1)), (float(low), float(high)))
-
-
 def _mode_table(
     structure: AffineStructure, data: Sequence[LinearData], best: Mapping[str, float]
 ) -> tuple[LinearMode, ...]:
     """Frequencies and MAC of the full structure before and after (Song Table 2)."""
     n_modes = max(each.mode for each in data)
-    places = structure.sensor_places
     found = []
     for factors in ({}, best):
         eigenvalue, shapes = lowest_modes(structure.mass, structure.stiffness_at(factors), n_modes)
-        found.append((np.sqrt(np.maximum(eigenvalue, 0.0)) / (2 * np.pi), shapes[places]))
+        found.append((np.sqrt(np.maximum(eigenvalue, 0.0)) / (2 * np.pi), shapes[structure.sensor_indices]))
     table = []
     for each in data:
         mode = each.mode - 1
@@ -185,10 +184,10 @@ def _doubts(
     data: Sequence[LinearData],
     table: Sequence[LinearMode],
     backbones: Sequence[MeasuredBackbone],
-    cov: Cov,
+    errors: LinearErrors,
 ) -> list[str]:
     """What to doubt: a poor estimate of scatter, a mode or a shape that is missed, lowest points that are nonlinear."""
-    doubts = []
+    doubts, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
     for each, row in zip(data, table, strict=True):
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size
         mean, std = mean_eigenvalue(each)
@@ -209,7 +208,7 @@ def _doubts(
                 f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): look whether "
                 "the curves are of another mode, and at the names and signs of the sensors"
             )
-        moved = float(np.mean([_nonlinear_part(c) for c in backbones if c.mode == each.mode])) / std
+        moved = float(np.mean([_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
         if abs(moved) > MOVED:
             doubts.append(
                 f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency that their "
@@ -223,3 +222,90 @@ def _nonlinear_part(curve: MeasuredBackbone) -> float:
     square = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** 2
     near = slice(0, max(3, np.count_nonzero(square <= 9)))
     return float(np.polyfit(square[near], curve.eigenvalue[near], 1)[0])
+
+
+# ---- the error that is left ------------------------------------------------------------------------
+
+
+def growth_of_linear_error(
+    structure: AffineStructure,
+    factors: Mapping[str, float],
+    covariance: FloatArray,
+    backbones: Sequence[MeasuredBackbone],
+    *,
+    linear_error: float,
+    n_modes: int,
+) -> dict[int, float]:
+    """Return how far the error of lambda grows while lambda doubles, by mode, in units of 2 `linear_error`.
+
+    Phase I finds factors with which the linear frequencies are right, for wrong reasons too: an error of a mode is
+    taken for one of the stiffness. Along a backbone the joints stiffen, the parts of the structure share the strain
+    energy anew, and such an error comes to light. With r_k(A) = d lambda(A) / d ln theta_k / lambda(0), less its value
+    at amplitude 0, and C the covariance of ln theta, the growth is the root mean square of (r^T C r)^1/2 over that of
+    lambda(A) / lambda(0) - 1. Modes are left out whose curves do not grow, do not move the joints or do not converge.
+
+    `factors` are those of the stiffness parts as updated, with their `covariance`, and `linear_error` the standard
+    deviation of the relative error of a linear frequency: the unit. `n_modes` internal modes are kept.
+    """
+    best = np.array(list(factors.values()))
+    relative = np.asarray(covariance) / np.outer(best, best)
+    base = reduce(structure, factors, n_modes=n_modes)
+    moved = [
+        reduce(structure, {**factors, name: value * (1 + STEP)}, n_modes=n_modes) for name, value in factors.items()
+    ]
+    growth = {}
+    for mode, curves in by_mode(backbones).items():
+        found = _strayed(base, moved, curves)
+        if found is not None:
+            grown, strayed = found
+            variance = np.einsum("ka,kl,la->a", strayed, relative, strayed)
+            growth[mode] = float(np.sqrt(variance.sum() / (grown**2).sum())) / (2 * linear_error)
+    return growth
+
+
+def _strayed(
+    base: JointedModes, moved: Sequence[JointedModes], curves: Sequence[MeasuredBackbone]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Growth of lambda (n,), and what each factor adds to it (n_factors, n), over the measured amplitudes."""
+    mode, sensor = curves[0].mode, curves[0].controlled_sensor
+    mine = [one for one in curves if one.controlled_sensor == sensor]
+    amplitude = np.linspace(
+        min(one.controlled_amplitude[0] for one in mine),
+        max(one.controlled_amplitude[-1] for one in mine),
+        N_AMPLITUDES,
+    )
+    # of the curve that grows most, either way
+    growths = [float(one.eigenvalue[-1] / one.eigenvalue[0]) - 1 for one in mine]
+    wanted = max(growths, key=abs)
+    coefficient = _coefficient(base, mode, sensor, float(amplitude[-1]), wanted)
+    if coefficient is None:
+        return None
+    column = base.place(mode)
+    relative, converged = [], []
+    for system in (base, *moved):
+        solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=amplitude)([[coefficient]])
+        relative.append((solved.eigenvalue[0] - system.eigenvalue[column]) / base.eigenvalue[column])
+        converged.append(solved.converged[0])
+    kept = np.all(converged, axis=0)
+    if kept.sum() < FEWEST:
+        return None
+    grown = relative[0][kept]
+    return grown, np.array([(each[kept] - grown) / STEP for each in relative[1:]])
+
+
+def _coefficient(system: JointedModes, mode: int, sensor: str, amplitude: float, growth: float) -> float | None:
+    """Of a cubic law with which lambda grows by this fraction up to the amplitude; None where none makes it grow."""
+    column = system.place(mode)
+    at_sensor, at_joints = system.at_sensors[system.sensor(sensor), column], system.at_joints[:, column]
+    if abs(growth) < LEAST_GROWTH or not at_sensor or not at_joints.any():
+        return None
+    # lambda = lambda_0 + 3/4 c q^2 sum psi^4 by one harmonic of one mode
+    alone = 0.75 * (amplitude / at_sensor) ** 2 * float(np.sum(at_joints**4))
+    tried = growth * system.eigenvalue[column] / alone * COEFFICIENTS
+    solved = family_evaluator(system, (LAW,), mode=mode, sensor=sensor, amplitude=[amplitude])(tried[:, None])
+    fine = solved.converged[:, 0]
+    if not fine.any():
+        return None
+    reached = (solved.eigenvalue[fine, 0] / system.eigenvalue[column] - 1) / growth
+    order = np.argsort(reached)
+    return float(np.interp(1.0, reached[order], tried[fine][order]))

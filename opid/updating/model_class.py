@@ -1,8 +1,11 @@
-"""Model classes: sums of laws whose coefficients are updated, scaled to be near 1, with their priors (Song Table 3)."""
+"""Model classes: sums of laws whose coefficients are updated, scaled to be near 1, with their priors.
+
+The five classes of Song et al. (2021) stand at the end.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -57,6 +60,14 @@ class Prior:
         if self.family == "uniform":
             return self.first, self.second
         return (0.0 if self.family == "lognormal" else -np.inf), np.inf
+
+    @property
+    def wider(self) -> Prior:
+        """The prior twice as wide about the same centre."""
+        if self.family == "uniform":
+            half = (self.second - self.first) / 2
+            return Prior("uniform", self.first - half, self.second + half)
+        return Prior(self.family, self.first, 2 * self.second)
 
     def log_density(self, value: ArrayLike) -> FloatArray:
         """Logarithm of the density, of the shape of `value`; -inf outside the support."""
@@ -143,14 +154,36 @@ class ModelClass:
         rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         return np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(self.priors)], axis=0)
 
+    def sample_prior(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """(n, n_parameters) independent draws."""
+        return np.stack([prior.sample(n, rng) for prior in self.priors], axis=1)
+
 
 def short_kind(kind: str) -> str:
-    """Return the name of a kind of spring without the word for it.
-
-    Args:
-        kind: as in `opid.laws.LAWS`.
+    """Return the name of a `kind` of spring, as in `opid.laws.LAWS`, without the word for it.
 
     >>> short_kind("even_quadratic_stiffness"), short_kind("gas_column")
     ('even quadratic', 'gas column')
     """
     return kind.removesuffix("_stiffness").replace("_", " ")
+
+
+_FIRST, _SECOND = Prior("uniform", 0.0, 10.0), Prior("uniform", -10.0, 10.0)
+
+PAPER_CLASSES = (
+    ModelClass("class 1", ("quadratic_stiffness",), (2.16e5,), (_FIRST,)),
+    ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (_FIRST,)),
+    ModelClass("class 3", ("quartic_stiffness",), (3e10,), (_FIRST,)),
+    ModelClass("class 4", ("cubic_stiffness", "quartic_stiffness"), (8.84e7, -2.7e9), (_FIRST, _SECOND)),
+    ModelClass("class 5", ("cubic_stiffness", "quintic_stiffness"), (7.48e7, -8.4e11), (_FIRST, _SECOND)),
+)
+"""Of Table 3, with the priors of section 4.2; the table's scales are in N and mm."""
+
+PAPER_THETA: Mapping[str, tuple[float, ...]] = {
+    "class 1": (1.63,),
+    "class 2": (1.58,),
+    "class 3": (1.09,),
+    "class 4": (1.34, 1.26),
+    "class 5": (1.49, 0.51),
+}
+"""Means of Table 4."""

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
-from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.updating.doubts import MOVES_NOTHING, doubts_of_class, moves_nothing, unexplained_share
-from opid.updating.likelihood.backbones import BackboneData, likelihood_function
-from opid.updating.likelihood.lack_of_fit import lack_of_fit
-from opid.updating.likelihood.model_curves import where_it_fails, where_modes_interact
+from opid.updating.doubts import TOO_LITTLE, doubts_of_class, moves_nothing
+from opid.updating.likelihood.backbones import likelihood_function, where_it_fails
+from opid.updating.likelihood.curves import BackboneData
 from opid.updating.model_class import ModelClass
-from opid.updating.prior_sensitivity import prior_sensitivity
-from opid.updating.result import ClassPosterior, Diagnostics, Evidence
-from opid.updating.sampling.chains import Chain, LogDensity, Progress, spread_starts
-from opid.updating.sampling.diagnostics import diagnose, presses_against
-from opid.updating.sampling.ensemble import ensemble
-from opid.updating.sampling.evidence import laplace, laplace_of_samples, quadrature
+from opid.updating.result import ClassPosterior
+from opid.updating.sampling.chains import (
+    Chain,
+    LogDensity,
+    Progress,
+    diagnose,
+    estimates_of,
+    posterior_density,
+    spread_starts,
+)
+from opid.updating.sampling.evidence import Evidence, laplace, laplace_of_samples, prior_sensitivity, quadrature
 from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
-from opid.updating.sampling.metropolis import adaptive_metropolis, metropolis
-from opid.updating.sampling.transitional import Transitional, transitional
+from opid.updating.sampling.samplers import Transitional, adaptive_metropolis, ensemble, metropolis, transitional
 from opid.updating.study import SAMPLERS, Sampler
 
 N_CHAINS, SHORTEST = 20, 250
@@ -53,12 +55,6 @@ MOST_BY_QUADRATURE = 3
 MOST_NODES = 6_000
 """Evaluations after which quadrature gives up, ten times as many for three parameters."""
 
-N_TRIED = 20
-"""Draws of the prior at which it is seen whether a class moves the frequencies at all."""
-
-N_CHECKED, FAR_OUT = 200, 3.0
-"""Samples at which it is seen where the model converges, and how much farther out than they lie."""
-
 METHODS = ("quadrature", "laplace", "transitional")
 
 
@@ -70,39 +66,26 @@ class Density:
         likelihood: logarithm of p(D | theta); only asked where the prior is not zero.
         prior: logarithm of p(theta).
         posterior: their sum.
-        counts: rows that were asked for, and points of the model that failed, so far.
     """
 
     likelihood: LogDensity
     prior: LogDensity
     posterior: LogDensity
-    counts: dict[str, int]
 
 
 def density_of(data: BackboneData, model_class: ModelClass) -> Density:
-    """Return the posterior of one class as functions of theta that count their failures.
+    """Return the posterior of one class as functions of theta.
 
     Args:
         data: the backbones.
         model_class: the class.
     """
     evaluate = likelihood_function(data, model_class)
-    counts = {"rows": 0, "failed": 0}
 
     def likelihood(theta: FloatArray) -> FloatArray:
-        value, failed = evaluate(theta)
-        counts["rows"] += len(value)
-        counts["failed"] += failed
-        return value
+        return evaluate(theta)[0]
 
-    def posterior(theta: FloatArray) -> FloatArray:
-        value = model_class.log_prior(theta)
-        inside = np.isfinite(value)
-        if inside.any():
-            value[inside] += likelihood(theta[inside])
-        return value
-
-    return Density(likelihood, model_class.log_prior, posterior, counts)
+    return Density(likelihood, model_class.log_prior, posterior_density(likelihood, model_class.log_prior))
 
 
 def update_class(
@@ -129,8 +112,8 @@ def update_class(
         n_samples: of all chains, the warm-up among them.
         evidences: of "quadrature", "laplace" and "transitional"; classes are compared by the first. Where None:
             quadrature, which is exact, and Laplace up to three parameters; Laplace and transitional beyond.
-        progress: called with the share of the samples that is drawn; of transitional Markov chain Monte Carlo with the
-            exponent of the likelihood, which ends at 1, too.
+        progress: called with the fraction of the samples that there are; of transitional Markov chain Monte Carlo with
+            the exponent of the likelihood, which ends at 1, too.
 
     Raises:
         InputError: an unknown sampler or evidence, or quadrature of more than three parameters.
@@ -140,69 +123,43 @@ def update_class(
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     density = density_of(data, model_class)
-    peak, doubts = _peak(density, data, model_class, rng)
+    peak, doubts = _find_peak(density, data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
-        stages = _transitional(density, model_class, n_samples, rng, progress)
-    chain = stages.chain if stages and (peak is None or sampler == "transitional") else None
-    if chain is None and peak is not None:
-        chain = _sampled(density, peak, sampler, n_samples, rng, progress)
-    if chain is None:  # one of both is always there
-        raise NotDeterminedError(f"class {model_class.name!r} could not be sampled")
-    # a sample beats the search where it stopped short
-    values = density.posterior(chain.best[None])
-    best, at_best = (peak.theta, peak.log_density) if peak else (chain.best, float(values[0]))
-    evidence, refused = _evidences(methods, density, model_class, peak, best, at_best, chain, stages)
-    samples, diagnostics, estimates = chain.pooled, diagnose(chain), _estimates(chain.pooled)
+        stages = transitional(
+            density.likelihood, density.prior, model_class.sample_prior, rng=rng,
+            n_particles=max(n_samples // N_MOVES, 100), n_moves=N_MOVES, progress=progress,
+        )  # fmt: skip
+    if stages and (peak is None or sampler == "transitional"):
+        chain = stages.chain
+    else:
+        assert peak is not None
+        chain = _sample(density, peak, sampler, n_samples, rng, progress)
+    best = chain.best if peak is None else peak.theta
+    found, refused = _evidences(methods, density, model_class, peak, chain, stages)
+    estimates, diagnostics = (
+        estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)]),
+        diagnose(chain),
+    )
+    still = moves_nothing(data, model_class)
+    if not still:
+        doubts += [*refused, *doubts_of_class(
+            data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics
+        )]  # fmt: skip
     return ClassPosterior(
         model_class=model_class,
-        evidences=evidence,
+        evidences=found,
         best=best,
         estimates=estimates,
-        covariance=np.atleast_2d(np.cov(samples, rowvar=False)),
-        samples=samples,
+        covariance=chain.covariance,
+        samples=chain.pooled,
         log_likelihood_at_best=float(density.likelihood(best[None])[0]),
         diagnostics=diagnostics,
-        prior_sensitivity=prior_sensitivity(density.likelihood, model_class, samples, best),
-        warnings=_warnings(data, model_class, chain, best, (*doubts, *refused), estimates, evidence, diagnostics),
+        prior_sensitivity=prior_sensitivity(density.likelihood, model_class, chain.pooled, best),
+        warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if still else tuple(doubts),
+        moves_nothing=still,
         chain=chain,
     )
-
-
-def _estimates(samples: FloatArray) -> dict[str, Estimate]:
-    """Mean, standard deviation and 95 % interval of each parameter."""
-    low, high = np.quantile(samples, [0.025, 0.975], axis=0)
-    mean, std = samples.mean(axis=0), samples.std(axis=0, ddof=1)
-    return {
-        f"theta_{k + 1}": Estimate(float(mean[k]), float(std[k]), (float(low[k]), float(high[k])))
-        for k in range(samples.shape[1])
-    }
-
-
-def _warnings(
-    data: BackboneData,
-    model_class: ModelClass,
-    chain: Chain,
-    best: FloatArray,
-    doubts: Sequence[str],
-    estimates: Mapping[str, Estimate],
-    evidences: Sequence[Evidence],
-    diagnostics: Diagnostics,
-) -> tuple[str, ...]:
-    """All that there is to doubt; of a class without any effect nothing but that."""
-    if moves_nothing(data, model_class, _prior_draws(model_class, N_TRIED, np.random.default_rng(0))):
-        return (MOVES_NOTHING,)
-    near = chain.thinned(N_CHECKED)
-    misfits = lack_of_fit(data, model_class, best)
-    found = doubts_of_class(
-        model_class, estimates, evidences, diagnostics, presses_against(chain.pooled, model_class.priors),
-        misfits=misfits,
-        unexplained=float("nan") if misfits else unexplained_share(data, model_class, best),
-        gaps=where_it_fails(data, model_class, near),
-        lost=where_it_fails(data, model_class, _far_out(model_class, near, best), lost=True),
-        met=where_modes_interact(data, model_class, best),
-    )  # fmt: skip
-    return (*doubts, *found)
 
 
 def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
@@ -218,15 +175,15 @@ def _methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, .
     return tuple(evidences)
 
 
-def _peak(
+def _find_peak(
     density: Density, data: BackboneData, model_class: ModelClass, rng: np.random.Generator
 ) -> tuple[Maximum | None, list[str]]:
-    """The highest maximum from several starts; None where none has a curvature."""
+    """The highest maximum from several starts, None where none has a curvature; and what to doubt about it."""
     support = [prior.support for prior in model_class.priors]
-    drawn = _prior_draws(model_class, N_STARTS, rng)
-    values = density.posterior(drawn)
+    starts = model_class.sample_prior(N_STARTS, rng)
+    values = density.posterior(starts)
     if not np.isfinite(values).any():
-        where = "; in ".join(where_it_fails(data, model_class, drawn, lost=True))
+        where = "; in ".join(where_it_fails(data, model_class, starts, lost=True))
         raise NotDeterminedError(
             f"class {model_class.name!r} has no backbone anywhere in its prior (in {where or 'any mode'} of its draws "
             "the model does not converge): take a smaller scale or prior, other harmonics, or leave out measured "
@@ -234,18 +191,18 @@ def _peak(
         )
     peaks: list[Maximum] = []
     for _ in range(3):
-        start = drawn[int(np.argmax(values))]
-        peak = _climbed(density, start, support, rng)
+        start = starts[int(np.argmax(values))]
+        peak = _climb(density, start, support, rng)
         if peak is None:
             break
         spread = np.sqrt(np.diag(peak.covariance))
         if not any((np.abs(peak.theta - other.theta) < spread).all() for other in peaks):
             peaks.append(peak)
         # the next start lies apart from where this one was and where it led to
-        width = np.ptp(drawn, axis=0)
-        near = np.zeros(len(drawn), dtype=bool)
-        for place in (peak.theta, start):
-            near |= (np.abs(drawn - place) / width < 0.2).all(axis=1)
+        width = np.ptp(starts, axis=0)
+        near = np.zeros(len(starts), dtype=bool)
+        for each in (peak.theta, start):
+            near |= (np.abs(starts - each) / width < 0.2).all(axis=1)
         values = np.where(near, -np.inf, values)
         if not np.isfinite(values).any():
             break
@@ -262,7 +219,7 @@ def _peak(
     return peaks[0], doubts
 
 
-def _climbed(
+def _climb(
     density: Density, start: FloatArray, support: list[tuple[float, float]], rng: np.random.Generator
 ) -> Maximum | None:
     """The maximum from one start."""
@@ -302,31 +259,13 @@ def _rough_peak(
     curvature = curvature + curvature.T
     if np.linalg.eigvalsh(curvature)[-1] >= 0:
         return None
-    place = int(np.argmax(np.where(kept, values, -np.inf)))
-    best, value = (points[place], float(values[place])) if values[place] > top else (theta, top)
+    highest = int(np.argmax(np.where(kept, values, -np.inf)))
+    best, value = (points[highest], float(values[highest])) if values[highest] > top else (theta, top)
     nothing = np.zeros(theta.size)
     return Maximum(best, value, nothing, curvature / np.outer(steps, steps), nothing, len(points))
 
 
-def _prior_draws(model_class: ModelClass, n: int, rng: np.random.Generator) -> FloatArray:
-    return np.stack([prior.sample(n, rng) for prior in model_class.priors], axis=1)
-
-
-def _transitional(
-    density: Density, model_class: ModelClass, n_samples: int, rng: np.random.Generator, progress: Progress | None
-) -> Transitional:
-    return transitional(
-        density.likelihood,
-        density.prior,
-        lambda n, chance: _prior_draws(model_class, n, chance),
-        rng=rng,
-        n_particles=max(n_samples // N_MOVES, 100),
-        n_moves=N_MOVES,
-        progress=progress,
-    )
-
-
-def _sampled(
+def _sample(
     density: Density, peak: Maximum, sampler: str, n_samples: int, rng: np.random.Generator, progress: Progress | None
 ) -> Chain:
     # emcee advises more than twice as many walkers as parameters
@@ -350,40 +289,33 @@ def _evidences(
     density: Density,
     model_class: ModelClass,
     peak: Maximum | None,
-    best: FloatArray,
-    at_best: float,
     chain: Chain,
     stages: Transitional | None,
 ) -> tuple[tuple[Evidence, ...], list[str]]:
     """The evidence by each method, one at least, and why there is none by some."""
     support = [prior.support for prior in model_class.priors]
+    most = MOST_NODES if chain.n_parameters < MOST_BY_QUADRATURE else 10 * MOST_NODES
+
+    def by_samples() -> Evidence:
+        best, at_best = (
+            (peak.theta, peak.log_density) if peak else (chain.best, float(density.posterior(chain.best[None])[0]))
+        )
+        return laplace_of_samples(at_best, best, chain)
+
     found, refused = [], []
     for method in methods:
         try:
             if method == "transitional" and stages is not None:
                 found.append(stages.evidence)
-            elif method == "laplace" and peak:
-                found.append(laplace(peak, support=support))
             elif method == "laplace":
-                found.append(laplace_of_samples(at_best, best, chain))
+                found.append(laplace(peak, support=support) if peak else by_samples())
             else:
-                found.append(_by_quadrature(density, chain, support))
+                found.append(quadrature(
+                    density.posterior, chain.pooled.mean(axis=0), chain.covariance, support=support, tolerance=1e-3,
+                    max_evaluations=most,
+                ))  # fmt: skip
         except (NotDeterminedError, InputError) as error:
             refused.append(f"no evidence by {method}: {error}")
     if stages and "transitional" not in methods:
         found.append(stages.evidence)
-    return tuple(found) or (laplace_of_samples(at_best, best, chain),), refused
-
-
-def _by_quadrature(density: Density, chain: Chain, support: list[tuple[float, float]]) -> Evidence:
-    covariance = np.atleast_2d(np.cov(chain.pooled, rowvar=False))
-    most = MOST_NODES if chain.n_parameters < MOST_BY_QUADRATURE else 10 * MOST_NODES
-    return quadrature(
-        density.posterior, chain.pooled.mean(axis=0), covariance, support=support, tolerance=1e-3, max_evaluations=most
-    )
-
-
-def _far_out(model_class: ModelClass, samples: FloatArray, best: FloatArray) -> FloatArray:
-    """Samples moved away from the best parameters, those that the prior allows."""
-    moved = best + FAR_OUT * (samples - best)
-    return np.concatenate([best[None], moved[np.isfinite(model_class.log_prior(moved))]])
+    return tuple(found) or (by_samples(),), refused

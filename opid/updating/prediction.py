@@ -7,14 +7,17 @@ import numpy as np
 from opid.errors import NotDeterminedError
 from opid.mechanics.backbones.family import family_evaluator
 from opid.signals.recording import FloatArray
-from opid.updating.data.curve_noise import draw_errors
-from opid.updating.data.curves import BackboneData, ModeData
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.likelihood.model_curves import curves_of, named_points, without_interactions
+from opid.updating.likelihood.backbones import curves_of, named_points, without_interactions
+from opid.updating.likelihood.curves import BackboneData, ModeData
+from opid.updating.likelihood.noise import draw_errors
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.result import BackboneBand, ClassPosterior
 
 LEAST_DRAWS = 0.5
-"""Share of the draws that must have a backbone at an amplitude for a band there."""
+"""Fraction of the draws that must have a backbone at an amplitude for a band there."""
+
+N_DRAWS, N_AMPLITUDES = 200, 40
+"""Curves that are drawn, and points of each band, between the smallest and the largest measured amplitude."""
 
 
 def predict(
@@ -23,8 +26,6 @@ def predict(
     measured: tuple[MeasuredBackbone, ...],
     *,
     rng: np.random.Generator,
-    n_draws: int = 200,
-    n_amplitudes: int = 40,
 ) -> tuple[BackboneBand, ...]:
     """Return the 95 % band of each mode for one more point of one more curve (Song eq. 18).
 
@@ -38,16 +39,14 @@ def predict(
         posterior: of the class that predicts.
         measured: the same backbones, for the coverage.
         rng: source of chance.
-        n_draws: curves that are drawn.
-        n_amplitudes: points of each band, between the smallest and the largest measured amplitude.
 
     Raises:
         NotDeterminedError: no mode has a band anywhere.
     """
-    drawn = posterior.samples[rng.integers(len(posterior.samples), size=n_draws)]
-    bands = tuple(_band(data, mode, posterior, measured, drawn, n_amplitudes, rng) for mode in data.modes)
+    theta = posterior.samples[rng.integers(len(posterior.samples), size=N_DRAWS)]
+    bands = tuple(_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
     if not any(np.isfinite(band.frequency_hz).any() for band in bands):
-        every = np.ones(n_amplitudes, dtype=bool)
+        every = np.ones(N_AMPLITUDES, dtype=bool)
         where = " or ".join(f"mode {b.mode} at {named_points(b.amplitude, every, b.sensor)}" for b in bands)
         raise NotDeterminedError(
             f"most draws of {posterior.model_class.name!r} have no backbone of {where}: take fewer harmonics, or "
@@ -61,25 +60,24 @@ def _band(
     mode: ModeData,
     posterior: ClassPosterior,
     measured: tuple[MeasuredBackbone, ...],
-    drawn: FloatArray,
-    n_amplitudes: int,
+    theta: FloatArray,
     rng: np.random.Generator,
 ) -> BackboneBand:
     sensor = mode.parts[0][0]
     curves = [one for one in measured if one.mode == mode.mode and sensor in one.sensors]
     seen = [np.abs(one.amplitude[:, one.sensors.index(sensor)]) for one in curves]
-    amplitude = np.linspace(min(each.min() for each in seen), max(each.max() for each in seen), n_amplitudes)
+    amplitude = np.linspace(min(each.min() for each in seen), max(each.max() for each in seen), N_AMPLITUDES)
     solve = family_evaluator(
         without_interactions(data, mode), posterior.model_class.kinds, mode=mode.mode, sensor=sensor,
         amplitude=amplitude, harmonics=data.harmonics,
     )  # fmt: skip
-    found = solve(posterior.model_class.coefficients(drawn))
-    errors = _errors(data, mode, posterior, drawn, found.eigenvalue, rng)
+    found = solve(posterior.model_class.coefficients(theta))
+    errors = _errors(data, mode, posterior, theta, found.eigenvalue, rng)
     frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)
     there = np.isfinite(frequency)
-    band = np.full((3, n_amplitudes), np.nan)
-    for place in np.flatnonzero(there.mean(axis=0) >= LEAST_DRAWS):
-        band[:, place] = np.quantile(frequency[there[:, place], place], [0.025, 0.5, 0.975])
+    band = np.full((3, N_AMPLITUDES), np.nan)
+    for index in np.flatnonzero(there.mean(axis=0) >= LEAST_DRAWS):
+        band[:, index] = np.quantile(frequency[there[:, index], index], [0.025, 0.5, 0.975])
     low, middle, high = band
     hz = np.concatenate([one.frequency_hz for one in curves])
     ends = [np.interp(np.concatenate(seen), amplitude, end) for end in (low, high)]
@@ -92,13 +90,13 @@ def _errors(
     data: BackboneData,
     mode: ModeData,
     posterior: ClassPosterior,
-    drawn: FloatArray,
+    theta: FloatArray,
     eigenvalue: FloatArray,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(n, n_amplitudes) of lambda: what the measured curves show beside the model, drawn anew; nan without a model."""
+    """(n, N_AMPLITUDES) of lambda: what the measured curves show beside the model, drawn anew; nan without a model."""
     if mode.frequency_noise is not None:
-        at_nodes, _, _, lost = curves_of(data, mode, posterior.model_class)(drawn)
+        at_nodes, _, _, lost = curves_of(data, mode, posterior.model_class)(theta)
         growth = _without_gaps(eigenvalue, mode.linear) / mode.linear - 1
         errors = mode.linear * draw_errors(mode.frequency_noise, at_nodes[..., None] / mode.linear, growth, rng)
         return np.where(lost[:, None], np.nan, errors)
@@ -109,8 +107,8 @@ def _errors(
 
 def _without_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:
     """Rows with values between their neighbours where they have none: the errors of a curve depend on all of it."""
-    filled, places = eigenvalue.copy(), np.arange(eigenvalue.shape[1])
+    filled, index = eigenvalue.copy(), np.arange(eigenvalue.shape[1])
     for row in np.flatnonzero(np.isnan(eigenvalue).any(axis=1)):
         there = np.isfinite(eigenvalue[row])
-        filled[row] = np.interp(places, places[there], eigenvalue[row, there]) if there.any() else otherwise
+        filled[row] = np.interp(index, index[there], eigenvalue[row, there]) if there.any() else otherwise
     return filled

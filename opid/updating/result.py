@@ -1,59 +1,25 @@
-"""What Bayesian updating found: records, nothing computed."""
+"""What Bayesian updating found: records, nothing computed, and the content of result.json."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from opid.estimate import Estimate
+from opid.json_values import plain
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.kinds import LAWS
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
-from opid.updating.sampling.chains import Chain
+from opid.updating.sampling.chains import Chain, Diagnostics
+from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
 
 SCHEMA = "opid.updating/1"
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Logarithm of the evidence p(D | M) by one method.
-
-    Args:
-        method: "laplace", "transitional" or "quadrature".
-        log_evidence: its natural logarithm.
-        std: standard deviation of that, 0 where the method gives none.
-    """
-
-    method: str
-    log_evidence: float
-    std: float = 0.0
-
-
-@dataclass(frozen=True)
-class Diagnostics:
-    """How well a posterior was sampled.
-
-    Args:
-        sampler: name of the method.
-        n_samples: kept, of all chains.
-        n_evaluations: of the posterior.
-        acceptance: share of proposals.
-        effective_samples: the least of all parameters.
-        r_hat: the largest of all parameters (1 is converged); nan of a single chain.
-    """
-
-    sampler: str
-    n_samples: int
-    n_evaluations: int
-    acceptance: float
-    effective_samples: float
-    r_hat: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +37,7 @@ class ClassPosterior:
         diagnostics: of the sampling.
         prior_sensitivity: how the logarithm of the evidence changes when each prior is twice as wide, by parameter.
         warnings: what to doubt.
+        moves_nothing: whether no parameters that its prior allows move the frequencies, the one warning there is then.
         chain: as sampled, chain by chain; None where it was not kept.
     """
 
@@ -84,6 +51,7 @@ class ClassPosterior:
     diagnostics: Diagnostics
     prior_sensitivity: Mapping[str, float]
     warnings: tuple[str, ...]
+    moves_nothing: bool = False
     chain: Chain | None = None
 
     @property
@@ -156,6 +124,11 @@ class LinearPosterior:
     warnings: tuple[str, ...]
     chain: Chain | None = None
 
+    @property
+    def factors(self) -> dict[str, float]:
+        """The best parameters by name."""
+        return dict(zip(self.names, (float(value) for value in self.best), strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class BackboneBand:
@@ -168,7 +141,7 @@ class BackboneBand:
         frequency_hz: (n,) median, Hz.
         low_hz: (n,) lower end of the 95 % band.
         high_hz: (n,) upper end.
-        coverage: share of the measured points of this mode that lie within; nan without any.
+        coverage: fraction of the measured points of this mode that lie within; nan without any.
     """
 
     mode: int
@@ -186,7 +159,7 @@ class Updating(Result):
 
     Args:
         title: of the study.
-        form: of the likelihood, "paper", "literal" or "recommended".
+        form: of the likelihood, "paper", "literal", "recommended" or "independent".
         linear: phase I; None where the linear structure was taken as it is.
         system: the reduced structure by its modes, linear parameters at their best.
         measured: the backbones.
@@ -240,11 +213,66 @@ class Updating(Result):
         return tuple(each.file for each in self.measured if each.file is not None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of result.json, see `opid.updating.as_json.updating_json`."""
-        from opid.updating.as_json import updating_json
-
-        return updating_json(self)
+        """Return the content of result.json, which `docs/schemas/updating-1.schema.json` describes."""
+        reduction, free = (*(asdict(each) for each in self.reductions), None, None)[:2]
+        as_they_are = ("title", "form", "best_class", "warnings", "not_determined", "settings")
+        return plain(
+            {
+                "schema": SCHEMA,
+                **{name: getattr(self, name) for name in as_they_are},
+                "classes": [_class(each) for each in self.classes],
+                "linear": None if self.linear is None else _linear(self.linear),
+                "system": {name: getattr(self.system, name) for name in ("frequency_hz", "sensors", "joints")},
+                "reduction": reduction,
+                "reduction_free": free,
+                "measured": [_measured(curve) for curve in self.measured],
+                "prediction": [asdict(band) for band in self.prediction],
+            }
+        )
 
     def _headline(self) -> str:
         best = f"best: {self.best_class}" if self.best_class else "no class"
         return f"{self.title or 'without a title'} ({len(self.classes)} classes, {best})"
+
+
+def _class(posterior: ClassPosterior) -> dict[str, Any]:
+    own, first = posterior.model_class, posterior.evidences[0]
+    as_they_are = ("best", "covariance", "log_likelihood_at_best", "prior_sensitivity", "warnings")
+    return {
+        "name": own.name,
+        "law": own.law_in_words,
+        "kinds": own.kinds,
+        "scales": own.scales,
+        "priors": [asdict(prior) for prior in own.priors],
+        "log_evidence": first.log_evidence,
+        "log_evidence_std": first.std,
+        "evidences": [asdict(evidence) for evidence in posterior.evidences],
+        "parameters": {name: _estimate(estimate) for name, estimate in posterior.estimates.items()},
+        "coefficients": {
+            kind: {**_estimate(estimate), "unit": unit} for kind, (estimate, unit) in posterior.coefficients.items()
+        },
+        "diagnostics": asdict(posterior.diagnostics),
+        **{name: getattr(posterior, name) for name in as_they_are},
+    }
+
+
+def _linear(linear: LinearPosterior) -> dict[str, Any]:
+    return {
+        "parameters": {name: _estimate(estimate) for name, estimate in linear.estimates.items()},
+        "best": linear.factors,
+        "covariance": linear.covariance,
+        "modes": [asdict(mode) for mode in linear.modes],
+        "diagnostics": asdict(linear.diagnostics),
+        "warnings": linear.warnings,
+    }
+
+
+def _measured(curve: MeasuredBackbone) -> dict[str, Any]:
+    as_they_are = ("name", "mode", "controlled_sensor", "frequency_hz")
+    amplitude = dict(zip(curve.sensors, curve.amplitude.T, strict=True))
+    return {**{name: getattr(curve, name) for name in as_they_are}, "amplitude": amplitude}
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    """A posterior has a mean, where other answers have a value."""
+    return {"mean": estimate.value, "std": estimate.std, "interval95": estimate.interval95}

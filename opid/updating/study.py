@@ -13,10 +13,10 @@ import numpy as np
 from opid.errors import InputError, refuse
 from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.data.checks import mode_faults, sensor_faults, shortened
-from opid.updating.data.curves import FORMS, Form, coefficient_of_variation, scatter_fault
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.data.noise_settings import NoiseSettings
+from opid.updating.checks import mode_faults, sensor_faults, shortened
+from opid.updating.likelihood.curves import FORMS, Form, coefficient_of_variation, scatter_fault
+from opid.updating.likelihood.noise import NoiseSettings
+from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.structure.affine import AffineStructure
 
@@ -49,7 +49,7 @@ class UpdatingStudy:
             Carlo, or the affine-invariant "ensemble" of emcee.
         n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the
             sampler where None.
-        seed: of all that is drawn; the same seed gives the same result.
+        seed: of all chance; the same seed gives the same result.
         harmonics: of the model.
         noise: what is known of the errors of the backbones.
         n_internal: internal modes that the reduction keeps beside sensors and joints.
@@ -80,7 +80,7 @@ class UpdatingStudy:
         refuse(list(_faults(self)), self.source)
 
     @property
-    def n_drawn(self) -> int:
+    def n_samples_of_class(self) -> int:
         """Samples of each class, `n_samples` or what is usual of the sampler."""
         return USUAL_SAMPLES[self.sampler] if self.n_samples is None else self.n_samples
 
@@ -172,7 +172,7 @@ def _prior_faults(study: UpdatingStudy) -> Iterator[str]:
 def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
     """Laws that are not odd and harmonics without a mean."""
     if any(setting_faults(harmonics=study.harmonics)):
-        return  # told already
+        return  # `setting_faults` says so
     for each in study.classes:
         try:
             harmonics_of(each.law([1.0] * each.n_parameters).terms, study.harmonics)
@@ -181,16 +181,12 @@ def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
 
 
 def _scatter_faults(study: UpdatingStudy) -> Iterator[str]:
-    """Modes whose curves must tell how lambda scatters and do not, and levels that are given for other modes."""
-    modes = sorted({one.mode for one in study.backbones})
-    given = study.noise.cov or {}
+    """Modes whose curves must tell how lambda scatters and do not, and coefficients that are given for other modes."""
+    curves_of, given = by_mode(study.backbones), study.noise.cov or {}
     for mode in given:
-        if mode not in modes:
-            yield f"cov names mode {mode}, of which there is no backbone, there are {modes}"
-    if study.form == "recommended":
-        return
-    for mode in modes:
-        curves = [one for one in study.backbones if one.mode == mode]
+        if mode not in curves_of:
+            yield f"cov names mode {mode}, of which there is no backbone, there are {[*curves_of]}"
+    for mode, curves in curves_of.items() if study.form != "recommended" else ():
         if mode in given:
             continue
         if not coefficient_of_variation(curves) > 0:

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from opid.errors import InputError
 from opid.plots.style import BLUE, INK, VERMILION, house_style, panels, thick
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.result import BackboneBand
 
 __all__ = ["measured_backbones", "predicted_backbones"]

@@ -11,8 +11,7 @@ import numpy as np
 from opid.errors import InputError, require
 from opid.signals.directory import made_directory
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
-from opid.updating.sampling.arviz_export import to_inference_data
-from opid.updating.sampling.chains import Chain
+from opid.updating.sampling.chains import Chain, to_inference_data
 
 
 def require_arviz() -> None:

@@ -11,7 +11,8 @@ from opid.report.estimates import estimate_columns, estimate_row, formula
 from opid.report.updating.figures import missing_points, true_theta, updating_figures
 from opid.report.updating.reduction import reduction_sentences
 from opid.updating.model_class import short_kind
-from opid.updating.result import ClassPosterior, Diagnostics, Updating
+from opid.updating.result import ClassPosterior, Updating
+from opid.updating.sampling.chains import Diagnostics
 
 FORMS = {
     "paper": "mean of the squared errors of each curve, as the paper's numbers have it",

@@ -1,1 +1,1 @@
-"""How likely measured backbones and linear modes are for given parameters, errors of the model included."""
+"""How likely measured backbones and linear modes are for given parameters, and the noise that they have."""

@@ -1,33 +1,51 @@
-"""The likelihood of measured backbones given the coefficients of a law, in the paper's forms and a recommended one."""
+"""The likelihood of measured backbones given the coefficients of a law, in the paper's forms and a recommended one.
+
+The model's curves run smoothly past interactions of modes and are bridged over gaps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import NotDeterminedError
+from opid.mechanics.backbones.family import family_evaluator
+from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.data.curve_noise import log_marginal
-from opid.updating.data.curves import FORMS, BackboneData, Form, ModeData, backbone_data, coefficient_of_variation
-from opid.updating.data.noise_settings import NoiseSettings
-from opid.updating.likelihood.model_curves import curves_of
+from opid.updating.likelihood.curves import BackboneData, IntArray, ModeData
+from opid.updating.likelihood.noise import log_marginal
 from opid.updating.model_class import ModelClass
 
-__all__ = [
-    "FORMS",
-    "BackboneData",
-    "Form",
-    "ModeData",
-    "NoiseSettings",
-    "backbone_data",
-    "coefficient_of_variation",
-    "curves_of",
-    "likelihood_function",
-    "log_likelihood",
-    "residuals",
-]
+MOST_MISSING = 0.25
+"""Fraction of the points of a curve that may be bridged."""
+
+LEAST_SPAN = 0.9
+"""Fraction of the range of amplitudes that the points with a solution must span: no more is extrapolated."""
+
+DEGREE = 6
+"""Of the polynomial over the amplitude that bridges a gap, at most."""
+
+MOST_NAMED = 4
+"""Points that a sentence names."""
+
+REACH = 0.03
+"""Of a frequency: a harmonic so near a mode, at any measured point, may interact with it for some theta."""
+
+STIFFER = 1e3
+"""How many times the eigenvalue of such a mode is raised, out of the reach of all harmonics."""
+
+APART = 1.3
+"""Frequency of such a mode over the largest measured one, at least: nearer ones meet the first harmonic, too."""
+
+BoolArray = NDArray[np.bool_]
+
+Curves = Callable[[FloatArray], tuple[FloatArray, FloatArray, BoolArray, BoolArray]]
+"""theta (n, d) -> lambda (n, n_nodes), shapes of unit length (n, n_nodes, n_sensors), where there is no solution
+(n, n_nodes), and whether so many are missing that there is no curve (n,)."""
+
 
 Likelihood = Callable[[ArrayLike], tuple[FloatArray, int]]
 """theta (n, d) -> log p(D | theta) (n,), and how many points of the model did not converge."""
@@ -83,30 +101,25 @@ def _recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> 
 
 
 def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
-    """Return e_lambda of every point with r_m of its curve, (n, n_points) (Song eq. 10).
-
-    Args:
-        mode: its data.
-        eigenvalue: (n, n_nodes) of the model.
-    """
+    """Return e_lambda of every point, r_m of its curve in it (Song eq. 10): (n, n_nodes) -> (n, n_points)."""
     first = np.unique(mode.curve, return_index=True)[1]
     r_m = (mode.linear - mode.eigenvalue[first])[mode.curve]
     return mode.eigenvalue - eigenvalue @ mode.between.T + r_m
 
 
 def _papers(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Eqs. (12) and (17) of one mode, with one of the three ways to add points up."""
+    """Eqs. (12) and (17) of one mode, with one of the three methods to add points up."""
     noise, n_sensors = data.noise, mode.rows.size
     sigma = noise.weight * mode.cov * mode.eigenvalue
     factor = noise.shape_factor if noise.shape_factor is not None else np.sqrt(n_sensors)
     sigma_phi = factor * noise.weight * mode.cov
     score = residuals(mode, eigenvalue) / sigma
     of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
-    share = of_curve / (1.0 if data.form == "independent" else of_curve.sum(axis=0))
-    misfit = ((score @ share) ** 2 if data.form == "literal" else score**2 @ share).sum(axis=1)
+    weight = of_curve / (1.0 if data.form == "independent" else of_curve.sum(axis=0))
+    misfit = ((score @ weight) ** 2 if data.form == "literal" else score**2 @ weight).sum(axis=1)
     n_errors, log_sigmas = sigma.size, np.log(sigma).sum()
     if noise.shapes and n_sensors > 1:
-        misfit = misfit + (_one_less_mac(mode, shapes) @ share).sum(axis=1) / sigma_phi**2
+        misfit = misfit + (_one_less_mac(mode, shapes) @ weight).sum(axis=1) / sigma_phi**2
         # a shape of unit length has one entry less to choose than sensors
         n_free = len(mode.shapes) * (n_sensors - 1)
         n_errors, log_sigmas = n_errors + n_free, log_sigmas + n_free * np.log(sigma_phi)
@@ -117,3 +130,173 @@ def _one_less_mac(mode: ModeData, shapes: FloatArray) -> FloatArray:
     """e_phi^T e_phi of every point, which is 1 - MAC exactly (Song eq. 11)."""
     model = np.einsum("jk,nks->njs", mode.between, shapes, optimize=True)
     return 1 - np.einsum("njs,js->nj", model, mode.shapes) ** 2 / np.einsum("njs,njs->nj", model, model)
+
+
+# ---- the model's curves ----------------------------------------------------------------------------
+
+
+def curves_of(data: BackboneData, mode: ModeData, model_class: ModelClass) -> Curves:
+    """Return theta -> the model of one mode at its nodes.
+
+    A point where Newton's method fails, as in an interaction with another mode, gets the value of a polynomial through
+    the others, so that the rest of the curve still tells about the law. Where more than `MOST_MISSING` of the points
+    fail, or those at an end beyond `LEAST_SPAN` of the range, there is no curve. The curve has no loops where a
+    harmonic meets another mode (`without_interactions`): one node on a loop would bend all of its polynomial.
+    """
+    system = without_interactions(data, mode)
+    solvers = [
+        family_evaluator(
+            system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude, harmonics=data.harmonics
+        )
+        for sensor, amplitude in mode.parts
+    ]
+    middle = mode.shapes.mean(axis=0)
+
+    def curves(theta: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+        found = [solve(model_class.coefficients(theta)) for solve in solvers]
+        lost = np.zeros(len(theta), dtype=bool)
+        whole = []
+        for each in found:
+            values = np.concatenate([each.eigenvalue[..., None], each.shapes[..., mode.rows]], axis=2)
+            for row in np.flatnonzero(~each.converged.all(axis=1)):
+                bridged = _bridged(values[row], each.amplitude, each.converged[row])
+                lost[row] |= bridged is None
+                # any numbers do for a curve that is lost
+                values[row] = np.append(mode.linear, middle) if bridged is None else bridged
+            whole.append(values)
+        values = np.concatenate(whole, axis=1)
+        shapes = values[..., 1:]
+        # the sign of a shape is that of the measured ones
+        size = np.sqrt(np.einsum("nks,nks->nk", shapes, shapes)) * np.where(shapes @ middle < 0, -1.0, 1.0)
+        missing = ~np.concatenate([each.converged for each in found], axis=1)
+        return values[..., 0], shapes / size[..., None], missing, lost
+
+    return curves
+
+
+def met_modes(data: BackboneData, mode: ModeData) -> IntArray:
+    """Return the columns of the modes whose frequency a harmonic of the model comes near, at a measured point."""
+    measured = np.sqrt(mode.eigenvalue)
+    low, high = (1 - REACH) * measured.min(), (1 + REACH) * measured.max()
+    own = np.sqrt(np.maximum(data.system.eigenvalue, 0.0))
+    near = np.zeros(own.size, dtype=bool)
+    for harmonic in data.harmonics:
+        if harmonic > 1:
+            near |= (own > harmonic * low) & (own < harmonic * high)
+    return np.flatnonzero(near & (own > APART * high))
+
+
+def without_interactions(data: BackboneData, mode: ModeData) -> JointedModes:
+    """Return the structure with its residual flexibility in place of the modes that a harmonic of one backbone meets.
+
+    Such a mode keeps what it adds to the first harmonic, psi_i psi_i^T / (l_i - l) at the mean measured l, but has no
+    resonance: the backbone runs smoothly past its loops. They are narrow, so that an error of the linear structure of
+    a few tenths of a per cent puts them at other amplitudes than the measured ones. What the resonance does beside
+    them is left out, too: of the frequencies of the wing-engine structure 2.5e-5 two per cent from it, 1.2e-4 half a
+    per cent from it.
+    """
+    met, system = met_modes(data, mode), data.system
+    if not met.size:
+        return system
+    eigenvalue, middle = system.eigenvalue.copy(), float(mode.eigenvalue.mean())
+    eigenvalue[met] *= STIFFER
+    scale = np.ones(system.n_modes)
+    scale[met] = np.sqrt((eigenvalue[met] - middle) / (system.eigenvalue[met] - middle))
+    return JointedModes(eigenvalue, scale * system.at_sensors, scale * system.at_joints, system.sensors, system.joints)
+
+
+def where_modes_interact(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
+    """Return at which measured points a harmonic meets another mode, so that they may lie off the model's smooth curve.
+
+    Those are named where the model with the interaction has no solution for theta, (n_parameters,), or one that differs
+    by more than the noise expected of a point (`point_noise`); one clause a mode and controlled sensor.
+    """
+    coefficients = model_class.coefficients(np.asarray(theta, dtype=np.float64)[np.newaxis])
+    clauses = []
+    for mode in data.modes:
+        met = met_modes(data, mode)
+        if not met.size:
+            continue
+        for sensor, _ in mode.parts:
+            amplitude = np.unique(mode.amplitude[mode.sensor == sensor])
+            whole, smooth = (
+                family_evaluator(
+                    system, model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude,
+                    harmonics=data.harmonics,
+                )(coefficients).frequency_hz[0]
+                for system in (data.system, without_interactions(data, mode))
+            )  # fmt: skip
+            off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
+            if off.any():
+                clauses.append(
+                    f"mode {mode.mode} at {_span(amplitude[off])} mm of sensor {sensor!r} ({off.sum()} of "
+                    f"{amplitude.size} measured amplitudes) {_meeting(data, met, smooth[off])}"
+                )
+    return clauses
+
+
+def _meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
+    """The harmonic and the mode that come nearest to one another, in words."""
+    orders = np.array([h for h in data.harmonics if h > 1])
+    own = data.system.frequency_hz[met]
+    apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
+    order, nearest = np.unravel_index(np.argmin(apart), apart.shape)
+    return f"harmonic {orders[order]} meets mode {met[nearest] + 1} at {own[nearest]:.4g} Hz"
+
+
+def where_it_fails(data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False) -> list[str]:
+    """Return where Newton's method fails for some theta, (n, n_parameters): one clause a mode, with its points.
+
+    With `lost` only those theta count that have no curve.
+    """
+    rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+    clauses = []
+    for mode in data.modes:
+        _, _, missing, gone = curves_of(data, mode, model_class)(rows)
+        if lost:
+            missing = missing[gone]
+        ends = np.cumsum([0, *(amplitude.size for _, amplitude in mode.parts)])
+        for (sensor, amplitude), (first, last) in zip(mode.parts, pairwise(ends), strict=True):
+            often = missing[:, first:last].sum(axis=0)
+            if often.any():
+                percent = 100 * missing[:, first:last].any(axis=1).sum() / len(rows)
+                clauses.append(
+                    f"mode {mode.mode} at {named_points(amplitude, often > 0, sensor)} for "
+                    f"{percent:.{0 if percent >= 1 else 1}f} %"
+                )
+    return clauses
+
+
+def named_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> str:
+    """Return the chosen points of a curve, (n,), in words, with their amplitude in mm.
+
+    >>> named_points(np.array([1e-3, 2e-3, 3e-3]), np.array([False, True, True]), "tip")
+    "2 to 3 mm of sensor 'tip' (points 2 and 3 of 3)"
+    """
+    numbers = [str(index + 1) for index in np.flatnonzero(chosen)]
+    if len(numbers) > MOST_NAMED:
+        numbers = [*numbers[: MOST_NAMED - 1], f"{len(numbers) - MOST_NAMED + 1} more"]
+    listed = numbers[0] if len(numbers) == 1 else f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+    points = f"point{'s' * (len(numbers) > 1)} {listed} of {amplitude.size}"
+    return f"{_span(amplitude[chosen])} mm of sensor {sensor!r} ({points})"
+
+
+def _span(amplitude: FloatArray) -> str:
+    """Smallest to largest, mm."""
+    low, high = (f"{1e3 * value:.3g}" for value in (amplitude.min(), amplitude.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _bridged(values: FloatArray, amplitude: FloatArray, converged: BoolArray) -> FloatArray | None:
+    """Values (n_nodes, n) with gaps filled by a polynomial over the amplitude; None where too much is missing."""
+    n_found = int(converged.sum())
+    if n_found < 4 or n_found < (1 - MOST_MISSING) * converged.size:
+        return None
+    known = amplitude[converged]
+    if np.ptp(known) < LEAST_SPAN * np.ptp(amplitude):
+        return None
+    powers = np.polynomial.chebyshev.chebvander(
+        2 * (amplitude - amplitude.min()) / np.ptp(amplitude) - 1, min(DEGREE, n_found - 2)
+    )
+    smooth = powers @ np.linalg.lstsq(powers[converged], values[converged], rcond=None)[0]
+    return np.where(converged[:, None], values, smooth)

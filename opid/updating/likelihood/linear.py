@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, nearest
 from opid.signals.recording import FloatArray
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.checks import sensor_faults
+from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
+from opid.updating.sampling.chains import LogDensity, posterior_density
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.ritz import RitzModel, ritz_modes
 
@@ -22,9 +24,32 @@ STEP_SCALE = 1.0
 """Step of their logarithms in standard deviations of that of n errors, 1 / sqrt(2 n): the sum is right to 1e-8."""
 
 OneCov = float | Literal["scatter", "inferred"]
-Cov = OneCov | Mapping[int, OneCov]
-OneShapeStd = float | Literal["paper", "scatter", "inferred"]
-ShapeStd = OneShapeStd | Mapping[int, OneShapeStd]
+OneShapeStd = float | Literal["paper", "inferred"]
+
+
+class LinearErrors(TypedDict, total=False):
+    """What is known of the errors of the lowest points.
+
+    Args:
+        cov: coefficient of variation of the eigenvalue (twice that of the frequency): one for all modes, or by mode
+            (those left out as "scatter"); "scatter" for that of the curves of each mode, as the paper has it and where
+            left out; "inferred" for that unknown, integrated out with the prior 1 / CoV: right where there are few
+            curves.
+        weight: w_m of all modes; 1 where left out.
+        shape_std: standard deviation of an entry of a shape of unit length, one for all modes, or by mode (those left
+            out as "paper"): "paper" for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise), as where
+            left out, "inferred" for that unknown, or a number.
+        shape_factor: sigma_phi over w_m CoV of "paper"; the square root of the number of sensors where None.
+        common_error: standard deviation of the relative error of a linear frequency of the model, which all curves of a
+            mode share: more curves make it no smaller. Without it (0, the paper's form) the intervals hold only what
+            makes curves differ.
+    """
+
+    cov: OneCov | Mapping[int, OneCov]
+    weight: float
+    shape_std: OneShapeStd | Mapping[int, OneShapeStd]
+    shape_factor: float | None
+    common_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +60,7 @@ class LinearData:
         mode: its number, from 1.
         eigenvalue: (n_sets,) measured, 1/s^2.
         shapes: (n_sets, n_sensors) measured, of unit length.
-        rows: (n_sensors,) places of those sensors among the sensors of the structure.
+        rows: (n_sensors,) indices of those sensors among the sensors of the structure.
         eigenvalue_std: (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2.
         shape_std: sigma_phi of an entry of the shape (eq. 6).
         infer_eigenvalue_std: whether that is a guess, its common factor to be integrated out.
@@ -58,57 +83,64 @@ def linear_data(
     structure: AffineStructure,
     backbones: Sequence[MeasuredBackbone],
     *,
-    cov: Cov = "scatter",
-    weights: Mapping[int, float] | None = None,
-    shape_std: ShapeStd = "paper",
+    cov: OneCov | Mapping[int, OneCov] = "scatter",
+    weight: float = 1.0,
+    shape_std: OneShapeStd | Mapping[int, OneShapeStd] = "paper",
     shape_factor: float | None = None,
     common_error: float = 0.0,
 ) -> tuple[LinearData, ...]:
     """Return the lowest points of backbones, by mode, with the standard deviations of eqs. (5) and (6).
 
-    Args:
-        structure: whose sensors they were measured at.
-        backbones: all of one mode with the same sensors, which may be some of the structure's.
-        cov: coefficient of variation of the eigenvalue (twice that of the frequency): one for all modes, or by mode
-            (those left out as "scatter"); "scatter" for that of the curves of each mode, as the paper has it;
-            "inferred" for that unknown, integrated out with the prior 1 / CoV: right where there are few curves.
-        weights: w_m by mode; 1 where left out.
-        shape_std: standard deviation of an entry of a shape of unit length, one for all modes, or by mode (those left
-            out as "paper"): "paper" for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise), "scatter"
-            for that of the curves about their mean, "inferred" for that unknown, or a number.
-        shape_factor: sigma_phi over w_m CoV of "paper"; the square root of the number of sensors where None.
-        common_error: standard deviation of the relative error of a linear frequency of the model, which all curves of a
-            mode share: more curves make it no smaller; 0 is the paper's likelihood.
-
-    Raises:
-        InputError: no backbone, a sensor that the structure does not have, curves of one mode with different sensors,
-            one curve of a mode or curves without scatter where it is to be estimated, or values that are not positive.
+    The errors are those of `LinearErrors`. InputError: no backbone, a sensor that the structure does not have, curves
+    of one mode with different sensors, one curve of a mode or curves without scatter where it is to be estimated, or
+    values that are not positive.
     """
     if not backbones:
         raise InputError("no backbone is given: measure at least one")
-    modes = sorted({curve.mode for curve in backbones})
-    for what, given, words in (
-        ("cov", cov, ("scatter", "inferred")),
-        ("shape_std", shape_std, ("paper", "scatter", "inferred")),
-        ("weights", weights or {}, ()),
-    ):
+    for fault in sensor_faults(backbones):
+        raise InputError(fault)
+    curves_of = by_mode(backbones)
+    for what, given, words in (("cov", cov, ("scatter", "inferred")), ("shape_std", shape_std, ("paper", "inferred"))):
         for mode in given if isinstance(given, Mapping) else ():
-            if mode not in modes:
-                raise InputError(f"{what} names mode {mode}, of which there is no backbone: there are {modes}")
+            if mode not in curves_of:
+                raise InputError(f"{what} names mode {mode}, of which there is no backbone: there are {[*curves_of]}")
         for each in given.values() if isinstance(given, Mapping) else (given,):
             if isinstance(each, str) and each not in words:
                 raise InputError(f"{what} is {each!r}: give {', '.join(map(repr, words))} or a number")
     if not (np.isfinite(common_error) and common_error >= 0):
         raise InputError(f"common_error is {common_error}: give 0 or more")
-    factor = None if shape_factor is None else _positive("shape_factor", shape_factor)
+    for what, number in (("weight", weight), ("shape_factor", shape_factor)):
+        _ = None if number is None else _positive(what, number)
     found = []
-    for mode in modes:
-        curves = [curve for curve in backbones if curve.mode == mode]
-        weight = _positive(f"the weight of mode {mode}", (weights or {}).get(mode, 1.0))
-        of_mode = cov.get(mode, "scatter") if isinstance(cov, Mapping) else cov
-        shape = shape_std.get(mode, "paper") if isinstance(shape_std, Mapping) else shape_std
-        one = _of_one_mode(structure, mode, curves, of_mode, weight, shape, factor)
-        found.append(replace(one, common_std=2 * common_error * float(one.eigenvalue.mean())))
+    for mode, curves in curves_of.items():
+        sensors, one_shape = curves[0].sensors, _of_mode(shape_std, mode, "paper")
+        for sensor in sensors:
+            if sensor not in structure.sensors:
+                raise InputError(
+                    f"the backbone {curves[0].name!r} has the sensor {sensor!r}, which the structure does not have: "
+                    f"{nearest(sensor, structure.sensors)}"
+                )
+        if len(sensors) < 2 and one_shape != "paper":
+            raise InputError(f"the backbones of mode {mode} have one sensor, which makes no shape: leave shape_std out")
+        one_cov = _of_mode(cov, mode, "scatter")
+        eigenvalue = np.array([curve.eigenvalue[0] for curve in curves])
+        lowest = np.array([curve.amplitude[0] for curve in curves])
+        spread = _variation(mode, eigenvalue, one_cov)
+        factor = float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor
+        guess = factor * spread if one_shape == "paper" else 1.0
+        found.append(
+            LinearData(
+                mode,
+                eigenvalue,
+                lowest / np.linalg.norm(lowest, axis=1, keepdims=True),
+                rows=np.array([structure.sensors.index(sensor) for sensor in sensors]),
+                eigenvalue_std=weight * spread * eigenvalue,
+                shape_std=weight * (guess if isinstance(one_shape, str) else _positive("shape_std", one_shape)),
+                infer_eigenvalue_std=one_cov == "inferred",
+                infer_shape_std=one_shape == "inferred",
+                common_std=2 * common_error * float(eigenvalue.mean()),
+            )
+        )
     return tuple(found)
 
 
@@ -117,12 +149,7 @@ def log_likelihood(data: Sequence[LinearData], model: RitzModel, theta: ArrayLik
 
     The density of an error is 1 / (sqrt(2 pi) sigma): eq. (7) as printed has sigma beneath the root. The error of a
     shape has e^T e = 1 - MAC when it is scaled by a_m. Impossible parameters, with an eigenvalue below 0, give -inf.
-    An error that all curves share adds its variance to every entry of their covariance.
-
-    Args:
-        data: of `linear_data`.
-        model: modes for any theta.
-        theta: (n, n_parameters).
+    An error that all curves share adds its variance to every entry of their covariance. Theta is (n, n_parameters).
     """
     eigenvalue, shapes = ritz_modes(model, theta)
     total = np.zeros(len(eigenvalue))
@@ -137,9 +164,6 @@ def mean_eigenvalue(data: LinearData) -> tuple[float, float]:
     """Return the mean of the measured eigenvalues, by their weights, and its standard deviation, 1/s^2.
 
     With `infer_eigenvalue_std` the noise is that of the scatter of the curves.
-
-    Args:
-        data: one of `linear_data`.
     """
     weight = data.eigenvalue_std**-2.0
     mean = float(weight @ data.eigenvalue / weight.sum())
@@ -148,6 +172,17 @@ def mean_eigenvalue(data: LinearData) -> tuple[float, float]:
     if data.infer_eigenvalue_std:
         noise = float(weight @ (data.eigenvalue - mean) ** 2) / (n_sets - 1)
     return mean, float(np.sqrt(noise / weight.sum() + data.common_std**2))
+
+
+def log_posterior(data: Sequence[LinearData], model: RitzModel, priors: Mapping[str, Prior]) -> LogDensity:
+    """Return theta (n, n_parameters) -> (n,), the logarithm of likelihood times prior of the model's names."""
+
+    def log_prior(theta: FloatArray) -> FloatArray:
+        rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        total = np.sum([priors[name].log_density(rows[:, k]) for k, name in enumerate(model.names)], axis=0)
+        return np.where((rows > 0).all(axis=1), total, -np.inf)
+
+    return posterior_density(lambda theta: log_likelihood(data, model, theta), log_prior)
 
 
 def _of_eigenvalues(data: LinearData, found: FloatArray) -> FloatArray:
@@ -175,17 +210,9 @@ def _of_shapes(data: LinearData, unit: FloatArray) -> FloatArray:
 def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shared: float, infer: bool) -> FloatArray:
     """Logarithm of the density of n normal errors of `free` entries each, scaled to 1, (n_theta,).
 
-    Their covariance is s^2 I + (shared / n) 1 1^T in every entry: it sees their scatter about their mean and n times
-    the square of that mean. s is 1; with `infer` it is unknown and integrated out with the prior 1 / s, in closed form
-    without a shared error, else on a grid even in log s.
-
-    Args:
-        scatter: (n_theta,) sum of squares about the mean.
-        missed: (n_theta,) n times the square of the mean.
-        n: errors.
-        free: entries of each.
-        shared: n times the variance of the error that all share.
-        infer: whether s is unknown.
+    Their covariance is s^2 I + (shared / n) 1 1^T in every entry: it sees their `scatter`, the sum of squares about
+    their mean, (n_theta,), and `missed`, n times the square of that mean. s is 1; with `infer` it is unknown and
+    integrated out with the prior 1 / s, in closed form without a shared error, else on a grid even in log s.
     """
     from scipy.special import gammaln
 
@@ -207,75 +234,6 @@ def _log_normal(scatter: FloatArray, missed: FloatArray, n: int, free: int, shar
     return total + np.log(step) - 0.5 * count * np.log(2 * np.pi)
 
 
-def log_posterior(
-    data: Sequence[LinearData], model: RitzModel, priors: Mapping[str, Prior]
-) -> Callable[[FloatArray], FloatArray]:
-    """Return theta (n, n_parameters) -> (n,), the logarithm of likelihood times prior.
-
-    Args:
-        data: of `linear_data`.
-        model: modes for any theta.
-        priors: of each parameter of the model, by name.
-    """
-    ordered = [priors[name] for name in model.names]
-
-    def density(theta: FloatArray) -> FloatArray:
-        rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-        total = np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(ordered)], axis=0)
-        inside = np.isfinite(total) & (rows > 0).all(axis=1)
-        total = np.where(inside, total, -np.inf)
-        total[inside] += log_likelihood(data, model, rows[inside])
-        return total
-
-    return density
-
-
-def _of_one_mode(
-    structure: AffineStructure,
-    mode: int,
-    curves: Sequence[MeasuredBackbone],
-    cov: OneCov,
-    weight: float,
-    shape_std: OneShapeStd,
-    shape_factor: float | None,
-) -> LinearData:
-    sensors = curves[0].sensors
-    for curve in curves:
-        if curve.sensors != sensors:
-            raise InputError(
-                f"the backbones {curves[0].name!r} and {curve.name!r} of mode {mode} have different sensors, {sensors} "
-                f"and {curve.sensors}: give all curves of a mode the same ones"
-            )
-    for sensor in sensors:
-        if sensor not in structure.sensors:
-            raise InputError(
-                f"the backbone {curves[0].name!r} has the sensor {sensor!r}, which the structure does not have: "
-                f"{nearest(sensor, structure.sensors)}"
-            )
-    if len(sensors) < 2 and shape_std != "paper":
-        raise InputError(f"the backbones of mode {mode} have one sensor, which makes no shape: leave shape_std out")
-    eigenvalue = np.array([curve.eigenvalue[0] for curve in curves])
-    lowest = np.array([curve.amplitude[0] for curve in curves])
-    shapes = lowest / np.linalg.norm(lowest, axis=1, keepdims=True)
-    spread = _variation(mode, eigenvalue, cov)
-    if shape_std == "paper":
-        sigma = (float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor) * spread
-    elif shape_std == "inferred":
-        sigma = 1.0
-    else:
-        sigma = _shape_scatter(mode, shapes) if isinstance(shape_std, str) else _positive("shape_std", shape_std)
-    return LinearData(
-        mode,
-        eigenvalue,
-        shapes,
-        rows=np.array([structure.sensors.index(sensor) for sensor in sensors]),
-        eigenvalue_std=weight * spread * eigenvalue,
-        shape_std=weight * sigma,
-        infer_eigenvalue_std=cov == "inferred",
-        infer_shape_std=shape_std == "inferred",
-    )
-
-
 def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
     """Coefficient of variation of the eigenvalue of a mode, given or of its curves."""
     if not isinstance(cov, str):
@@ -288,13 +246,10 @@ def _variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
     return spread
 
 
-def _shape_scatter(mode: int, shapes: FloatArray) -> float:
-    """Standard deviation of an entry of unit shapes about the shape that is nearest to all."""
-    n_sets, n_sensors = shapes.shape
-    rest = float(np.sum(np.linalg.svd(shapes, compute_uv=False)[1:] ** 2))
-    if n_sets < 2 or rest <= 1e-20:
-        raise InputError(f"the shapes of mode {mode} have no scatter between curves: give shape_std as a number")
-    return float(np.sqrt(rest / ((n_sets - 1) * (n_sensors - 1))))
+def _of_mode(
+    given: OneCov | OneShapeStd | Mapping[int, OneCov] | Mapping[int, OneShapeStd], mode: int, usual: str
+) -> Any:
+    return given.get(mode, usual) if isinstance(given, Mapping) else given
 
 
 def _positive(what: str, value: float) -> float:

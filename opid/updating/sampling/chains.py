@@ -1,22 +1,31 @@
-"""Markov chains as records, and the checks that every sampler shares."""
+"""Markov chains: as records, what every sampler checks, how well they sampled, and their export to ArviZ."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg
+from scipy import fft, linalg, special, stats
 
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
+from opid.updating.model_class import Prior
 
 LogDensity = Callable[[FloatArray], FloatArray]
 """theta (n, n_parameters) -> (n,) logarithm of a density, up to a constant; -inf outside the support, never nan."""
 
 Progress = Callable[[float], None]
-"""Called with the share that is done, from 0 to 1."""
+"""Called with the fraction that is done, from 0 to 1."""
+
+EDGE_DENSITY = 0.1
+"""Of the largest density of the samples: with more than that at a bound, the bound shapes the posterior."""
+
+FAR_SCORE = 2.0
+"""Standard deviations of a prior without bounds beyond which the median of the posterior contradicts it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +35,7 @@ class Chain:
     Args:
         samples: (n_chains, n, n_parameters).
         log_density: (n_chains, n) of the samples.
-        acceptance: share of the proposals that were taken, of all chains after the warm-up.
+        acceptance: fraction of the proposals that were taken, of all chains after the warm-up.
         n_evaluations: rows of theta whose density was asked for, the warm-up included.
         sampler: name of the method.
         n_warm_up: samples of each chain that were dropped.
@@ -50,6 +59,11 @@ class Chain:
         return self.samples.reshape(-1, self.n_parameters)
 
     @property
+    def covariance(self) -> FloatArray:
+        """(n_parameters, n_parameters) of the pooled samples."""
+        return np.atleast_2d(np.cov(self.pooled, rowvar=False))
+
+    @property
     def best(self) -> FloatArray:
         """(n_parameters,), the sample with the largest density."""
         return self.pooled[int(np.argmax(self.log_density))]
@@ -60,16 +74,47 @@ class Chain:
         return self.pooled[np.round(rows).astype(np.intp)]
 
 
-def evaluate(log_density: LogDensity, theta: FloatArray) -> FloatArray:
-    """Return the density of each row and refuse what no sampler can go on with.
+@dataclass(frozen=True)
+class Diagnostics:
+    """How well a posterior was sampled.
 
     Args:
-        log_density: (n, n_parameters) -> (n,).
-        theta: (n, n_parameters).
-
-    Raises:
-        InputError: another shape, nan or +inf; the message says for which theta.
+        sampler: name of the method.
+        n_samples: kept, of all chains.
+        n_evaluations: of the posterior.
+        acceptance: fraction of proposals.
+        effective_samples: the least of all parameters.
+        r_hat: the largest of all parameters (1 is converged); nan of a single chain.
     """
+
+    sampler: str
+    n_samples: int
+    n_evaluations: int
+    acceptance: float
+    effective_samples: float
+    r_hat: float
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """A prior that the posterior presses against.
+
+    Args:
+        parameter: its number, from 1.
+        side: "lower" or "upper".
+        sentence: what to do about it, behind the name of the parameter.
+    """
+
+    parameter: int
+    side: Literal["lower", "upper"]
+    sentence: str
+
+
+# ---- what every sampler checks ---------------------------------------------------------------------
+
+
+def evaluate(log_density: LogDensity, theta: FloatArray) -> FloatArray:
+    """Return the density of each row; InputError, with the theta, for what no sampler can go on with."""
     value = np.asarray(log_density(theta), dtype=np.float64)
     if value.shape != (len(theta),):
         raise InputError(
@@ -86,16 +131,21 @@ def evaluate(log_density: LogDensity, theta: FloatArray) -> FloatArray:
     return value
 
 
+def posterior_density(log_likelihood: LogDensity, log_prior: LogDensity) -> LogDensity:
+    """Return the sum of both; the likelihood is only asked where the prior is not zero."""
+
+    def posterior(theta: FloatArray) -> FloatArray:
+        value = log_prior(theta)
+        inside = np.isfinite(value)
+        if inside.any():
+            value[inside] += log_likelihood(theta[inside])
+        return value
+
+    return posterior
+
+
 def starting_densities(log_density: LogDensity, start: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return the starts as rows, (n_chains, n_parameters), and their densities, (n_chains,).
-
-    Args:
-        log_density: (n, n_parameters) -> (n,).
-        start: (n_chains, n_parameters), or (n_parameters,) of a single chain.
-
-    Raises:
-        InputError: starts that are not finite, of another shape, or outside the support.
-    """
+    """Return the starts as rows, (n_chains, n_parameters), all within the support, and their densities, (n_chains,)."""
     rows = np.array(start, dtype=np.float64, ndmin=2)
     if rows.ndim != 2 or not rows.size or not np.isfinite(rows).all():
         raise InputError(
@@ -116,22 +166,14 @@ def spread_starts(
 ) -> FloatArray:
     """Return starts scattered twice as widely as the posterior, (n_chains, n_parameters), all inside the support.
 
-    Args:
-        log_density: (n, n_parameters) -> (n,).
-        centre: (n_parameters,), for example the maximum a posteriori.
-        covariance: (n_parameters, n_parameters), for example that of `laplace`.
-        n_chains: how many.
-        rng: source of chance.
-
-    Raises:
-        InputError: a centre outside the support, or a covariance that is not positive definite.
+    The centre is the maximum a posteriori, say, and the covariance that of the Laplace approximation.
     """
     middle = starting_densities(log_density, centre)[0][0]
     root = 2.0 * covariance_root(covariance, middle.size)
     kept: list[FloatArray] = []
     for _ in range(50):
-        drawn = middle + rng.standard_normal((4 * n_chains, middle.size)) @ root.T
-        kept.extend(drawn[np.isfinite(evaluate(log_density, drawn))])
+        candidates = middle + rng.standard_normal((4 * n_chains, middle.size)) @ root.T
+        kept.extend(candidates[np.isfinite(evaluate(log_density, candidates))])
         if len(kept) >= n_chains:
             return np.array(kept[:n_chains])
         root = 0.7 * root  # the support is narrower than the covariance says
@@ -141,14 +183,7 @@ def spread_starts(
 
 
 def covariance_root(covariance: ArrayLike, n_parameters: int) -> FloatArray:
-    """Return the lower triangular root of a covariance.
-
-    Args:
-        covariance: (n_parameters, n_parameters); a number or (n_parameters,) variances make a diagonal one.
-        n_parameters: number of parameters.
-
-    Raises:
-        InputError: another shape, or not positive definite.
+    """Return the lower triangular root of a covariance; a number or (n_parameters,) variances make a diagonal one.
 
     >>> covariance_root(4.0, 2).tolist()
     [[2.0, 0.0], [0.0, 2.0]]
@@ -167,28 +202,200 @@ def covariance_root(covariance: ArrayLike, n_parameters: int) -> FloatArray:
 
 
 def as_count(value: int, name: str, *, least: int) -> int:
-    """Return a whole number that is at least `least`.
-
-    Args:
-        value: what was given.
-        name: what the message calls it.
-        least: the smallest that makes sense.
-
-    Raises:
-        InputError: another number.
-    """
+    """Return a whole number of at least `least`; InputError for another one."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"{name} is {value!r}: give a whole number of at least {least}")
     return int(value)
 
 
 def written(theta: FloatArray) -> str:
-    """Return one theta, (n_parameters,), as a message shows it.
+    """Return one theta, (n_parameters,), as a message shows it: "(1.5, -2)"."""
+    return "(" + ", ".join(f"{value:.6g}" for value in theta) + ")"
+
+
+# ---- how well they sampled -------------------------------------------------------------------------
+
+
+def diagnose(chain: Chain) -> Diagnostics:
+    """Return how well a posterior was sampled."""
+    n_chains, n, _ = chain.samples.shape
+    return Diagnostics(
+        sampler=chain.sampler,
+        n_samples=n_chains * n,
+        n_evaluations=chain.n_evaluations,
+        acceptance=chain.acceptance,
+        effective_samples=float(effective_samples(chain.samples).min()),
+        r_hat=float(split_r_hat(chain.samples).max()) if n_chains > 1 else float("nan"),
+    )
+
+
+def estimates_of(chain: Chain, names: Sequence[str]) -> dict[str, Estimate]:
+    """Return mean, standard deviation and 95 % interval of each parameter, by its name."""
+    low, high = np.quantile(chain.pooled, [0.025, 0.975], axis=0).tolist()
+    mean, std = chain.pooled.mean(axis=0).tolist(), chain.pooled.std(axis=0, ddof=1).tolist()
+    return {name: Estimate(mean[k], std[k], (low[k], high[k])) for k, name in enumerate(names)}
+
+
+def effective_samples(samples: ArrayLike, *, ranked: bool = True) -> FloatArray:
+    """Return how many independent samples chains (n_chains, n, n_parameters) are worth, (n_parameters,).
+
+    Each chain is cut in halves; the autocorrelation over all of them is summed as far as pairs of lags are positive and
+    made to fall (Geyer 1992), as Stan and ArviZ do (Vehtari et al. 2021): `ranked` that of the normal scores of ranks
+    ("bulk"), which is right for heavy tails too, otherwise that of the mean. The walkers of an ensemble count as chains
+    although they steer by each other. Chains that never move are worth a single sample.
+    """
+    halves = _normal_scores(_halves(samples)) if ranked else _halves(samples)
+    n_chains, n, _ = halves.shape
+    centred = halves - halves.mean(axis=1, keepdims=True)
+    size = fft.next_fast_len(2 * n, real=True)
+    spectrum = fft.rfft(centred, size, axis=1)
+    covariance = fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, :n].mean(axis=0) / n  # (n, n_parameters)
+    within = covariance[0] * n / (n - 1)
+    total = covariance[0] + halves.mean(axis=1).var(axis=0, ddof=1)
+    still = np.ptp(halves, axis=(0, 1)) == 0
+    correlation = 1.0 - (within - covariance) / np.where(still, 1.0, total)
+    correlation[0] = 1.0
+    times = np.array([_correlation_time(each, n_chains * n) for each in correlation.T])
+    return np.where(still, 1.0, n_chains * n / times)
+
+
+def split_r_hat(samples: ArrayLike) -> FloatArray:
+    """Return the rank-normalised split R-hat of chains (n_chains, n, n_parameters); 1 is converged.
+
+    Of location and spread the larger one (Vehtari et al. 2021), (n_parameters,). A chain that stands still where others
+    move gives a large number.
+    """
+    halves = _halves(samples)
+    folded = np.abs(halves - np.median(halves, axis=(0, 1)))
+    return np.maximum(_r_hat(_normal_scores(halves)), _r_hat(_normal_scores(folded)))
+
+
+def _halves(samples: ArrayLike) -> FloatArray:
+    """(2 n_chains, n // 2, n_parameters): the first and the second half of each chain; an odd one loses its middle."""
+    array = np.asarray(samples, dtype=np.float64)
+    if array.ndim != 3 or array.shape[1] < 4 or not array.size:
+        raise InputError(
+            f"samples have shape {array.shape}: give (chains, samples, parameters) with at least four samples a chain"
+        )
+    if not np.isfinite(array).all():
+        raise InputError("samples are not all finite: a sampler never returns such, look at where they come from")
+    half = array.shape[1] // 2
+    return np.concatenate([array[:, :half], array[:, -half:]])
+
+
+def _normal_scores(halves: FloatArray) -> FloatArray:
+    """Ranks over all chains as quantiles of the normal distribution (Blom's)."""
+    flat = halves.reshape(-1, halves.shape[-1])
+    rank = stats.rankdata(flat, axis=0)
+    return special.ndtri((rank - 0.375) / (len(flat) + 0.25)).reshape(halves.shape)
+
+
+def _r_hat(halves: FloatArray) -> FloatArray:
+    n = halves.shape[1]
+    within = halves.var(axis=1, ddof=1).mean(axis=0)
+    between = halves.mean(axis=1).var(axis=0, ddof=1)
+    ratio = np.divide(between, within, out=np.where(between > 0, np.inf, 1.0 / n), where=within > 0)
+    return np.sqrt((n - 1) / n + ratio)
+
+
+def _correlation_time(correlation: FloatArray, n_samples: int) -> float:
+    """Geyer's initial monotone sequence of pairs of lags, and the even lag after it; (n,) from lag 0."""
+    n = correlation.size
+    n_pairs = 1 + len(range(1, n - 3, 2))  # that Stan looks at
+    pairs = correlation[: 2 * n_pairs].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs < 0)
+    stop = int(negative[0]) if negative.size else n_pairs - 1
+    falling = np.minimum.accumulate(pairs[:stop])
+    time = -1.0 + 2.0 * float(falling.sum()) + max(float(correlation[2 * stop]), 0.0)
+    # chains that repel themselves are worth more than their number, but not without end
+    return max(time, 1.0 / np.log10(n_samples))
+
+
+# ---- what the prior does to them -------------------------------------------------------------------
+
+
+def presses_against(samples: ArrayLike, priors: Sequence[Prior]) -> tuple[Pressure, ...]:
+    """Return which priors the samples of a posterior, (n_samples, n_parameters), press against, and on which side.
+
+    A bound shapes a posterior whose density there is more than a tenth of its largest. A prior without a bound is
+    contradicted by a posterior whose median is more than two of its standard deviations from its centre.
+
+    >>> samples = np.abs(np.random.default_rng(1).normal(0.0, 0.5, (4000, 1)))
+    >>> print(presses_against(samples, [Prior("uniform", 0.0, 10.0)])[0].sentence)
+    presses against the lower end 0 of its uniform prior: widen the prior, or doubt the class
+    """
+    rows = np.asarray(samples, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != len(priors) or not np.isfinite(rows).all():
+        raise InputError(
+            f"samples have shape {rows.shape}: give finite numbers, one column for each of {len(priors)} prior(s)"
+        )
+    if len(rows) < 100:
+        raise InputError(f"{len(rows)} samples say too little about an edge: give at least 100")
+    found: list[Pressure] = []
+    for number, (prior, column) in enumerate(zip(priors, np.sort(rows, axis=0).T, strict=True), start=1):
+        found += _at_bounds(column, prior, number) if prior.family == "uniform" else _far_off(column, prior, number)
+    return tuple(found)
+
+
+def _at_bounds(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
+    """`column` is sorted. Both densities are those of one width, a quarter of a robust standard deviation."""
+    low, high = prior.support
+    width = np.clip((np.quantile(column, 0.84) - np.quantile(column, 0.16)) / 8, (high - low) * 1e-9, (high - low) / 10)
+    densest = np.max(np.searchsorted(column, column + width, side="right") - np.arange(column.size))
+    found = []
+    sides: tuple[tuple[Literal["lower", "upper"], float], ...] = (("lower", low), ("upper", high))
+    for side, bound in sides:
+        if np.count_nonzero(np.abs(column - bound) <= width) / densest > EDGE_DENSITY:
+            words = (
+                f"presses against the {side} end {bound:g} of its uniform prior: widen the prior, or doubt the class"
+            )
+            found.append(Pressure(number, side, words))
+    return found
+
+
+def _far_off(column: FloatArray, prior: Prior, number: int) -> list[Pressure]:
+    median = float(np.median(column))
+    distance = np.log(median / prior.first) if prior.family == "lognormal" else median - prior.first
+    score = float(distance / prior.second)
+    if abs(score) <= FAR_SCORE:
+        return []
+    side: Literal["lower", "upper"] = "lower" if score < 0 else "upper"
+    words = (
+        f"lies {abs(score):.1f} standard deviations out on the {side} side of its {prior.family} prior: widen or move "
+        "the prior, or doubt the class"
+    )
+    return [Pressure(number, side, words)]
+
+
+# ---- ArviZ -----------------------------------------------------------------------------------------
+
+
+def inference_groups(chain: Chain, names: Sequence[str]) -> dict[str, dict[str, FloatArray]]:
+    """Return the groups of ArviZ's schema, each variable (n_chains, n), by the names of the parameters."""
+    if len(names) != chain.n_parameters or len(set(names)) < len(names):
+        raise InputError(f"names are {list(names)}: give {chain.n_parameters} different one(s), one a parameter")
+    posterior = {name: np.array(chain.samples[:, :, k]) for k, name in enumerate(names)}
+    return {"posterior": posterior, "sample_stats": {"lp": np.array(chain.log_density)}}
+
+
+def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
+    """Return ArviZ's own object where ArviZ is installed (`pip install '.[bayes]'`), otherwise a dict of its groups.
+
+    That object is an `InferenceData` before ArviZ 1.0 and a `DataTree` of xarray since; the dict is
+    {"posterior": {name: (n_chains, n)}, "sample_stats": {"lp": (n_chains, n)}}.
 
     Args:
-        theta: (n_parameters,).
+        chain: of any sampler.
+        names: one a parameter.
 
-    >>> written(np.array([1.5, -2.0]))
-    '(1.5, -2)'
+    Raises:
+        InputError: a name missing or given twice.
     """
-    return "(" + ", ".join(f"{value:.6g}" for value in theta) + ")"
+    groups = inference_groups(chain, names)
+    try:
+        import arviz
+    except ImportError:
+        return groups
+    # its signature differs between versions
+    from_dict: Any = arviz.from_dict
+    return from_dict(**groups) if int(arviz.__version__.split(".")[0]) < 1 else from_dict(groups)

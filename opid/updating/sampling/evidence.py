@@ -1,6 +1,8 @@
-"""Logarithm of the evidence of a model class, by the Laplace approximation and by quadrature, within prior bounds."""
+"""Evidence of a model class: by the Laplace approximation and by quadrature, and how it depends on the priors."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,10 +11,17 @@ from scipy.special import log_ndtr, logsumexp, ndtri_exp
 
 from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
-from opid.updating.result import Evidence
-from opid.updating.sampling.chains import Chain, LogDensity, covariance_root, evaluate
-from opid.updating.sampling.diagnostics import effective_samples
-from opid.updating.sampling.maximum import Maximum, Support, bounds_of
+from opid.updating.model_class import ModelClass, Prior
+from opid.updating.sampling.chains import (
+    Chain,
+    LogDensity,
+    covariance_root,
+    effective_samples,
+    evaluate,
+    posterior_density,
+    presses_against,
+)
+from opid.updating.sampling.maximum import Maximum, Support, bounds_of, maximum_a_posteriori
 
 FAR = 8.5
 """Standard deviations beyond which a bound takes nothing from a normal distribution (1e-17)."""
@@ -25,6 +34,21 @@ FIRST_NODES = 16
 
 LATTICE = 8191
 """Points of the rule that integrates a normal distribution over a box."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Logarithm of the evidence p(D | M) by one method.
+
+    Args:
+        method: "laplace", "transitional" or "quadrature".
+        log_evidence: its natural logarithm.
+        std: standard deviation of that, 0 where the method gives none.
+    """
+
+    method: str
+    log_evidence: float
+    std: float = 0.0
 
 
 def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
@@ -54,28 +78,17 @@ def laplace(maximum: Maximum, *, support: Support = None) -> Evidence:
     return Evidence("laplace", float(value))
 
 
-def laplace_of_samples(log_density_at_best: float, best: ArrayLike, chain: Chain) -> Evidence:
+def laplace_of_samples(log_density_at_best: float, best: FloatArray, chain: Chain) -> Evidence:
     """Return the evidence with mean and covariance of samples (Song et al. 2021, eq. 16), with its standard deviation.
 
-    The deviation is what the finite number of effective samples does to the determinant, not what a posterior that is
-    not normal does. Where the posterior presses against a bound, take `laplace` or `quadrature` instead.
-
-    Args:
-        log_density_at_best: log likelihood plus log prior at `best`, with all their constants.
-        best: (n_parameters,) the maximum a posteriori.
-        chain: samples of the posterior.
-
-    Raises:
-        InputError: samples that never left a plane, or a `best` of another shape.
+    The density at `best`, (n_parameters,), has all its constants. The deviation is what the finite number of effective
+    samples does to the determinant, not what a posterior that is not normal does. Where the posterior presses against a
+    bound, take `laplace` or `quadrature` instead.
     """
-    theta = np.asarray(best, dtype=np.float64)
-    d = chain.n_parameters
-    if theta.shape != (d,):
-        raise InputError(f"best has shape {theta.shape} for {d} parameter(s): give {(d,)}")
-    covariance = np.atleast_2d(np.cov(chain.pooled, rowvar=False))
+    covariance, d = chain.covariance, chain.n_parameters
     root = covariance_root(covariance, d)
-    score = linalg.solve_triangular(root, theta - chain.pooled.mean(axis=0), lower=True)
-    value = float(log_density_at_best) + _log_volume(covariance) + 0.5 * float(score @ score)
+    score = linalg.solve_triangular(root, best - chain.pooled.mean(axis=0), lower=True)
+    value = log_density_at_best + _log_volume(covariance) + 0.5 * float(score @ score)
     return Evidence("laplace", value, float(np.sqrt(d / (2 * effective_samples(chain.samples).min()))))
 
 
@@ -92,20 +105,12 @@ def quadrature(
 
     The nodes lie in coordinates in which the covariance is the unit matrix, one parameter after the other, so that
     bounds of the parameters stay limits of the integrals. The window grows where its edge still holds something; the
-    nodes grow until the logarithm no longer changes, and that last change is the standard deviation.
+    nodes grow until the logarithm changes by less than the tolerance, and that last change is the standard deviation.
 
-    Args:
-        log_density: (n, n_parameters) -> (n,), log likelihood plus log prior with all their constants.
-        centre: (n_parameters,), the maximum a posteriori or the mean of samples.
-        covariance: (n_parameters, n_parameters) of the posterior, roughly; that of samples where there are several
-            maxima, so that the window holds them all.
-        support: lower and upper end of each parameter; None if there are none.
-        tolerance: change of the logarithm that is accepted.
-        max_evaluations: rows of theta, of all trials together.
-
-    Raises:
-        InputError: more than three parameters, or shapes that do not match.
-        NotDeterminedError: it did not converge; `partial` is the last value.
+    The density is log likelihood plus log prior with all their constants. `centre` and `covariance` are roughly those
+    of the posterior: those of samples where there are several maxima, so that the window holds them all. `tolerance` is
+    the change of the logarithm that is accepted; after `max_evaluations` rows of theta, or where the density is zero
+    all around the centre, there is a NotDeterminedError, whose `partial` is the last value.
 
     >>> quadrature(lambda t: -0.5 * np.sum(t**2, axis=1), [0.0], 1.0, support=[(0.0, np.inf)]).log_evidence
     0.2257913526...
@@ -125,8 +130,8 @@ def quadrature(
         value = float(logsumexp(parts))
         if np.isneginf(value):
             raise NotDeterminedError("the density is zero all around the centre: centre it on the posterior")
-        share = np.exp(parts - value) @ open_edge.reshape(len(parts), -1)
-        spills = share.reshape(middle.size, 2) > 0.1 * tolerance
+        at_edge = np.exp(parts - value) @ open_edge.reshape(len(parts), -1)
+        spills = at_edge.reshape(middle.size, 2) > 0.1 * tolerance
         if spills.any():
             window, before = np.where(spills, 1.4 * window, window), np.inf
             continue
@@ -134,25 +139,17 @@ def quadrature(
             return Evidence("quadrature", value, abs(value - before))
         n, before = n + n // 2, value
     raise NotDeterminedError(
-        f"the integral did not settle to {tolerance:g} within {max_evaluations} evaluations: the posterior has steps, "
-        "long tails or several maxima; draw more samples, which tell how far it reaches, or take the transitional "
-        "evidence",
+        f"the integral did not converge to {tolerance:g} within {max_evaluations} evaluations: the posterior has "
+        "steps, long tails or several maxima; draw more samples, which tell how far it reaches, or take the "
+        "transitional evidence",
         partial=before,
     )
 
 
 def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Support) -> float:
-    """Return the logarithm of the probability of a normal distribution within a box, far tails included.
+    """Return the logarithm of the probability of a normal distribution within a box, far tails included (scipy: none).
 
     One parameter after the other, each given those before it (Genz 1992), on a lattice without chance.
-
-    Args:
-        mean: (n_parameters,).
-        covariance: (n_parameters, n_parameters).
-        support: lower and upper end of each parameter; None if there are none.
-
-    Raises:
-        InputError: a support of another shape.
 
     >>> round(float(np.exp(log_probability_inside(np.zeros(2), np.eye(2), [(0, np.inf), (0, np.inf)]))), 6)
     0.25
@@ -219,3 +216,40 @@ def _nodes(
         log_weight = (log_weight[kept, None] + np.log(half)[:, None] + np.log(weight)).ravel()
         edge = np.concatenate([np.repeat(edge[kept], n, axis=0), new_edge.reshape(-1, 1, 2)], axis=1)
     return centre + u @ root.T, log_weight, edge
+
+
+# ---- the priors ------------------------------------------------------------------------------------
+
+
+def prior_sensitivity(
+    likelihood: LogDensity, model_class: ModelClass, samples: FloatArray, best: FloatArray
+) -> dict[str, float]:
+    """Return the change of the log evidence with each prior twice as wide, by parameter: "theta_1", "theta_2", ...
+
+    Samples are those of the posterior, (n_samples, n_parameters), and `best` is the maximum a posteriori.
+    """
+    pressed = {each.parameter for each in presses_against(samples, model_class.priors)}
+    found = {}
+    for k, prior in enumerate(model_class.priors):
+        if k + 1 not in pressed or prior.family != "uniform":
+            # what the wide prior adds outside the narrow one is nothing here: a mean over the samples
+            ratio = prior.wider.log_density(samples[:, k]) - prior.log_density(samples[:, k])
+            change = float(np.logaddexp.reduce(ratio) - np.log(len(ratio)))
+        else:
+            change = _change_beyond(likelihood, model_class, k, prior.wider, best)
+        found[f"theta_{k + 1}"] = change
+    return found
+
+
+def _change_beyond(likelihood: LogDensity, model_class: ModelClass, k: int, wide: Prior, best: FloatArray) -> float:
+    """The same by two Laplace approximations, where the posterior goes on beyond the narrow prior; nan if it fails."""
+    priors = (*model_class.priors[:k], wide, *model_class.priors[k + 1 :])
+    values = []
+    for each in (model_class, replace(model_class, priors=priors)):
+        support = [prior.support for prior in each.priors]
+        try:
+            peak = maximum_a_posteriori(posterior_density(likelihood, each.log_prior), best, support=support)
+            values.append(laplace(peak, support=support).log_evidence)
+        except NotDeterminedError:
+            return float("nan")
+    return values[1] - values[0]

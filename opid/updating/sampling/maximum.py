@@ -66,8 +66,8 @@ class Maximum:
     @property
     def precision(self) -> FloatArray:
         """Inverse of `covariance`: the curvature, made positive with the slopes at bounds where it is not."""
-        for share in (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0):
-            matrix = -self.hessian + share * np.diag(self._steep)
+        for fraction in (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0):
+            matrix = -self.hessian + fraction * np.diag(self._steep)
             scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
             if linalg.eigvalsh(matrix / np.outer(scale, scale))[0] > 1e-12:
                 return matrix
@@ -81,15 +81,7 @@ def _inverse(precision: FloatArray) -> FloatArray:
 
 
 def bounds_of(support: Support, n_parameters: int) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper ends, each (n_parameters,).
-
-    Args:
-        support: one pair a parameter; None for none.
-        n_parameters: number of parameters.
-
-    Raises:
-        InputError: another shape, or ends in the wrong order.
-    """
+    """Return lower and upper ends, each (n_parameters,); InputError for another shape, or ends in the wrong order."""
     if support is None:
         return np.full(n_parameters, -np.inf), np.full(n_parameters, np.inf)
     pairs = np.array(support, dtype=np.float64)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, nearest, refuse
 from opid.signals.recording import FloatArray
 
 SYMMETRY = 1e-8
@@ -40,29 +41,17 @@ class AffineStructure:
     joints: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "dofs", tuple(self.dofs))
-        object.__setattr__(self, "sensors", tuple(self.sensors))
-        n_dof = len(self.dofs)
-        if len(set(self.dofs)) < n_dof:
-            twice = next(name for name in self.dofs if self.dofs.count(name) > 1)
-            raise InputError(f"the degree of freedom {twice!r} stands twice: give each a name of its own")
+        for name in ("dofs", "sensors"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for name in ("mass", "stiffness"):
-            object.__setattr__(self, name, _checked(name, getattr(self, name), n_dof))
-        parts = {name: _checked(f"stiffness part {name!r}", part, n_dof) for name, part in self.parts.items()}
+            object.__setattr__(self, name, sparse.csr_matrix(getattr(self, name), dtype=np.float64))
+        parts = {name: sparse.csr_matrix(part, dtype=np.float64) for name, part in self.parts.items()}
         object.__setattr__(self, "parts", MappingProxyType(parts))
         object.__setattr__(self, "joints", MappingProxyType({k: (a, b) for k, (a, b) in self.joints.items()}))
-        if self.mass.diagonal().min() <= 0:
-            bad = self.dofs[int(np.argmin(self.mass.diagonal()))]
-            raise InputError(f"the mass of {bad!r} is not positive: remove the degree of freedom or give it a mass")
-        if not self.sensors:
-            raise InputError("no sensor is named: say which degrees of freedom are measured")
-        for sensor in self.sensors:
-            self._place("sensor", sensor)
-        for joint, (one, other) in self.joints.items():
-            for end in (one, other):
-                self._place(f"joint {joint!r}", end)
-            if one == other:
-                raise InputError(f"joint {joint!r} lies between {one!r} and itself: name two degrees of freedom")
+        matrices = {"mass": self.mass, "stiffness": self.stiffness}
+        matrices |= {f"stiffness part {name!r}": part for name, part in parts.items()}
+        faults = [fault for name, matrix in matrices.items() for fault in matrix_faults(name, matrix, self.dofs)]
+        refuse([*name_faults(self.dofs, self.sensors, self.joints), *faults], None)
 
     @property
     def n_dof(self) -> int:
@@ -80,8 +69,8 @@ class AffineStructure:
         return sparse.csr_matrix(total)
 
     @property
-    def sensor_places(self) -> FloatArray:
-        """(n_sensors,) place of each sensor among the degrees of freedom."""
+    def sensor_indices(self) -> NDArray[np.int64]:
+        """(n_sensors,) index of each sensor among the degrees of freedom."""
         return np.array([self.dofs.index(sensor) for sensor in self.sensors])
 
     @property
@@ -92,20 +81,34 @@ class AffineStructure:
             row[self.dofs.index(one)], row[self.dofs.index(other)] = -1.0, 1.0
         return rows
 
-    def _place(self, what: str, name: str) -> int:
-        if name not in self.dofs:
-            raise InputError(
-                f"{what} names the degree of freedom {name!r}, which is not there: {nearest(name, self.dofs)}"
-            )
-        return self.dofs.index(name)
+
+def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> Iterator[str]:
+    """Yield what is wrong with one matrix of a structure, "mass", "stiffness" or a part of it."""
+    if matrix.shape != (len(dofs), len(dofs)):
+        yield f"the {name} matrix has shape {matrix.shape} for {len(dofs)} degrees of freedom: give a square one"
+    elif not np.isfinite(matrix.data).all():
+        yield f"the {name} matrix has entries that are not finite: export it again"
+    else:
+        if matrix.nnz and np.abs((matrix - matrix.T).data).max(initial=0.0) > SYMMETRY * np.abs(matrix.data).max():
+            yield f"the {name} matrix is not symmetric: export the whole matrix, or mirror the stored triangle"
+        if name == "mass" and matrix.diagonal().min() <= 0:
+            bad = dofs[int(np.argmin(matrix.diagonal()))]
+            yield f"the mass of {bad!r} is not positive: remove the degree of freedom or give it a mass"
 
 
-def _checked(name: str, matrix: sparse.spmatrix, n_dof: int) -> sparse.csr_matrix:
-    found = sparse.csr_matrix(matrix, dtype=np.float64)
-    if found.shape != (n_dof, n_dof):
-        raise InputError(f"the {name} matrix has shape {found.shape} for {n_dof} degrees of freedom: give a square one")
-    if not np.isfinite(found.data).all():
-        raise InputError(f"the {name} matrix has entries that are not finite: export it again")
-    if found.nnz and np.abs((found - found.T).data).max(initial=0.0) > SYMMETRY * np.abs(found.data).max():
-        raise InputError(f"the {name} matrix is not symmetric: export the whole matrix, or mirror the stored triangle")
-    return found
+def name_faults(dofs: Sequence[str], sensors: Sequence[str], joints: Mapping[str, tuple[str, str]]) -> Iterator[str]:
+    """Yield what is wrong with the names of degrees of freedom, sensors and ends of joints."""
+    known = dict.fromkeys(dofs)
+    if len(known) < len(dofs):
+        twice = next(name for name in dofs if dofs.count(name) > 1)
+        yield f"the degree of freedom {twice!r} stands twice: give each a name of its own"
+    if not sensors:
+        yield "no sensor is named: say which degrees of freedom are measured"
+    named = [("sensor", sensor) for sensor in sensors]
+    named += [(f"joint {joint!r}", end) for joint, ends in joints.items() for end in ends]
+    for what, name in named:
+        if name not in known:
+            yield f"{what} names the degree of freedom {name!r}, which is not there: {nearest(name, known)}"
+    for joint, (one, other) in joints.items():
+        if one == other:
+            yield f"joint {joint!r} lies between {one!r} and itself: name two degrees of freedom"

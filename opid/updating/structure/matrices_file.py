@@ -13,8 +13,8 @@ from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
 from opid.signals.files import written_whole
-from opid.updating.data.checks import structure_faults
-from opid.updating.structure.affine import AffineStructure
+from opid.updating.checks import structure_faults
+from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults
 
 Source = str | os.PathLike[str]
 
@@ -73,47 +73,46 @@ def checked_structure(
     """Return what `read_structure` reads, or None, and everything that is wrong with it, one clause each.
 
     Args:
-        matrices: as in `read_structure`, like the others.
-        sensors: likewise.
-        joints: likewise.
-        dofs: likewise.
-        parameters: likewise.
+        matrices: as in `read_structure`, like `sensors`, `joints`, `dofs` and `parameters`.
     """
     faults: list[str] = []
     found = _read_each(matrices, faults) if isinstance(matrices, Mapping) else _tried(faults, _read_one, Path(matrices))
     if found is None:
         return None, faults
-    faults += _name_faults(found, unread=bool(faults))
+    faults += _missing(found, unread=bool(faults))
     read = {
         name: _tried(faults, _matrix, name, value)
         for name, value in found.items()
         if name in ("mass", "stiffness") or name.startswith(PART)
     }
     whole = {name: matrix for name, matrix in read.items() if matrix is not None}
-    faults += _size_faults(whole)
-    parts = {name[len(PART) :]: matrix for name, matrix in whole.items() if name.startswith(PART)}
+    parts = {name.removeprefix(PART): matrix for name, matrix in whole.items() if name.startswith(PART)}
     # of parts that cannot be read, the names are there
-    held = [name[len(PART) :] for name in found if name.startswith(PART)]
+    held = [name.removeprefix(PART) for name in found if name.startswith(PART)]
     for name in parameters or ():
         if name not in held:
             hint = nearest(name, held) if held else "there is none at all"
             faults.append(f"there is no matrix {PART + name!r} for the parameter {name!r}: {hint}")
     n_dof = whole["mass"].shape[0] if "mass" in whole else None
     names = _tried(faults, _dof_names, dofs if dofs is not None else found.get("dofs"), n_dof)
-    given = sensors if sensors is not None else found.get("sensors", ())
-    seen = _tried(faults, _texts, "sensors", given)
+    seen = _tried(faults, _texts, "sensors", sensors if sensors is not None else found.get("sensors", ()))
     ends = _tried(faults, _joint_ends, joints if joints is not None else found.get("joints", {}))
-    first: list[str] = []
-    structure = None
-    if not faults and names is not None:
-        stiffness = whole.get("stiffness", sparse.csr_matrix(whole["mass"].shape))
-        chosen = {name: parts[name] for name in (parts if parameters is None else parameters)}
-        fixed = [part for name, part in parts.items() if name not in chosen]
-        structure = _tried(first, AffineStructure, whole["mass"], sum(fixed, stiffness), chosen, names, seen, ends)
-    if structure is not None:
-        faults += structure_faults(structure)
-    else:  # it stops at the first fault, and these go on
-        faults += _structure_faults(whole, names, seen, ends) or first
+    for name, matrix in whole.items():
+        size = matrix.shape[0]
+        if size != (n_dof or size):
+            shapes = f"{name!r} has shape {matrix.shape} and 'mass' {whole['mass'].shape}"
+            faults.append(f"{shapes}: export both for the same degrees of freedom")
+        label = f"stiffness part {name.removeprefix(PART)!r}" if name.startswith(PART) else name
+        faults += matrix_faults(label, matrix, names if names and len(names) == size else _numbers(size))
+    if names:
+        faults += name_faults(names, names[:1] if seen is None else seen, ends or {})
+    if faults:
+        return None, faults
+    chosen = {name: parts[name] for name in (parts if parameters is None else parameters)}
+    fixed = [part for name, part in parts.items() if name not in chosen]
+    stiffness = sum(fixed, whole.get("stiffness", sparse.csr_matrix(whole["mass"].shape)))
+    structure = AffineStructure(whole["mass"], stiffness, chosen, names, seen, ends)
+    faults += structure_faults(structure)
     return (None if faults else structure), faults
 
 
@@ -242,79 +241,38 @@ def _joined(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
 
 def _matrix(name: str, value: Any) -> sparse.csr_matrix:
     """One matrix, real and of two dimensions."""
-    if not sparse.issparse(value):
-        value = np.asarray(value)
-        if value.dtype.kind not in "iuf":
-            raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
-    elif value.dtype.kind not in "iuf":
+    value = value if sparse.issparse(value) else np.asarray(value)
+    if value.dtype.kind not in "iuf":
         raise InputError(f"{name!r} holds no real numbers (type {value.dtype}): give a real matrix")
     if value.ndim != 2 or value.shape[0] != value.shape[1] or not value.shape[0]:
         raise InputError(f"{name!r} has shape {value.shape}: give a square matrix")
     return sparse.csr_matrix(value, dtype=np.float64)
 
 
-def _name_faults(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
-    """Matrices that are missing or unknown; those of files that cannot be read are told already."""
+def _missing(found: Mapping[str, Any], *, unread: bool) -> Iterator[str]:
+    """Matrices that are missing or unknown; those of files that cannot be read have a clause already."""
     matrices = [name for name in found if name not in NAMES]
+    of_parts = [name for name in matrices if name.startswith(PART)]
     if "mass" not in found and not unread:
         yield f"there is no matrix 'mass': {nearest('mass', matrices) if matrices else 'there is no matrix in it'}"
     for name in matrices:
-        if name not in ("mass", "stiffness") and not name.startswith(PART):
+        if name not in ("mass", "stiffness", *of_parts):
             yield (
-                f"{name!r} is no matrix that is known: {nearest(name, _known(found))}; a matrix that a parameter "
-                f"multiplies is called {PART}NAME"
+                f"{name!r} is no matrix that is known: {nearest(name, ['mass', 'stiffness', *NAMES, *of_parts])}; a "
+                f"matrix that a parameter multiplies is called {PART}NAME"
             )
-    if not unread and not any(name == "stiffness" or name.startswith(PART) for name in matrices):
+    if not unread and not of_parts and "stiffness" not in matrices:
         yield f"there is neither a matrix 'stiffness' nor a {PART}NAME: give at least one of them"
 
 
-def _size_faults(whole: Mapping[str, sparse.csr_matrix]) -> Iterator[str]:
-    for name, matrix in whole.items():
-        if "mass" in whole and matrix.shape != whole["mass"].shape:
-            yield (
-                f"{name!r} has shape {matrix.shape} and 'mass' {whole['mass'].shape}: export both for the same degrees "
-                "of freedom"
-            )
-
-
-def _structure_faults(
-    whole: Mapping[str, sparse.csr_matrix],
-    names: Sequence[str] | None,
-    sensors: Sequence[str] | None,
-    joints: Mapping[str, tuple[str, str]] | None,
-) -> list[str]:
-    """What `AffineStructure` refuses, each thing by itself, so that the first fault does not hide the others."""
-    trials: list[tuple[Any, ...]] = []
-    unique = tuple(dict.fromkeys(names or ()))
-    for name, matrix in whole.items():
-        size = matrix.shape[0]
-        own = unique if len(unique) == size else tuple(str(place) for place in range(1, size + 1))
-        one, nothing = sparse.identity(size, format="csr"), sparse.csr_matrix(matrix.shape)
-        parts = {name.removeprefix(PART): matrix}
-        alone = {"mass": (matrix, nothing, {}), "stiffness": (one, matrix, {})}.get(name, (one, nothing, parts))
-        trials.append((*alone, own, own[:1]))
-    if names:
-        for given in dict.fromkeys((tuple(names), unique)):
-            one, nothing = sparse.identity(len(given), format="csr"), sparse.csr_matrix((len(given),) * 2)
-            empty: tuple[Any, ...] = (one, nothing, {}, given)
-            trials.append((*empty, given[:1]))
-        # the last one has names that are all different
-        trials += [(*empty, (sensor,)) for sensor in sensors or ()] + [(*empty, ())] * (sensors == ())
-        trials += [(*empty, given[:1], {name: ends}) for name, ends in (joints or {}).items()]
-    faults: list[str] = []
-    for trial in trials:
-        _tried(faults, AffineStructure, *trial)
-    return list(dict.fromkeys(faults))
-
-
-def _known(found: Mapping[str, Any]) -> list[str]:
-    return ["mass", "stiffness", *NAMES, *(name for name in found if name.startswith(PART))]
+def _numbers(n_dof: int) -> tuple[str, ...]:
+    return tuple(str(number) for number in range(1, n_dof + 1))
 
 
 def _dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
     """Names of the degrees of freedom from a list, a file, or by number."""
     if given is None:
-        return tuple(str(place) for place in range(1, (n_dof or 0) + 1))
+        return _numbers(n_dof or 0)
     of_file = isinstance(given, str | os.PathLike)
     names = _label_lines(Path(given), n_dof) if of_file else _texts("dofs", given)
     if n_dof is not None and len(names) != n_dof:

@@ -18,7 +18,7 @@ from opid.updating.structure.affine import AffineStructure
 IntArray = NDArray[np.int64]
 
 RANK = 1e-10
-"""Share of the mass of a constraint mode below which a direction is taken for one that the free modes hold."""
+"""Fraction of the mass of a constraint mode below which a direction is taken for one that the free modes hold."""
 SHIFT = 1e-6
 """Of the mean ratio of stiffness to mass: shifts the pencil off the rigid-body modes of a free structure."""
 DENSE = 200
@@ -95,13 +95,8 @@ class ReductionErrors:
 def lowest_modes(mass: Any, stiffness: Any, n_modes: int) -> tuple[FloatArray, FloatArray]:
     """Return the lowest eigenvalues (n_modes,), 1/s^2, ascending, and the mass-normalised shapes (n_dof, n_modes).
 
-    Args:
-        mass: (n_dof, n_dof) sparse or dense, kg.
-        stiffness: (n_dof, n_dof) sparse or dense, N/m; it may be singular (a free structure).
-        n_modes: how many.
-
-    Raises:
-        InputError: more modes than degrees of freedom, or a stiffness that is not positive.
+    The matrices are sparse or dense, in kg and N/m; the stiffness may be singular (a free structure). InputError: more
+    modes than degrees of freedom, or a stiffness that is not positive.
 
     >>> lowest_modes(np.eye(2), np.diag([9.0, 4.0]), 1)[0].round(9).tolist()
     [4.0]
@@ -253,11 +248,7 @@ def reduction_errors(
 
 
 def modal_assurance(one: FloatArray, other: FloatArray) -> float:
-    """Return the modal assurance criterion (a . b)^2 / (a . a)(b . b) of two shapes; 0 where one is zero.
-
-    Args:
-        one: (n,) a shape.
-        other: (n,) another.
+    """Return the modal assurance criterion (a . b)^2 / (a . a)(b . b) of two shapes, (n,); 0 where one is zero.
 
     >>> modal_assurance(np.array([1.0, 2.0]), np.array([-2.0, -4.0]))
     1.0
@@ -302,7 +293,7 @@ def _projected(
 ) -> ReducedStructure:
     mass, reduced = (basis.T @ (matrix @ basis) for matrix in (structure.mass, stiffness))
     symmetric = (mass + mass.T) / 2, (reduced + reduced.T) / 2
-    at_sensors, at_joints = basis[structure.sensor_places], structure.joint_rows @ basis
+    at_sensors, at_joints = basis[structure.sensor_indices], structure.joint_rows @ basis
     for array in (*symmetric, basis, at_sensors, at_joints):
         array.flags.writeable = False
     joints = tuple(structure.joints)

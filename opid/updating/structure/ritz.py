@@ -165,7 +165,7 @@ def _model(
 ) -> RitzModel:
     reduced = [basis.T @ (matrix @ basis) for matrix in given[1:]]
     stiffness, *parts = [(each + each.T) / 2 for each in reduced]
-    at_sensors = basis[structure.sensor_places]
+    at_sensors = basis[structure.sensor_indices]
     return RitzModel(stiffness, np.array(parts), at_sensors, names, structure.sensors, count, worst)
 
 

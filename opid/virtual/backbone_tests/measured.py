@@ -13,7 +13,7 @@ from opid.mechanics.backbones.family import Backbone, backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
 from opid.signals.recording import FloatArray
-from opid.updating.data.measured import LEAST_POINTS, MeasuredBackbone
+from opid.updating.measured import LEAST_POINTS, MeasuredBackbone
 from opid.updating.model_class import ModelClass
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
 

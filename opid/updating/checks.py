@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -12,9 +12,9 @@ from opid.errors import InputError
 from opid.mechanics.backbones.family import refuse_unseen
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.data.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.structure.affine import AffineStructure
-from opid.updating.structure.reduction import lowest_modes
+from opid.updating.structure.reduction import lowest_modes, modal_assurance
 
 FARTHEST = 3.0
 """Ratio of frequencies beyond which no updating of stiffness explains them: a factor of nine."""
@@ -26,7 +26,7 @@ UNLIKE = 0.3
 """Modal assurance below which it is not."""
 
 APART = 0.1
-"""Share by which curves of one mode may begin at different frequencies."""
+"""Fraction by which curves of one mode may begin at different frequencies."""
 
 N_ABOVE = 8
 """Modes beyond the highest that is named, to look for the right one in."""
@@ -36,13 +36,8 @@ LEAST_EXTENSION = 1e-3
 
 
 def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield where curves of one mode have different sensors: both phases compare shapes entry by entry.
-
-    Args:
-        backbones: all of a study.
-    """
-    for mode in sorted({curve.mode for curve in backbones}):
-        first, *others = (curve for curve in backbones if curve.mode == mode)
+    """Yield where curves of one mode have different sensors: both phases compare shapes entry by entry."""
+    for mode, (first, *others) in by_mode(backbones).items():
         alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
         for each in others:
             lacking = tuple(name for name in first.sensors if name not in each.sensors)
@@ -78,38 +73,27 @@ def _named(names: Sequence[str]) -> str:
 
 
 def joint_fault(modes: JointedModes, mode: int) -> list[str]:
-    """Return one clause where a mode extends no joint, so that no law of the joints changes it.
-
-    Args:
-        modes: of the structure.
-        mode: number of the mode, from 1.
-    """
+    """Return one clause where a mode, counted from 1, extends no joint, so that no law of the joints changes it."""
     size = np.abs(modes.at_joints).max(axis=0, initial=0.0)
-    share = float(size[mode - 1] / max(float(size.max(initial=0.0)), 1e-300))
-    if not modes.joints or share > LEAST_EXTENSION:
+    fraction = float(size[mode - 1] / max(float(size.max(initial=0.0)), 1e-300))
+    if not modes.joints or fraction > LEAST_EXTENSION:
         return []
     others = np.flatnonzero(size > LEAST_EXTENSION * size.max()) + 1
     return [
-        f"mode {mode} extends no joint ({share:.1g} of the largest extension), so that their law does not change it: "
-        f"take another mode, such as {', '.join(map(str, others[:3]))}"
+        f"mode {mode} extends no joint ({fraction:.1g} of the largest extension), so that their law does not change "
+        f"it: take another mode, such as {', '.join(map(str, others[:3]))}"
     ]
 
 
 def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield what is wrong with the modes that backbones name: not there, still at the joints or the controlled sensor.
-
-    Args:
-        modes: of the structure.
-        backbones: measured on it.
-    """
-    for mode in sorted({curve.mode for curve in backbones}):
+    """Yield what is wrong with the modes that backbones name: not there, still at joints or controlled sensor."""
+    for mode, curves in by_mode(backbones).items():
         if mode > modes.n_modes:
-            names = ", ".join(repr(curve.name) for curve in backbones if curve.mode == mode)
+            names = ", ".join(repr(curve.name) for curve in curves)
             yield f"backbone {names} is of mode {mode}, and the structure has {modes.n_modes}"
             continue
         yield from joint_fault(modes, mode)
-        held = dict.fromkeys(curve.controlled_sensor for curve in backbones if curve.mode == mode)
-        for sensor in held:
+        for sensor in dict.fromkeys(curve.controlled_sensor for curve in curves):
             try:
                 if sensor in modes.sensors:
                     refuse_unseen(modes, mode - 1, modes.sensors.index(sensor))
@@ -118,11 +102,7 @@ def mode_faults(modes: JointedModes, backbones: Sequence[MeasuredBackbone]) -> I
 
 
 def structure_faults(structure: AffineStructure) -> Iterator[str]:
-    """Yield what is wrong with the matrices as a whole: mass or nominal stiffness that are not positive.
-
-    Args:
-        structure: of the study.
-    """
+    """Yield what is wrong with the matrices as a whole: mass or nominal stiffness that are not positive."""
     if (worst := _least_eigenvalue(structure.mass)) <= 0:
         yield f"the mass matrix is not positive (eigenvalue {worst:.3g} kg): export it again"
     # a structure that floats has zeros, and rounding makes them negative
@@ -133,16 +113,10 @@ def structure_faults(structure: AffineStructure) -> Iterator[str]:
 
 
 def nominal_modes(structure: AffineStructure, n_modes: int) -> JointedModes:
-    """Return the lowest modes of the nominal structure at its sensors.
-
-    Args:
-        structure: of the study.
-        n_modes: how many, or all there are.
-    """
+    """Return the lowest modes of the nominal structure at its sensors, `n_modes` or all there are."""
     eigenvalue, shapes = lowest_modes(structure.mass, structure.stiffness_at({}), min(n_modes, structure.n_dof))
-    rows = [structure.dofs.index(sensor) for sensor in structure.sensors]
-    names = tuple(structure.joints)
-    return JointedModes(eigenvalue, shapes[rows], structure.joint_rows @ shapes, structure.sensors, names)
+    at_sensors, names = shapes[structure.sensor_indices], tuple(structure.joints)
+    return JointedModes(eigenvalue, at_sensors, structure.joint_rows @ shapes, structure.sensors, names)
 
 
 def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
@@ -159,7 +133,7 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
     try:
         modes = nominal_modes(structure, n_modes)
     except InputError:
-        return  # told by `structure_faults`
+        return  # `structure_faults` says so
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
         alike.setdefault((curve.mode, _misplaced(modes, curve)), []).append(curve)
@@ -173,23 +147,17 @@ def backbone_faults(structure: AffineStructure, backbones: Sequence[MeasuredBack
 
 
 def overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
-    """Return what to doubt where the frequencies of two modes overlap.
+    """Return what to doubt where the frequencies of two modes overlap; the modes are in the right order.
 
     It is no fault: modes that stiffen pass the frequencies at which others began, at different amplitudes.
-
-    Args:
-        backbones: of a study, the modes in the right order.
     """
-    ends: dict[int, tuple[float, float]] = {}
-    for curve in backbones:
-        low, high = ends.get(curve.mode, (np.inf, 0.0))
-        ends[curve.mode] = (min(low, float(curve.frequency_hz.min())), max(high, float(curve.frequency_hz.max())))
+    hz = {mode: np.concatenate([one.frequency_hz for one in curves]) for mode, curves in by_mode(backbones).items()}
     return [
-        f"the backbones of mode {low} reach up to {ends[low][1]:.4g} Hz and those of mode {high} down to "
-        f"{ends[high][0]:.4g} Hz: they overlap, as modes may at different amplitudes; look whether a curve has the "
+        f"the backbones of mode {low} reach up to {hz[low].max():.4g} Hz and those of mode {high} down to "
+        f"{hz[high].min():.4g} Hz: they overlap, as modes may at different amplitudes; look whether a curve has the "
         "number of another mode or has jumped to it"
-        for low, high in pairwise(sorted(ends))
-        if ends[low][1] >= ends[high][0]
+        for low, high in pairwise(hz)
+        if hz[low].max() >= hz[high].min()
     ]
 
 
@@ -238,9 +206,6 @@ def _begun(curves: Sequence[MeasuredBackbone]) -> str:
 def shortened(names: Sequence[str]) -> str:
     """Return names in quotes, of more than two the first and how many others.
 
-    Args:
-        names: at least one.
-
     >>> shortened(["a", "b"]), shortened(["a", "b", "c"])
     ("'a' and 'b'", "'a' and 2 others")
     """
@@ -251,29 +216,24 @@ def shortened(names: Sequence[str]) -> str:
 
 def _likeness(modes: JointedModes, curve: MeasuredBackbone) -> FloatArray:
     """Modal assurance of the shape of the lowest point with each mode; zeros where few sensors say nothing."""
-    rows = [modes.sensors.index(sensor) for sensor in curve.sensors]
-    shape, shapes = curve.amplitude[0], modes.at_sensors[rows]
-    size = np.sum(shape**2) * np.sum(shapes**2, axis=0)
-    if len(rows) < 3:
+    if len(curve.sensors) < 3:
         return np.zeros(modes.n_modes)
-    return np.divide((shape @ shapes) ** 2, size, out=np.zeros_like(size), where=size > 0)
+    shapes = modes.at_sensors[[modes.sensors.index(sensor) for sensor in curve.sensors]]
+    return np.array([modal_assurance(curve.amplitude[0], shape) for shape in shapes.T])
 
 
 def _crossings(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
     """Curves of one mode that do not begin together, and modes in the wrong order."""
-    begins: dict[int, dict[str, float]] = {}
-    for curve in backbones:
-        begins.setdefault(curve.mode, {})[curve.name] = float(curve.frequency_hz[0])
-    middle: Mapping[int, float] = {mode: float(np.median(list(curves.values()))) for mode, curves in begins.items()}
-    for mode, curves in sorted(begins.items()):
-        for name, lowest in curves.items():
-            if _far(lowest, middle[mode]) > 1 + APART:
+    middle: dict[int, float] = {}
+    for mode, curves in by_mode(backbones).items():
+        middle[mode] = float(np.median([curve.frequency_hz[0] for curve in curves]))
+        for curve in curves:
+            if _far(curve.frequency_hz[0], middle[mode]) > 1 + APART:
                 yield (
-                    f"backbone {name!r} begins at {lowest:.4g} Hz where the others of mode {mode} begin near "
-                    f"{middle[mode]:.4g} Hz: is it of another mode?"
+                    f"backbone {curve.name!r} begins at {curve.frequency_hz[0]:.4g} Hz where the others of mode {mode} "
+                    f"begin near {middle[mode]:.4g} Hz: is it of another mode?"
                 )
-    order = sorted(middle)
-    for low, high in pairwise(order):
+    for low, high in pairwise(middle):
         if middle[low] >= middle[high]:
             yield (
                 f"the backbones of mode {low} begin at {middle[low]:.4g} Hz and those of mode {high} at "

@@ -1,13 +1,23 @@
-"""Errors of several curves of one quantity: of all, of each curve, of each point; their levels integrated out."""
+"""Errors of measured backbones: what is known of them, and a noise model with its levels integrated out."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from opid.errors import InputError
 from opid.signals.recording import FloatArray
+
+LINEAR_ERROR_GROWTH = 0.3
+"""Where nothing is known: on the wing-engine structure 91 of 100 intervals hold the coefficient if the linear error is
+one of the moduli, and nearly all, being too wide, if it is one of the modal eigenvalues."""
+
+UNMENDED_GROWTH = 0.22
+"""That of an error that no factor of the stiffness mends, beside what phase I leaves in the factors: that of a modal
+eigenvalue grows by 0.02 and 0.1 in the two modes of the wing-engine structure, more where modes interact."""
 
 RATIOS = np.geomspace(0.03, 100.0, 24)
 """Standard deviations of a curve's offset, in units of that of a point, over which the likelihood is integrated."""
@@ -19,6 +29,70 @@ WIDE = 2.0
 
 OWN_WEIGHT = 0.5
 """Shape of the inverse gamma prior of the variance of a point: half a degree of freedom, as much as one point."""
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """What is known of the errors of backbones: the first three for both phases of the paper's forms and "independent".
+
+    From `linear_error` on they are of the recommended form; `linear_error` stands in phase I of "independent", too.
+
+    Args:
+        weight: w_m, of every mode (Song eqs. 5 and 6).
+        cov: coefficient of variation of lambda by the number of the mode; from the curves of each mode where None.
+        shape_factor: sigma_phi over w CoV; the square root of the number of sensors where None (Song eq. 6).
+        linear_error: standard deviation of the relative error of a linear frequency of the model.
+        linear_error_growth: how far that error of lambda may grow while lambda doubles by the nonlinearity, in units
+            of itself: 0 for an error of the modal eigenvalue, 0.5 and 0.1 for errors of the moduli in the two modes of
+            the wing-engine structure. Where None, a study that updates the linear structure works it out for each mode
+            from what phase I leaves (`opid.updating.linear_updating`) and from 0.22 beside it; elsewhere it is 0.3.
+        point_noise: relative error of a measured frequency that is expected; the level is inferred, this weighs as
+            much as one point.
+        curve_offset: relative offset of the frequencies of a curve that is expected (imperfect quadrature); the level
+            is inferred, its prior is half normal with twice this as its scale.
+        curve_growth: how far the offset of a curve may grow while lambda doubles, in units of the noise of a point.
+        linear_shape_error: standard deviation of the error of a linear shape of unit length, a sensor; of phase II
+            alone: in phase I the scatter of the shapes is unknown and takes in what the model misses.
+        shape_noise: expected error of a measured shape of unit length, a sensor; weighs as much as one point.
+        shape_offset: expected offset of the shapes of a curve, a sensor, likewise.
+        shapes: whether the shapes are used at all.
+
+    Raises:
+        InputError: a number that is not positive; the two growths may be 0.
+    """
+
+    weight: float = 1.0
+    cov: Mapping[int, float] | None = None
+    shape_factor: float | None = None
+    linear_error: float = 0.004
+    linear_error_growth: float | None = None
+    point_noise: float = 0.0005
+    curve_offset: float = 0.003
+    curve_growth: float = 3.0
+    linear_shape_error: float = 0.02
+    shape_noise: float = 0.003
+    shape_offset: float = 0.003
+    shapes: bool = True
+
+    def __post_init__(self) -> None:
+        given = vars(self) | {f"cov of mode {mode}": value for mode, value in (self.cov or {}).items()}
+        for name, value in given.items():
+            if value is None or name in ("cov", "shapes"):
+                continue
+            may_be_0 = name in ("linear_error_growth", "curve_growth")
+            if not (np.isfinite(value) and (value > 0 or (may_be_0 and value == 0))):
+                raise InputError(f"{name} is {value}: give {'0 or more' if may_be_0 else 'a positive number'}")
+
+    @property
+    def growth_of_linear_error(self) -> float:
+        """`linear_error_growth`, or what it is where nothing is known."""
+        return LINEAR_ERROR_GROWTH if self.linear_error_growth is None else self.linear_error_growth
+
+    @property
+    def stated_for_papers(self) -> tuple[str, ...]:
+        """What is stated of the settings that the recommended form does not use."""
+        unused = {"weight": 1.0, "cov": None, "shape_factor": None}
+        return tuple(name for name, default in unused.items() if getattr(self, name) != default)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +158,8 @@ def curve_noise(
         common_std: prior standard deviation of the error b_0 that all curves share.
         common_growth: prior standard deviation of b_1 in units of `common_std`; 0 for none.
         own_growth: standard deviation of p_c over sigma.
-        offset: standard deviation of a curve's offset that is expected.
-        expected: standard deviation of a point's noise that is expected.
+        offset: expected standard deviation of a curve's offset.
+        expected: expected standard deviation of a point's noise.
     """
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))
@@ -126,9 +200,7 @@ def log_marginal(noise: CurveNoise, model: FloatArray) -> FloatArray:
     is laid over its posterior under a flat one taken as Gaussian (right but for terms of 1 / n_points). The ratio is
     summed over a grid that is even in its logarithm, for each channel by itself.
 
-    Args:
-        noise: the measured curves.
-        model: (n, n_nodes, n_channels) of the model.
+    The model has the shape (n, n_nodes, n_channels).
     """
     from scipy.special import gammaln
 
@@ -143,30 +215,25 @@ def log_marginal(noise: CurveNoise, model: FloatArray) -> FloatArray:
 
 
 def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return errors of a further curve of the first channel, (n, n_new), drawn given the measured ones.
+    """Return errors of a further curve of the first channel given the measured ones, (n, n_new).
 
-    For each row of the model a ratio, a noise level and the common errors are drawn from their posterior, then the
-    offset of a new curve and the noise of its points: what is to be added to the model's values.
-
-    Args:
-        noise: the measured curves.
-        model: (n, n_nodes, n_channels) of the model, one row a draw.
-        growth: (n, n_new) h of the new points.
-        rng: source of chance.
+    For each row of the model, (n, n_nodes, n_channels), a ratio, a noise level and the common errors are drawn from
+    their posterior, then the offset of a new curve and the noise of its points: what is to be added to the model's
+    values where its growth is h, (n, n_new).
     """
     each, common, rate = (part[:, 0] for part in _by_ratio(noise, model))
     n = len(each)
-    place = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
+    ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
     rows = np.arange(n)
-    sigma2 = rate[rows, place] / rng.gamma(_shape(noise), size=n)
-    p, q, r = noise.precision[:, place] / sigma2
+    sigma2 = rate[rows, ratio] / rng.gamma(_shape(noise), size=n)
+    p, q, r = noise.precision[:, ratio] / sigma2
     flat = np.stack([p, q, q, r], axis=-1).reshape(n, 2, 2)
-    pull = np.einsum("nab,nb->na", flat, common[rows, :, place])
+    pull = np.einsum("nab,nb->na", flat, common[rows, :, ratio])
     precision = flat + np.eye(2) / noise.common_variance
     centre = np.linalg.solve(precision, pull[..., None])[..., 0]
     root = np.linalg.cholesky(np.linalg.inv(precision))
     b = centre + np.einsum("nab,nb->na", root, rng.standard_normal((n, 2)))
-    own = np.sqrt(sigma2) * RATIOS[place]
+    own = np.sqrt(sigma2) * RATIOS[ratio]
     offset, slope = own * rng.standard_normal(n), noise.own_growth * np.sqrt(sigma2) * rng.standard_normal(n)
     points = np.sqrt(sigma2)[:, None] * rng.standard_normal(growth.shape)
     centred = growth - growth.mean(axis=1, keepdims=True)

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from opid.errors import InputError, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.data.checks import joint_fault, sensor_faults
-from opid.updating.data.curve_noise import CurveNoise, curve_noise
-from opid.updating.data.measured import MeasuredBackbone
-from opid.updating.data.noise_settings import NoiseSettings
+from opid.updating.checks import joint_fault, sensor_faults
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise
+from opid.updating.measured import MeasuredBackbone, by_mode
 
 Form = Literal["paper", "literal", "recommended", "independent"]
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -41,8 +40,7 @@ class ModeData:
         level: (n_points,) amplitude of the controlled sensor, of the largest of any curve with the same one.
         growth: (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude.
         shapes: (n_points, n_sensors) measured shapes of unit length.
-        free: (n_sensors - 1,) columns of the shapes that tell the whole: all but the largest entry, which follows from
-            the unit length.
+        free: (n_sensors - 1,) columns of the shapes but that of the largest entry, which follows from the unit length.
         rows: (n_sensors,) rows of these sensors in the system.
         linear: lambda of the mode without nonlinearity, 1/s^2.
         cov: coefficient of variation of lambda over the curves; nan where nothing tells.
@@ -94,7 +92,6 @@ def backbone_data(
     form: Form = "recommended",
     harmonics: Sequence[int] = (1, 3),
     noise: NoiseSettings | None = None,
-    n_nodes: int = N_NODES,
 ) -> BackboneData:
     """Return measured backbones grouped by mode, with all that does not depend on the law worked out.
 
@@ -103,11 +100,9 @@ def backbone_data(
         measured: the backbones; those of one mode are tests of the same structure.
         form: "paper" is Song eqs. (10) to (12) with the mean of squares of each curve; "literal" eq. (12) as printed,
             which squares the mean, so that errors cancel; "independent" takes every point as a measurement of its own
-            (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.data.curve_noise`).
+            (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.likelihood.noise`).
         harmonics: of the model.
         noise: what is known of the errors.
-        n_nodes: amplitudes at which the model is solved for each mode and controlled sensor; at all measured ones where
-            there are fewer.
 
     Raises:
         InputError: no backbone, an unknown form, sensors that the system does not have, curves of one mode with
@@ -122,23 +117,17 @@ def backbone_data(
     for fault in sensor_faults(measured):
         raise InputError(fault)
     modes = []
-    for mode in sorted({one.mode for one in measured}):
-        curves = [one for one in measured if one.mode == mode]
+    for mode, curves in by_mode(measured).items():
         cov = (noise.cov or {}).get(mode) or coefficient_of_variation(curves)
-        modes.append(_mode_data(system, curves, noise, cov, form, n_nodes))
-    if form != "recommended":
-        for each in modes:
-            if not each.cov > 0:
-                raise InputError(scatter_fault(each.mode))
+        modes.append(_mode_data(system, curves, noise, cov, form))
+    for each in modes if form != "recommended" else ():
+        if not each.cov > 0:
+            raise InputError(scatter_fault(each.mode))
     return BackboneData(system, tuple(modes), form, tuple(int(h) for h in harmonics), noise)
 
 
 def scatter_fault(mode: int) -> str:
-    """Return what is wrong with a mode in the paper's forms where its curves do not tell how lambda varies.
-
-    Args:
-        mode: its number.
-    """
+    """Return what is wrong with a mode in the paper's forms where its curves do not tell how lambda varies."""
     return (
         f"the curves of mode {mode} do not tell how lambda varies (there is one, they are equal, or they share no "
         f'amplitudes): give cov of mode {mode}, or take form = "recommended"'
@@ -146,11 +135,10 @@ def scatter_fault(mode: int) -> str:
 
 
 def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
-    """Return standard deviation over mean of lambda across curves, averaged over amplitudes (Song below eqs. 5, 12).
+    """Return standard deviation over mean of lambda across curves of one mode, averaged over amplitudes.
 
-    Args:
-        curves: of one mode; compared over the amplitude of a sensor that all have. nan for a single curve, or where
-            the curves share no range of amplitude.
+    As Song et al. have it below eqs. (5) and (12), over the amplitude of a sensor that all have; nan for a single
+    curve, or where the curves share no range of amplitude.
     """
     first = curves[0].controlled_sensor
     columns = [np.abs(one.amplitude[:, one.sensors.index(first)]) for one in curves if first in one.sensors]
@@ -159,10 +147,10 @@ def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
     low, high = max(column.min() for column in columns), min(column.max() for column in columns)
     if low >= high:
         return float("nan")
-    levels = np.linspace(low, high, 20)
+    amplitude = np.linspace(low, high, 20)
     order = [np.argsort(column) for column in columns]
     values = np.array(
-        [np.interp(levels, c[k], one.eigenvalue[k]) for one, c, k in zip(curves, columns, order, strict=True)]
+        [np.interp(amplitude, c[k], one.eigenvalue[k]) for one, c, k in zip(curves, columns, order, strict=True)]
     )
     return float(np.mean(values.std(axis=0, ddof=1) / values.mean(axis=0)))
 
@@ -173,7 +161,6 @@ def _mode_data(
     noise: NoiseSettings,
     cov: float,
     form: Form,
-    n_nodes: int,
 ) -> ModeData:
     mode = curves[0].mode
     linear = float(system.eigenvalue[system.place(mode)])
@@ -192,7 +179,7 @@ def _mode_data(
     for sensor in dict.fromkeys(controlled):
         system.sensor(sensor)
         mine = names == sensor
-        nodes, block = _nodes(amplitude[mine], n_nodes)
+        nodes, block = _nodes(amplitude[mine])
         rows_of_all = np.zeros((mine.size, nodes.size))
         rows_of_all[mine] = block
         parts.append((sensor, nodes))
@@ -202,12 +189,21 @@ def _mode_data(
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
     level, growth = _level_and_growth(names, amplitude, eigenvalue / linear)
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
-    models: tuple[CurveNoise | None, CurveNoise | None] = (None, None)
+    frequency_noise = shape_noise = None
+    common = {"common_growth": noise.growth_of_linear_error, "own_growth": noise.curve_growth}
     if form == "recommended":
-        models = _noise_models(noise, between, curve, growth, eigenvalue / linear, shapes[:, free])
+        frequency_noise = curve_noise(
+            (eigenvalue / linear)[:, None], between, curve, growth, common_std=2 * noise.linear_error,
+            offset=2 * noise.curve_offset, expected=2 * noise.point_noise, **common,
+        )  # fmt: skip
+    if form == "recommended" and noise.shapes and free.size:
+        shape_noise = curve_noise(
+            shapes[:, free], between, curve, growth, common_std=noise.linear_shape_error, offset=noise.shape_offset,
+            expected=noise.shape_noise, **common,
+        )  # fmt: skip
     return ModeData(
         mode, tuple(parts), between, curve, eigenvalue, names, amplitude, level, growth, shapes, free, rows, linear,
-        cov, *models,
+        cov, frequency_noise, shape_noise,
     )  # fmt: skip
 
 
@@ -227,48 +223,13 @@ def _level_and_growth(
     return level, smooth - smooth.min()
 
 
-def _noise_models(
-    noise: NoiseSettings,
-    between: FloatArray,
-    curve: IntArray,
-    growth: FloatArray,
-    relative: FloatArray,
-    shapes: FloatArray,
-) -> tuple[CurveNoise, CurveNoise | None]:
-    frequency = curve_noise(
-        relative[:, None],
-        between,
-        curve,
-        growth,
-        common_std=2 * noise.linear_error,
-        common_growth=noise.linear_error_growth,
-        own_growth=noise.curve_growth,
-        offset=2 * noise.curve_offset,
-        expected=2 * noise.point_noise,
-    )
-    if not noise.shapes or not shapes.shape[1]:
-        return frequency, None
-    shape = curve_noise(
-        shapes,
-        between,
-        curve,
-        growth,
-        common_std=noise.linear_shape_error,
-        common_growth=noise.linear_error_growth,
-        own_growth=noise.curve_growth,
-        offset=noise.shape_offset,
-        expected=noise.shape_noise,
-    )
-    return frequency, shape
-
-
-def _nodes(amplitude: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArray]:
+def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Amplitudes to solve at, and what takes values there to `amplitude`: Chebyshev, or the amplitudes themselves."""
-    unique, place = np.unique(amplitude, return_inverse=True)
-    if unique.size <= n_nodes:
-        return unique, np.eye(unique.size)[place]
+    unique, index = np.unique(amplitude, return_inverse=True)
+    if unique.size <= N_NODES:
+        return unique, np.eye(unique.size)[index]
     from scipy.interpolate import BarycentricInterpolator
 
     low, high = unique[0], unique[-1]
-    nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(n_nodes) / (n_nodes - 1))
-    return nodes, BarycentricInterpolator(nodes, np.eye(n_nodes))(amplitude)
+    nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(N_NODES) / (N_NODES - 1))
+    return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES))(amplitude)

@@ -1,23 +1,29 @@
-"""Measured backbones in CSV files: a column of frequencies, one of amplitudes a sensor, in any unit of motion."""
+"""Measured backbones, frequency and amplitude of each sensor at phase resonance, and their CSV files.
+
+A file has a column of frequencies and one of first-harmonic amplitudes for each sensor, in any unit of motion.
+"""
 
 from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from opid.errors import InputError, nearest
-from opid.provenance import read_file
+from opid.provenance import ReadFile, read_file
 from opid.signals.column_names import split_unit
 from opid.signals.files import written_whole
 from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
 from opid.signals.units import to_si
-from opid.updating.data.measured import MeasuredBackbone
+
+LEAST_POINTS = 3
+"""Of a backbone: with fewer there is no curve."""
+
 
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
 """What the column of frequencies may be called, without regard to case; its unit may stand behind in brackets."""
@@ -36,6 +42,89 @@ DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}
 
 NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")
 """Units of columns that are left out: force, voltage, current, phase."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredBackbone:
+    """One backbone of one mode, as one test gave it.
+
+    Args:
+        name: of the test (the sensor whose quadrature was held, say).
+        mode: number of the mode, from 1.
+        controlled_sensor: the sensor whose amplitude is prescribed to the model.
+        frequency_hz: (n_points,) Hz.
+        amplitude: (n_points, n_sensors) first-harmonic amplitude of displacement, m, with the sign of the phase;
+            columns in the order of `sensors`.
+        sensors: names of the sensors.
+        file: that it was read from, if there is one.
+
+    Raises:
+        InputError: too few points, counts that do not match, values that are not finite or not positive, or an
+            amplitude at the controlled sensor that does not grow.
+    """
+
+    name: str
+    mode: int
+    controlled_sensor: str
+    frequency_hz: FloatArray
+    amplitude: FloatArray
+    sensors: tuple[str, ...]
+    file: ReadFile | None = None
+
+    def __post_init__(self) -> None:
+        frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))
+        sensors = tuple(self.sensors)
+        if self.mode < 1:
+            raise InputError(f"backbone {self.name!r} is of mode {self.mode}: modes are counted from 1, rigid ones too")
+        if frequency.ndim != 1 or frequency.size < LEAST_POINTS:
+            raise InputError(
+                f"backbone {self.name!r} has {frequency.size} point(s): give at least {LEAST_POINTS}, from small "
+                "amplitudes up"
+            )
+        if amplitude.shape != (frequency.size, len(sensors)):
+            raise InputError(
+                f"backbone {self.name!r} has {frequency.size} frequencies and amplitudes of shape {amplitude.shape}: "
+                f"give one row for each frequency and one column for each of the {len(sensors)} sensors"
+            )
+        if not (np.isfinite(frequency).all() and np.isfinite(amplitude).all() and (frequency > 0).all()):
+            raise InputError(
+                f"backbone {self.name!r} has values that are not finite, or frequencies that are not positive"
+            )
+        if self.controlled_sensor not in sensors:
+            raise InputError(
+                f"backbone {self.name!r} is controlled at {self.controlled_sensor!r}, which is none of its sensors: "
+                f"{nearest(self.controlled_sensor, sensors)}"
+            )
+        held = np.abs(amplitude[:, sensors.index(self.controlled_sensor)])
+        if (held <= 0).any() or (np.diff(held) <= 0).any():
+            at = int(np.argmax(np.diff(held) <= 0)) + 1 if (held > 0).all() else int(np.argmin(held))
+            raise InputError(
+                f"the amplitude at {self.controlled_sensor!r} of backbone {self.name!r} does not grow at point "
+                f"{at + 1}: sort the points, leave out what crosses, or name the sensor that was controlled"
+            )
+        for key, array in (("frequency_hz", frequency), ("amplitude", amplitude)):
+            array.flags.writeable = False
+            object.__setattr__(self, key, array)
+        object.__setattr__(self, "sensors", sensors)
+
+    @property
+    def controlled_amplitude(self) -> FloatArray:
+        """(n_points,) amplitude at the controlled sensor, m, positive."""
+        return np.abs(self.amplitude[:, self.sensors.index(self.controlled_sensor)])
+
+    @property
+    def eigenvalue(self) -> FloatArray:
+        """(n_points,) lambda = (2 pi f)^2, 1/s^2."""
+        return (2 * np.pi * self.frequency_hz) ** 2
+
+
+def by_mode(backbones: Iterable[MeasuredBackbone]) -> dict[int, list[MeasuredBackbone]]:
+    """Return the backbones of each mode, the modes in order."""
+    curves = list(backbones)
+    return {mode: [one for one in curves if one.mode == mode] for mode in sorted({one.mode for one in curves})}
+
+
+# ---- files -----------------------------------------------------------------------------------------
 
 
 def read_backbone(
@@ -76,7 +165,7 @@ def read_backbone(
     if not source.is_file():
         raise InputError(f"there is no backbone {path}: check the name")
     try:
-        read = _backbone(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
+        read = _read(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
         return replace(read, file=read_file(source))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -104,32 +193,28 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
             writer.writerow([repr(float(value)) for value in (frequency, *row)])
 
 
-def _backbone(
+def _read(
     source: Path, mode: int, controlled: str, sensors: Sequence[str] | None, unit: str | None, name: str
 ) -> MeasuredBackbone:
     header, values = _table(source)
     frequency_hz, column = _frequency(header, values)
     own: dict[str, FloatArray] = {}
-    units: dict[str, str] = {}
-    stated = True
-    for place, cell in enumerate(header):
-        if place == column:
+    units: dict[str, str | None] = {}
+    for index, cell in enumerate(header):
+        if index == column:
             continue
         sensor, given = (cell, None) if sensors is not None and cell in sensors else split_unit(cell)
-        found = _motion(sensor, given or unit, values[:, place], frequency_hz)
+        found = _displacement(sensor, given or unit, values[:, index], frequency_hz)
         if found is None:
             continue
         if sensors is not None and sensor not in sensors:
             raise InputError(f"the column {cell!r} is no sensor of the structure: {nearest(sensor, sensors)}")
         if sensor in own:
             raise InputError(f"the sensor {sensor!r} has two columns: leave one out")
-        own[sensor] = found
-        stated = stated and (given or unit) is not None
-        units[sensor] = given or unit or "m"
+        own[sensor], units[sensor] = found, given or unit
     if not own:
         raise InputError("it has no column of a sensor: give one column of amplitudes for each sensor")
-    _require_credible(own, stated)
-    _refuse_metres(own, units)
+    _require_credible(own, units)
     order = [sensor for sensor in sensors if sensor in own] if sensors is not None else list(own)
     amplitude = np.column_stack([own[sensor] for sensor in order])
     return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order))
@@ -164,25 +249,25 @@ def _table(source: Path) -> tuple[list[str], FloatArray]:
 
 
 def _frequency(header: Sequence[str], values: FloatArray) -> tuple[FloatArray, int]:
-    """The frequencies, Hz, and the place of their column."""
+    """The frequencies, Hz, and the index of their column."""
     names = [split_unit(cell) for cell in header]
-    places = [place for place, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
-    if len(places) != 1:
-        what = "no column" if not places else f"{len(places)} columns"
+    columns = [index for index, (name, _) in enumerate(names) if name.casefold() in FREQUENCY_NAMES]
+    if len(columns) != 1:
+        what = "no column" if not columns else f"{len(columns)} columns"
         raise InputError(f"it has {what} of frequencies: call one 'frequency_hz' (its header is {', '.join(header)})")
-    name, unit = names[places[0]]
+    name, unit = names[columns[0]]
     factor, quantity = to_si(unit or ("rad/s" if name.casefold() == "omega" else "Hz"))
     if quantity not in ("Hz", "rad/s"):
         raise InputError(f"the frequencies are in {unit!r}: give them in Hz")
     factor /= 2 * np.pi if quantity == "rad/s" else 1.0
-    frequency_hz = factor * values[:, places[0]]
+    frequency_hz = factor * values[:, columns[0]]
     if not (frequency_hz > 0).all():
         raise InputError(f"row {int(np.argmin(frequency_hz > 0)) + 1} has no positive frequency: leave it out")
-    return frequency_hz, places[0]
+    return frequency_hz, columns[0]
 
 
-def _motion(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
-    """Amplitude of displacement, m; None for what is no motion."""
+def _displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
+    """Its amplitude, m; None for what is no motion."""
     factor, quantity = to_si(unit or "m")
     if quantity in NO_MOTION:
         return None
@@ -191,23 +276,17 @@ def _motion(sensor: str, unit: str | None, values: FloatArray, frequency_hz: Flo
     return factor * values / (2 * np.pi * frequency_hz) ** DERIVATIVES[quantity]
 
 
-def _require_credible(own: dict[str, FloatArray], stated: bool) -> None:
-    """Refuse amplitudes that no structure has: their unit is another."""
-    sensor = max(own, key=lambda name: float(np.nanmax(np.abs(own[name]), initial=0.0)))
-    largest = float(np.nanmax(np.abs(own[sensor]), initial=0.0))
+def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) -> None:
+    """Refuse amplitudes that no structure has, and micrometres in mm, cm or inches: their unit is another."""
+    largest, sensor = max((float(np.nanmax(np.abs(values), initial=0.0)), name) for name, values in own.items())
+    stated = all(units.values())
     if largest > (LARGEST_STATED if stated else LARGEST_UNSTATED):
         source = "as it is stated" if stated else "for no unit is stated"
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {source}: name the unit in the header, like "
             f"'{sensor} [mm]'"
         )
-
-
-def _refuse_metres(own: dict[str, FloatArray], units: dict[str, str]) -> None:
-    """Refuse amplitudes of a few micrometres that are given in mm, cm or inches: their numbers are metres."""
-    sensor = max(own, key=lambda name: float(np.nanmax(np.abs(own[name]), initial=0.0)))
-    largest = float(np.nanmax(np.abs(own[sensor]), initial=0.0))
-    factor, quantity = to_si(units[sensor])
+    factor, quantity = to_si(units[sensor] or "m")
     if quantity == "m" and 1e-3 <= factor < 1 and 0 < largest < SMALLEST_IN_PARTS:
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest / factor:.3g} {units[sensor]}, {1e6 * largest:.3g} "

@@ -1,1 +1,0 @@
-"""What was measured: backbones and linear modes, their files, their noise, and what is wrong with them."""

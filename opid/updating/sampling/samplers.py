@@ -1,0 +1,379 @@
+"""Samplers of a posterior: Metropolis-Hastings, adaptive Metropolis, emcee's ensemble, transitional Monte Carlo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.special import logsumexp
+
+from opid.errors import InputError, NotDeterminedError, require
+from opid.signals.recording import FloatArray
+from opid.updating.sampling.chains import (
+    Chain,
+    LogDensity,
+    Progress,
+    as_count,
+    covariance_root,
+    evaluate,
+    starting_densities,
+)
+from opid.updating.sampling.evidence import Evidence
+
+BLOCK = 250
+"""Steps of Metropolis-Hastings between two reports of progress."""
+
+FIRST_ADAPTATION = 50
+"""Steps before the first adaptation; later ones follow when the chains are a tenth longer."""
+
+FLOOR = 1e-6
+"""Fraction of the given covariance that is added to the adapted one, lest it become singular (Haario's epsilon)."""
+
+MOST_STAGES = 500
+"""Of transitional Monte Carlo: with more the likelihood has no maximum that the particles can reach."""
+
+VARIATION = 1.0
+"""Coefficient of variation of the weights in each stage; smaller ones take more stages (Ching & Chen 2007)."""
+
+AIMED_ACCEPTANCE = 0.3
+"""Fraction of proposals the jumps of transitional Monte Carlo are scaled for."""
+
+
+def metropolis(
+    log_density: LogDensity,
+    start: ArrayLike,
+    *,
+    covariance: ArrayLike,
+    n_samples: int,
+    n_warm_up: int,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> Chain:
+    """Return random-walk Metropolis-Hastings chains (Song et al. 2021, refs. 46 and 60).
+
+    The proposals have 2.38^2 / n_parameters times the covariance, the best for a normal distribution. This and the
+    other samplers move all chains by one evaluation of the density, and the same `rng` in the same state gives the same
+    chains to the last bit.
+
+    Args:
+        log_density: (n, n_parameters) -> (n,), of the posterior up to a constant; -inf outside the support.
+        start: (n_chains, n_parameters), one row a chain.
+        covariance: (n_parameters, n_parameters) of the posterior as far as it is known (Laplace approximation);
+            (n_parameters,) variances make a diagonal one.
+        n_samples: kept of each chain.
+        n_warm_up: dropped of each chain before them.
+        rng: source of chance.
+        progress: called with the fraction that is done.
+
+    Raises:
+        InputError: a start outside the support, a log density of another shape or not a number, a covariance that is
+            not positive definite, or counts that are not positive.
+
+    >>> chain = metropolis(lambda t: -0.5 * np.sum(t**2, axis=1), np.zeros((4, 1)), covariance=1.0,
+    ...                    n_samples=2000, n_warm_up=100, rng=np.random.default_rng(1))
+    >>> chain.samples.shape, bool(abs(chain.samples.var() - 1) < 0.2)
+    ((4, 2000, 1), True)
+    """
+    walk = _Walk(log_density, start, n_samples, n_warm_up)
+    root = covariance_root(covariance, walk.n_parameters) * np.sqrt(walk.scale)
+    while walk.done < walk.n_steps:
+        walk.go(BLOCK, root, rng)
+        if progress:
+            progress(walk.done / walk.n_steps)
+    return walk.chain("metropolis")
+
+
+def adaptive_metropolis(
+    log_density: LogDensity,
+    start: ArrayLike,
+    *,
+    covariance: ArrayLike,
+    n_samples: int,
+    n_warm_up: int,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> Chain:
+    """Return chains whose proposals learn the covariance of the posterior from their own past (Haario et al. 2001).
+
+    The past is that of all chains, its older half forgotten so that far starts do not stay in it. The covariance
+    changes less and less, as convergence asks for. Arguments and errors are those of `metropolis`; the covariance is a
+    first guess.
+    """
+    walk = _Walk(log_density, start, n_samples, n_warm_up)
+    d = walk.n_parameters
+    first = covariance_root(covariance, d)
+    floor = FLOOR * (first @ first.T)
+    root = first * np.sqrt(walk.scale)
+    while walk.done < walk.n_steps:
+        walk.go(max(FIRST_ADAPTATION, walk.done // 10), root, rng)
+        past = walk.samples[walk.done // 2 : walk.done].reshape(-1, d)
+        learnt = np.atleast_2d(np.cov(past, rowvar=False))
+        root = covariance_root(walk.scale * (learnt + floor), d)
+        if progress:
+            progress(walk.done / walk.n_steps)
+    return walk.chain("adaptive_metropolis")
+
+
+class _Walk:
+    """The running state of several chains: where they are, what they saw, how many proposals were taken."""
+
+    def __init__(self, log_density: LogDensity, start: ArrayLike, n_samples: int, n_warm_up: int) -> None:
+        self.n_warm_up = as_count(n_warm_up, "n_warm_up", least=0)
+        self.n_steps = as_count(n_samples, "n_samples", least=1) + self.n_warm_up
+        self.log_density = log_density
+        self.theta, self.value = starting_densities(log_density, start)
+        n_chains, self.n_parameters = self.theta.shape
+        self.scale = 2.38**2 / self.n_parameters
+        self.samples = np.empty((self.n_steps, n_chains, self.n_parameters))
+        self.values = np.empty((self.n_steps, n_chains))
+        self.taken = np.zeros((self.n_steps, n_chains), dtype=bool)
+        self.done = 0
+
+    def go(self, n: int, root: FloatArray, rng: np.random.Generator) -> None:
+        """Take at most n steps with jumps of the covariance root root^T."""
+        last = min(self.done + n, self.n_steps)
+        jumps = rng.standard_normal((last - self.done, *self.theta.shape)) @ root.T
+        threshold = -rng.standard_exponential((last - self.done, len(self.theta)))  # logarithm of a uniform number
+        for step, jump, bar in zip(range(self.done, last), jumps, threshold, strict=True):
+            proposal = self.theta + jump
+            value = evaluate(self.log_density, proposal)
+            taken = value - self.value > bar
+            self.theta = np.where(taken[:, None], proposal, self.theta)
+            self.value = np.where(taken, value, self.value)
+            self.samples[step], self.values[step], self.taken[step] = self.theta, self.value, taken
+        self.done = last
+
+    def chain(self, sampler: str) -> Chain:
+        """What was seen after the warm-up."""
+        kept = slice(self.n_warm_up, None)
+        return Chain(
+            samples=np.ascontiguousarray(self.samples[kept].transpose(1, 0, 2)),
+            log_density=np.ascontiguousarray(self.values[kept].T),
+            acceptance=float(self.taken[kept].mean()),
+            n_evaluations=self.taken.size + len(self.theta),
+            sampler=sampler,
+            n_warm_up=self.n_warm_up,
+        )
+
+
+def require_emcee() -> None:
+    """Refuse before long work, by an InputError, what emcee could not do after it."""
+    require("emcee", "the ensemble sampler", "emcee", "ensemble")
+
+
+def ensemble(
+    log_density: LogDensity,
+    start: ArrayLike,
+    *,
+    n_samples: int,
+    n_warm_up: int,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> Chain:
+    """Return the walkers of emcee's stretch move (Goodman & Weare 2010; Foreman-Mackey et al. 2013), one chain each.
+
+    The walkers steer by each other: no covariance has to be known, and the scales of the parameters do not matter.
+    Arguments are those of `metropolis`; `start` has an even number of walkers, at least twice the parameters and not
+    all in one plane, else there is an InputError, as where emcee is not installed.
+    """
+    require_emcee()
+    import emcee
+
+    kept, dropped = as_count(n_samples, "n_samples", least=1), as_count(n_warm_up, "n_warm_up", least=0)
+    rows, value = starting_densities(log_density, start)
+    n_walkers, n_parameters = rows.shape
+    if n_walkers < 2 * n_parameters or n_walkers % 2:
+        raise InputError(
+            f"{n_walkers} walker(s) for {n_parameters} parameter(s): give an even number of at least {2 * n_parameters}"
+        )
+    scatter = rows - rows.mean(axis=0)
+    size = np.abs(scatter).max(axis=0)
+    if not size.all() or np.linalg.matrix_rank(scatter / size, tol=1e-6) < n_parameters:
+        raise InputError("the walkers start in one plane and never leave it: scatter them in every parameter")
+    counted = [n_walkers]
+
+    def checked(theta: FloatArray) -> FloatArray:
+        counted[0] += len(theta)
+        return evaluate(log_density, theta)
+
+    sampler = emcee.EnsembleSampler(n_walkers, n_parameters, checked, vectorize=True)
+    chance = np.random.RandomState(np.random.MT19937(int(rng.integers(2**63))))  # the only kind emcee takes
+    state = emcee.State(rows, log_prob=value, random_state=chance.get_state())
+    total = dropped + kept
+    for step, _ in enumerate(sampler.sample(state, iterations=total, skip_initial_state_check=True), start=1):
+        if progress and (step % 50 == 0 or step == total):
+            progress(step / total)
+    samples = np.ascontiguousarray(sampler.get_chain(discard=dropped).transpose(1, 0, 2))
+    # a proposal is never exactly where its walker was
+    moved = np.any(np.diff(samples, axis=1) != 0, axis=2)
+    return Chain(
+        samples=samples,
+        log_density=np.ascontiguousarray(sampler.get_log_prob(discard=dropped).T),
+        acceptance=float(moved.mean()) if kept > 1 else float(np.mean(sampler.acceptance_fraction)),
+        n_evaluations=counted[0],
+        sampler="ensemble",
+        n_warm_up=dropped,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Transitional:
+    """Samples of the posterior, the evidence, and the stages between prior and posterior.
+
+    Args:
+        chain: one chain of n_particles, those with the same parent side by side so that its effective samples tell
+            how many of them are copies.
+        evidence: its logarithm with the standard deviation of that.
+        exponents: (n_stages + 1,) of the likelihood, from 0 to 1.
+        acceptance: (n_stages,) fraction of the proposals of each stage.
+    """
+
+    chain: Chain
+    evidence: Evidence
+    exponents: FloatArray
+    acceptance: FloatArray
+
+
+def transitional(
+    log_likelihood: LogDensity,
+    log_prior: LogDensity,
+    sample_prior: Callable[[int, np.random.Generator], FloatArray],
+    *,
+    rng: np.random.Generator,
+    n_particles: int = 1000,
+    n_moves: int = 5,
+    progress: Progress | None = None,
+) -> Transitional:
+    """Return samples of the posterior and its evidence (Ching & Chen 2007; Song et al. 2021, ref. 48).
+
+    The likelihood is raised to exponents that grow from 0 to 1, each as far as the variation of the weights allows;
+    particles are drawn again by weight and moved by Metropolis steps with their own covariance. The
+    evidence is the product of the mean weights, kept as a logarithm. Its standard deviation follows from the fraction
+    of the weight that each first ancestor holds at the end (Lee & Whiteley 2018), so that what the particles
+    of later stages inherit is in it.
+
+    Args:
+        log_likelihood: (n, n_parameters) -> (n,); only asked where the prior is not zero.
+        log_prior: (n, n_parameters) -> (n,), normalised; -inf outside the support.
+        sample_prior: (n, rng) -> (n, n_parameters) independent draws of the prior.
+        rng: source of chance.
+        n_particles: how many.
+        n_moves: Metropolis steps of each particle in each stage.
+        progress: called with the exponent that was reached.
+
+    Raises:
+        InputError: functions of wrong shape or nan, draws outside the prior, or counts out of range.
+        NotDeterminedError: no draw of the prior has a likelihood, or the exponent no longer grows.
+    """
+    n = as_count(n_particles, "n_particles", least=20)
+    as_count(n_moves, "n_moves", least=1)
+    swarm = _Swarm(log_likelihood, log_prior, sample_prior, n, rng)
+    spread = np.atleast_2d(np.cov(swarm.theta, rowvar=False)) * 1e-10  # keeps the covariance from becoming singular
+    exponents, acceptance, log_evidence, scale = [0.0], [], 0.0, 2.38**2 / swarm.theta.shape[1]
+    while exponents[-1] < 1.0:
+        if len(exponents) > MOST_STAGES:
+            raise NotDeterminedError(f"the posterior was not reached in {MOST_STAGES} stages: does the likelihood end?")
+        step = _exponent_step(swarm.likelihood, 1.0 - exponents[-1])
+        if exponents[-1] + step == exponents[-1]:
+            raise NotDeterminedError("the likelihood is too steep for the particles: take more of them")
+        log_weight = step * np.where(np.isfinite(swarm.likelihood), swarm.likelihood, -np.inf)
+        log_evidence += float(logsumexp(log_weight)) - np.log(n)
+        weight = np.exp(log_weight - logsumexp(log_weight))
+        exponents.append(1.0 if step == 1.0 - exponents[-1] else exponents[-1] + step)
+        # the fraction of each first ancestor, before any is dropped
+        concentration = float(np.sum(np.bincount(swarm.ancestor, weight) ** 2))
+        covariance = np.atleast_2d(np.cov(swarm.theta, rowvar=False, aweights=weight)) + spread
+        swarm.resample(weight, rng)
+        taken, scale = swarm.move(n_moves, exponents[-1], covariance_root(covariance, len(spread)), scale, rng)
+        acceptance.append(taken)
+        if progress:
+            progress(exponents[-1])
+    n_stages = len(acceptance)
+    # 1 - (n / (n-1))^n_stages * (probability that two ancestors differ), as Lee & Whiteley have it
+    variance = -np.expm1(n_stages * np.log(n / (n - 1)) + np.log1p(-min(concentration, 1 - 1e-12)))
+    return Transitional(
+        chain=Chain(
+            samples=swarm.theta[None],
+            log_density=(swarm.likelihood + swarm.prior)[None],
+            acceptance=acceptance[-1],
+            n_evaluations=swarm.n_evaluations,
+            sampler="transitional",
+            n_warm_up=0,
+        ),
+        evidence=Evidence("transitional", float(log_evidence), float(np.sqrt(max(variance, 0.0)))),
+        exponents=np.array(exponents),
+        acceptance=np.array(acceptance),
+    )
+
+
+class _Swarm:
+    """The running state: particles, their densities, the first ancestor of each."""
+
+    def __init__(
+        self,
+        log_likelihood: LogDensity,
+        log_prior: LogDensity,
+        sample_prior: Callable[[int, np.random.Generator], FloatArray],
+        n: int,
+        rng: np.random.Generator,
+    ) -> None:
+        self.log_likelihood, self.log_prior = log_likelihood, log_prior
+        self.theta = np.array(sample_prior(n, rng), dtype=np.float64)
+        if self.theta.ndim != 2 or len(self.theta) != n:
+            raise InputError(f"sample_prior returned shape {self.theta.shape}: return ({n}, number of parameters)")
+        self.prior = evaluate(log_prior, self.theta)
+        if not np.isfinite(self.prior).all():
+            raise InputError("sample_prior draws where log_prior is -inf: they belong to different priors")
+        self.likelihood = evaluate(log_likelihood, self.theta)
+        if not np.isfinite(self.likelihood).any():
+            raise NotDeterminedError(f"none of {n} draws of the prior has a likelihood: widen or move the prior")
+        self.ancestor = np.arange(n)
+        self.n_evaluations = n
+
+    def resample(self, weight: FloatArray, rng: np.random.Generator) -> None:
+        """Replace the particles by draws with replacement, those of one parent side by side."""
+        parent = np.sort(rng.choice(len(weight), size=len(weight), p=weight))
+        self.theta, self.ancestor = self.theta[parent], self.ancestor[parent]
+        self.prior, self.likelihood = self.prior[parent], self.likelihood[parent]
+
+    def move(
+        self, n_moves: int, exponent: float, root: FloatArray, scale: float, rng: np.random.Generator
+    ) -> tuple[float, float]:
+        """Take Metropolis steps at one exponent; return the fraction that was taken and the next scale of the jumps."""
+        fractions = []
+        for _ in range(n_moves):
+            proposal = self.theta + np.sqrt(scale) * (rng.standard_normal(self.theta.shape) @ root.T)
+            bar = -rng.standard_exponential(len(proposal))
+            prior = evaluate(self.log_prior, proposal)
+            likelihood = np.full(len(proposal), -np.inf)
+            possible = np.isfinite(prior)
+            if possible.any():
+                likelihood[possible] = evaluate(self.log_likelihood, proposal[possible])
+                self.n_evaluations += int(possible.sum())
+            taken = exponent * (likelihood - self.likelihood) + prior - self.prior > bar
+            self.theta[taken], self.prior[taken] = proposal[taken], prior[taken]
+            self.likelihood[taken] = likelihood[taken]
+            fractions.append(float(taken.mean()))
+            scale = float(np.clip(scale * np.exp(2.0 * (fractions[-1] - AIMED_ACCEPTANCE)), 1e-6, 1e2))
+        return float(np.mean(fractions)), scale
+
+
+def _exponent_step(log_likelihood: FloatArray, remaining: float) -> float:
+    """How far the exponent may grow: the weights of the particles that have a likelihood vary by `VARIATION`."""
+    alive = log_likelihood[np.isfinite(log_likelihood)]
+    alive = alive - alive.max()
+
+    def excess(log_step: float) -> float:
+        first, second = (logsumexp(k * np.exp(log_step) * alive) for k in (1, 2))
+        # mean square over squared mean of the weights is 1 + variation^2
+        return second - 2 * first + np.log(len(alive)) - np.log1p(VARIATION**2)
+
+    if excess(np.log(remaining)) <= 0:
+        return remaining
+    low = np.log(remaining) - 60.0
+    if excess(low) >= 0:
+        return 0.0
+    return float(np.exp(brentq(excess, low, np.log(remaining), xtol=1e-6)))
