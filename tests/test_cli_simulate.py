@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cli_runs import opid, refused
+from cli_runs import opid, parsed, refused
 
 from opid import cli
 from opid.signals.logs import read_log
@@ -70,6 +70,17 @@ def test_one_seed_gives_one_test_and_another_seed_another(tmp_path):
         opid("simulate", "taxi", tmp_path / name, "--duration", 2, "--fs", 256, "--seed", seed)
         texts.append((tmp_path / name / "heavy.csv").read_text())
     assert texts[0] == texts[1] != texts[2]
+
+
+def test_the_next_command_is_one_that_a_shell_takes(tmp_path):
+    done = opid("simulate", "taxi", tmp_path / "my runs", "--duration", 2, "--fs", 256)
+    (line,) = (line.removeprefix("Next: ") for line in done.stdout.splitlines() if line.startswith("Next: "))
+    given = parsed(line).params
+    assert (given["paths"], given["truth"]) == (
+        (tmp_path / "my runs" / "study.toml",),
+        tmp_path / "my runs" / "truth.json",
+    )
+    assert given["truth"].is_file()
 
 
 def test_no_friction_is_no_term(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -215,6 +216,12 @@ def with_output(command: Callable[..., None], *, option: str = "--force") -> Cal
 def report_note(page: Path | None) -> tuple[str, ...]:
     """Say where the page is; nothing where none was written."""
     return () if page is None else (f"Report: {page} (open it in a browser)",)
+
+
+def show_next(command: str, study: Path) -> None:
+    """Print the command line that works on a virtual test, beside whose study its truth stands, as a shell takes it."""
+    words = ["opid", command, str(study), "--truth", str(study.with_name("truth.json"))]
+    click.echo(f"Next: {shlex.join(words)}")
 
 
 class _Shown(logging.Handler):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import example, free_directory, progress, with_force
+from opid.cli.group import example, free_directory, progress, show_next, with_force
 from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def backbones(
         if matrices != "npz":
             replace_matrices(structure, out, matrices)
     click.echo(f"{counted(len(measured), 'backbone')}: {description}")
-    click.echo(f"Next: opid update {path} --truth {out / 'truth.json'}")
+    show_next("update", path)
 
 
 def _by_continuation(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import example, free_directory, progress, with_force
+from opid.cli.group import example, free_directory, progress, show_next, with_force
 from opid.cli.virtual_tests import STUDY_FILES, simulate
 
 
@@ -65,4 +65,4 @@ def sine_beats(
         say("the files")
         path = write_field_test(study, modal_truth(series, settings=settings), out)
     click.echo(f"{len(study.tests)} tests: {series.case.text}")
-    click.echo(f"Next: opid modal {path} --truth {out / 'truth.json'}")
+    show_next("modal", path)

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import REPORT, Output, end, example, free_directory, main, progress, with_force, with_output
+from opid.cli.group import (
+    REPORT,
+    Output,
+    end,
+    example,
+    free_directory,
+    main,
+    progress,
+    show_next,
+    with_force,
+    with_output,
+)
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law
@@ -187,7 +198,7 @@ def _simulate(make: Callable[[dict[str, Any]], TaxiTest], out: Path, settings: d
         path = write_field_test(study, taxi_truth(test, settings=settings), out)
     for named, run in zip(study.runs, test.runs, strict=True):
         click.echo(f"{run.airframe.mass_kg:g} kg: {out / named.name}.csv")
-    click.echo(f"Next: opid identify {path} --truth {out / 'truth.json'}")
+    show_next("identify", path)
 
 
 def _taxi_test(settings: dict[str, Any]) -> TaxiTest:
