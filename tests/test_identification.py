@@ -264,7 +264,7 @@ def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
     named = contradictions(result)
     assert len(named) == 2
     for side, sentence in zip(("unsprung", "sprung"), named, strict=True):
-        stated = f"the stated corner of the AC coupling of the {side} sensor, 0.33 +- 0.066 Hz, contradicts the runs"
+        stated = f"the stated corner of the AC coupling of the {side} sensor, 0.33 Hz with tolerance 0.066 Hz, contra"
         assert sentence.startswith(stated)
         assert "(5.0 standard deviations off): check the data sheet, or state a wider tolerance" in sentence
         assert result.evidence[0].fit.value(f"corner_{side}_hz") < 0.005

@@ -200,7 +200,7 @@ def _centre_of_gravity(ax: Axes, result: Identification, truth: Truth | None) ->
         if estimate.interval95 is not None:
             ends, held = list(estimate.interval95), [fixed, fixed]
             ax.plot(*((held, ends) if along == "x" else (ends, held)), color=VERMILION, linewidth=2, zorder=4)
-    text = f"centre of gravity\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m"
+    text = f"centre of gravity (± 95 %)\nx = {_spread(x, 1.0)} m\ny = {_spread(y, 1.0)} m"
     ax.plot([y.value], [x.value], marker="x", markersize=8, color=VERMILION, linestyle="none", label=text, zorder=5)
 
 

@@ -471,7 +471,7 @@ def _judged(
         if abs(shift.value) - SIGMAS * shift.std > threshold:
             shifted.append(f"{word} by {percents[-1]} (threshold {100 * threshold:.3g} %)")
         if 1.96 * shift.std > threshold:
-            wide.append(f"{word} shifts by {percents[-1]} +- {1.96 * 100 * shift.std:.2g} %")
+            wide.append(f"{word} shifts by {percents[-1]} +- {1.96 * 100 * shift.std:.2g} % (95 %)")
     if shifted:
         return shifts, True, True, f"mode {mode} shifts in {' and in '.join(shifted)}"
     if wide:

@@ -148,7 +148,7 @@ def _of_body(result: Identification, truth: Truth | None) -> Iterator[Figure]:
     yield Figure(
         "suspensions",
         "Suspension by suspension",
-        "Stiffness, damping and the amplitudes of the laws with their 95 % intervals, beside one another.",
+        "Stiffness, damping and the amplitudes of the laws beside one another; ± is half of the 95 % interval.",
         lambda: plots.suspension_parameters(result, truth=truth),
     )
     yield Figure(

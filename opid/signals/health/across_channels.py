@@ -126,9 +126,9 @@ def pair_findings(
         yield Finding(
             "warning",
             name,
-            f"comes {1e3 * abs(best.lag_s):.4g} ms (+-{1e3 * best.lag_std_s:.1g}) {later} than {best.first!r}, with "
-            f"which it moves alike from {low:.3g} to {high:.3g} Hz: the recorder samples or filters them differently; "
-            f"write `shift_s = {-best.lag_s:.4g}` in its table of [channels]",
+            f"comes {1e3 * abs(best.lag_s):.4g} ms (standard deviation {1e3 * best.lag_std_s:.1g} ms) {later} than "
+            f"{best.first!r}, with which it moves alike from {low:.3g} to {high:.3g} Hz: the recorder samples or "
+            f"filters them differently; write `shift_s = {-best.lag_s:.4g}` in its table of [channels]",
         )
 
 

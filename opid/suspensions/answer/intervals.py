@@ -372,10 +372,10 @@ def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[s
 
 def _interval_in_words(alike: Repeatability, percent: float) -> str:
     if alike.mass_if_alike is None:
-        return f"the mass is known to +-{percent:.2g} %, all of it from the sensors' noise"
+        return f"the mass is known to +-{percent:.2g} % (95 %), all of it from the sensors' noise"
     noise = percent * alike.mass_if_alike
     return (
-        f"the mass is known to +-{percent:.2g} %: +-{noise:.2g} % from the sensors' noise, "
+        f"the mass is known to +-{percent:.2g} % (95 %): +-{noise:.2g} % from the sensors' noise, "
         f"+-{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
     )
 

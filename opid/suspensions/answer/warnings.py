@@ -236,7 +236,7 @@ def _of_the_structure(answer: Answer) -> Iterator[str]:
 def _of_the_demands(part: Fitted) -> Iterator[str]:
     for words in dict.fromkeys(demand.words for demand in part.demands):
         mine = [demand for demand in part.demands if demand.words == words]
-        values = ", ".join(f"{each.name} = {each.value:.4g} +- {each.std:.1g}" for each in mine)
+        values = ", ".join(f"{each.name} = {each.value:.4g} with standard deviation {each.std:.1g}" for each in mine)
         also = f"; {' and '.join(mine[0].alike)} would explain the runs as well" if mine[0].alike else ""
         stated = ", which nobody stated"
         if mine[0].hypothesis.is_stated:
@@ -279,8 +279,9 @@ def _of_stated_facts(part: Fitted) -> Iterator[str]:
         more = " or less" * bool(value <= lower[place]) + " or more" * bool(value >= upper[place])
         yield (
             f"the stated {what[fault.kind]} of the {fault.side} sensor{f' at {name!r}' if name else ''}, "
-            f"{fault.nominal:.3g} +- {fault.std:.2g}{unit}, contradicts the runs, which show {value:.3g}{unit}{more} "
-            f"({off:.1f} standard deviations off): check the data sheet, or state a wider tolerance"
+            f"{fault.nominal:.3g}{unit} with tolerance {fault.std:.2g}{unit}, contradicts the runs, "
+            f"which show {value:.3g}{unit}{more} ({off:.1f} standard deviations off): check the data sheet, "
+            "or state a wider tolerance"
         )
 
 
@@ -425,16 +426,16 @@ def _of_unlike_run(part: Fitted, change: _Change, where: str) -> Iterator[str]:
     for name in certain:
         value, std = change.single[name]
         yield (
-            f"{_PARTS_IN_WORDS[name]}{named} is {100 * abs(value):.2g} +- {100 * std:.1g} % "
+            f"{_PARTS_IN_WORDS[name]}{named} is {100 * abs(value):.2g} % (standard deviation {100 * std:.1g} %) "
             f"{'more' if value > 0 else 'less'} than {than}"
         )
     value, std = change.unlike[change.surest]
     if not certain and abs(value) > known.unlike_std * std:
         first, second = (_PARTS_IN_WORDS[name] for name in change.surest)
         yield (
-            f"{first} and {second}{named} are not those {than}: one of them changed by {100 * abs(value):.2g} +- "
-            f"{100 * std:.1g} % against the other, and which is not told; further runs with the masses in turn would "
-            "tell"
+            f"{first} and {second}{named} are not those {than}: one of them changed by {100 * abs(value):.2g} % "
+            f"(standard deviation {100 * std:.1g} %) against the other, and which is not told; further runs with the "
+            "masses in turn would tell"
         )
 
 
