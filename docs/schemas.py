@@ -176,7 +176,7 @@ def _identification() -> Json:
     interface = fields_of(InterfaceEstimate, "name", "shared_with", "residual_over_noise", "gas")
     interface |= _spring() | {"x_m": NUMBER, "y_m": NUMBER, "ground_stiffness": UNITED, "per_mass": FLAG}
     run = fields_of(RunResidual, "name", "mass_change_kg", "loading", "unexplained")
-    run |= {"unexplained_left_out": NUMBER, "inside_left_out": or_null(FLAG)}
+    run |= {"unexplained_left_out": NUMBER, "inside_left_out": NUMBER}
     law = {"name": or_null(TEXT), "latex": or_null(TEXT), "per_mass": FLAG, "parameters": LAW}
     force = fields_of(VisitedForce) | {"units": table(TEXT)}
     absolute = "absolute values; of a body also inertias and centre of gravity"
