@@ -7,19 +7,16 @@ from typing import Any
 
 from opid.json_values import plain
 from opid.suspensions.bench.law import SCHEMA, BenchLaw
-from opid.suspensions.bench.simulation import Simulation
 from opid.suspensions.law_search.pursuit import chosen
 
 
 def bench_json(result: BenchLaw) -> dict[str, Any]:
     """Return the law of a test bench as the content of result.json.
 
-    Args:
-        result: from `law_of_bench`.
-
     Returns:
         What `docs/schemas/law-1.schema.json` describes.
     """
+    simulation = result.simulation
     return plain(
         {
             "schema": SCHEMA,
@@ -51,21 +48,14 @@ def bench_json(result: BenchLaw) -> dict[str, Any]:
             "memory": asdict(result.memory) | {"seen": result.memory.seen},
             "loop": None if result.loop is None else asdict(result.loop),
             "cycle": asdict(result.cycle),
-            "simulation": None if result.simulation is None else _simulation_json(result.simulation),
+            "simulation": None
+            if simulation is None
+            else {name: getattr(simulation, name) for name in ("error_rms_m", "r2", "steps_per_sample", "tried")},
             "warnings": result.warnings,
             "not_determined": result.not_determined,
             "settings": _settings(result),
         }
     )
-
-
-def _simulation_json(simulation: Simulation) -> dict[str, Any]:
-    return {
-        "error_rms_m": simulation.error_rms_m,
-        "r2": simulation.r2,
-        "steps_per_sample": simulation.steps_per_sample,
-        "tried": simulation.tried,
-    }
 
 
 def _settings(result: BenchLaw) -> dict[str, Any]:

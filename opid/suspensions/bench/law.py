@@ -9,7 +9,7 @@ correlated over time or not.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,27 +17,20 @@ import numpy as np
 
 from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
-from opid.mechanics.laws.law import LAWS, Law, Term, default_law
+from opid.mechanics.laws.law import LAWS, Law, default_law
 from opid.mechanics.laws.rows import law_rows
-from opid.mechanics.memory import recorded_motion
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
+from opid.suspensions.bench.intervals import estimate_parameters, fades_linearly, find_spread, has_long_scale
 from opid.suspensions.bench.loop import Loop, cycle_of, loop_of
 from opid.suspensions.bench.memory import Memory, measure_memory
-from opid.suspensions.bench.problem import (
-    BenchFit,
-    BenchLaws,
-    fit_law,
-    residual_worth,
-    straight_columns,
-    thin_record,
-)
+from opid.suspensions.bench.problem import BenchFit, BenchLaws, all_points, fit_law, thin_record
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, fit_by_simulation
 from opid.suspensions.bench.study import BenchStudy
-from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
+from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
 from opid.suspensions.law_search.pursuit import LawStep, add_neighbours, chosen, is_better, n_terms, search_laws
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
 
@@ -193,104 +186,71 @@ def law_of_bench(
         raise InputError(f"most_terms is {most_terms}: give 0 or more")
     say = progress or (lambda step: None)
     problem = BenchLaws(thin_record(bench, settings), kinds, settings)
-    ladder = _search(problem, kinds, say)
-    ladder = _defined(bench, ladder)
-    step, simulated = chosen(ladder), dict[str, SimulatedFit]()
+    ladder, simulated = _defined(bench, _search(problem, kinds, say)), dict[str, SimulatedFit]()
     if bench.acceleration is not None:
         ladder, simulated = _simulated(bench, ladder, settings, say)
-        step = chosen(ladder)
-    if simulated:
-        fit = _as_fit_of_force(bench, simulated[step.law_name])
+    step = chosen(ladder)
+    refined = simulated.get(step.law_name)
+    if refined is not None:
+        fit = _as_fit_of_force(bench, refined)
     else:
         say("the chosen law on all samples")
         bench = _without_beginning(bench, step.fit.separable.law, settings)
-        fit = _fit_of_force(bench, step, settings)
+        fit = fit_law(all_points(bench), step.fit.separable.law, step.fit.n_independent, settings)
     logger.info("law %s: r2 %.4f, of %d laws that were tried", step.law_name, step.fit.r2, len(ladder))
     say("memory")
-    r2_left_out = _r2_left_out(step)
-    # a ceiling lies above every law that was tried, also above those that were too rich to keep
+    memory = _memory(bench, problem, ladder)
+    spread = find_spread(bench, fit, refined, settings)
+    straight, of_law = estimate_parameters(fit, spread)
+    for name in _ways_to_stops(bench, fit.law):
+        of_law[name] = dict.fromkeys(of_law[name], Estimate())
+    index = np.r_[1, fit.weights.size : fit.weights.size + fit.law.vector.size]
+    covariance, damping = spread.covariance[np.ix_(index, index)], float(fit.weights[1])
+    if bench.is_quasi_static:
+        # it tells no damping
+        straight.insert(1, Estimate())
+        covariance, damping = np.pad(covariance[1:, 1:], (1, 0)), 0.0
+    result = BenchLaw(
+        bench=bench,
+        title=title,
+        parameters=StraightPart(*straight),
+        law=fit.law,
+        law_estimates=of_law,
+        residual=_residual(bench, fit),
+        r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
+        r2_left_out=_r2_left_out(step),
+        ladder=ladder,
+        memory=memory,
+        loop=loop_of(fit.law, covariance[1:, 1:], bench, spread.student),
+        cycle=cycle_of(fit.law, damping, covariance, bench, student=spread.student),
+        n_independent=independent_samples(fit.residual),
+        warnings=(),
+        not_determined=None,
+        settings=settings,
+        candidates=kinds,
+        n_search_samples=problem.points.sample.size,
+        interval_cell_s=spread.cell_s,
+        simulation=None if refined is None else _simulation(bench, refined, simulated),
+    )
+    warnings = (*_warnings(result, fit), *spread.why_untold)
+    return replace(result, warnings=warnings, not_determined=_reason(result))
+
+
+def _memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
+    """Measure the memory beside the best laws with and without one: also those that were too rich to keep."""
+    settings, step = problem.known, chosen(ladder)
     asked = [each for each in ladder if each.left_out is not None]
     static = max((each for each in asked if not _has_memory(each)), key=_r2_left_out)
     best = max(asked, key=_r2_left_out) if _has_memory(step) else static
-    memory = measure_memory(
+    return measure_memory(
         bench,
         problem.points,
         best.fit.left_out,
         static_rest=static.fit.left_out,
         law=best.fit.separable.law,
-        is_noise=r2_left_out < settings.least_r2,
+        is_noise=_r2_left_out(step) < settings.least_r2,
         settings=settings,
     )
-    return _answer(
-        bench,
-        fit,
-        simulated.get(step.law_name),
-        BenchLaw(
-            bench=bench,
-            title=title,
-            parameters=StraightPart(Estimate(), Estimate(), Estimate()),
-            law=fit.law,
-            law_estimates={},
-            residual=_residual(bench, fit),
-            r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
-            r2_left_out=r2_left_out,
-            ladder=ladder,
-            memory=memory,
-            loop=None,
-            cycle=Loop(0.0, None, Estimate()),
-            n_independent=independent_samples(fit.residual),
-            warnings=(),
-            not_determined=None,
-            settings=settings,
-            candidates=kinds,
-            n_search_samples=problem.points.sample.size,
-            interval_cell_s=0.0,
-            simulation=_simulation(bench, simulated[step.law_name], simulated) if simulated else None,
-        ),
-    )
-
-
-def _answer(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, result: BenchLaw) -> BenchLaw:
-    """Return the result with what may be told of the parameters, and what is to be doubted."""
-    settings, n_straight = result.settings, fit.weights.size
-    if refined is None:
-        spread = _spread(_slopes_of_force(bench, fit), fit.residual, bench.fs, settings, _known_before(fit))
-    else:
-        spread = _spread(refined.slopes, refined.residual, bench.fs, settings)
-    is_biased = bench.acceleration is not None and refined is None and _may_be_biased(bench, fit, spread)
-    not_told = _not_told(bench, fit, spread, settings) if refined is None else None
-    if is_biased or spread.is_short or not_told is not None:
-        spread = replace(spread, covariance=np.full_like(spread.covariance, np.nan))
-    estimates = _estimates(fit, spread)
-    of_law = slice(n_straight, n_straight + fit.law.vector.size)
-    if bench.is_quasi_static:
-        damping, of_cycle = 0.0, np.pad(spread.covariance[of_law, of_law], (1, 0))
-    else:
-        with_damping = np.r_[1, np.arange(of_law.start, of_law.stop)]
-        damping, of_cycle = float(fit.weights[1]), spread.covariance[np.ix_(with_damping, with_damping)]
-    result = replace(
-        result,
-        parameters=_straight_part(bench, estimates[:n_straight]),
-        law_estimates=_law_estimates(fit, estimates[of_law], without=_ways_to_stops(bench, fit.law)),
-        loop=loop_of(fit.law, of_cycle[1:, 1:], bench, student=spread.student),
-        cycle=cycle_of(fit.law, damping, of_cycle, bench, student=spread.student),
-        interval_cell_s=spread.cell_s,
-    )
-    doubts = list(_warnings(result, fit))
-    if spread.is_short:
-        doubts.append(
-            f"what the law leaves over changes so slowly that it amounts to {spread.n_independent:.0f} independent "
-            "samples: no parameter has an interval; record longer, or a motion that turns more often"
-        )
-    if not_told is not None:
-        doubts.append(not_told)
-    if is_biased:
-        doubts.append(
-            "the moving mass is that of a differentiated motion, whose noise makes it too small and moves the other "
-            "parameters, and the motion simulated from the force explains less: no parameter has an interval; record "
-            "the travel with less noise, or a stronger motion"
-        )
-    return replace(result, warnings=tuple(doubts), not_determined=_reason(result))
 
 
 def _is_of_travel(kind: str) -> bool:
@@ -299,14 +259,6 @@ def _is_of_travel(kind: str) -> bool:
         return all(parameter.unit in ("N", "m", "1") for parameter in LAWS[kind].parameters)
     _, by_velocity = default_law(kind).gradient(np.linspace(-0.01, 0.01, 21), np.linspace(-0.3, 0.3, 21))
     return not np.any(by_velocity)
-
-
-def _straight_part(bench: Bench, estimates: Sequence[Estimate]) -> StraightPart:
-    """Return what stands beside the law; a quasi-static test tells no damping."""
-    if not bench.is_quasi_static:
-        return StraightPart(*estimates)
-    stiffness, offset = estimates
-    return StraightPart(stiffness, Estimate(), offset)
 
 
 def _search(problem: BenchLaws, kinds: tuple[str, ...], say: Callable[[str], None]) -> Ladder:
@@ -340,9 +292,9 @@ def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench
 
     Where that takes more than half of the record all of it stays.
     """
-    first, motion = 0, recorded_motion(bench.travel, bench.velocity, bench.fs)
+    first, motion = 0, bench.motion
     for term in law.terms:
-        if term.kind.memory is not None and not _is_linear(term):
+        if term.kind.memory is not None and not fades_linearly(term):
             held = np.abs(motion.start_columns(Law((term,)))[:, 0])
             first = max(first, int(np.flatnonzero(held >= settings.forgotten * held.max())[-1]) + 1)
     samples = bench.samples
@@ -353,52 +305,10 @@ def _without_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench
     return replace(bench, counted=counted)
 
 
-def _is_linear(term: Term) -> bool:
-    """Whether what a memory held at first fades in proportion to itself, as of Dahl, LuGre and Maxwell."""
-    kind = term.kind
-    if kind.memory is None or np.isfinite(kind.limit):
-        return False
-    inner = (*term.inner, 0.0, 0.0, 0.0)[:3]
-    slopes = [kind.memory(h, 1.0, *inner, kind.elements[0])[1] for h in (-0.8, -0.2, 0.2, 0.8)]
-    return bool(np.allclose(slopes, slopes[0]))
-
-
-def _not_told(bench: Bench, fit: SeparableFit, spread: _Spread, settings: BenchSettings) -> str | None:
-    """Say why a memory has no interval, or None where it may have one."""
-    for term in fit.law.terms:
-        if len(term.kind.elements) > 1 and term.inner[0] > settings.slips * np.ptp(bench.travel):
-            return (
-                f"the motion hardly goes as far as the last slider of {term.name} slips, which is a spring until then, "
-                "as K is: no parameter has an interval; record larger strokes"
-            )
-    remembers = [term for term in fit.law.terms if term.kind.memory is not None]
-    deviations = np.sqrt(np.maximum(np.diag(spread.covariance)[spread.covariance.shape[0] - len(remembers) :], 0.0))
-    for term, weight, std in zip(remembers, fit.start_weights, deviations, strict=True):
-        if not _is_linear(term) and np.all(bench.samples[:1] == 0) and abs(weight) > 3 * std:
-            return (
-                f"what {term.name} held where the record begins is not forgotten before half of it is over: no "
-                "parameter has an interval; record longer, or from rest"
-            )
-    return None
-
-
-def _fit_of_force(bench: Bench, step: LawStep[BenchFit], settings: BenchSettings) -> SeparableFit:
-    """Return the fit of a law that was found to all samples."""
-    return fit_law(
-        straight_columns(bench)[bench.samples],
-        step.fit.separable.law,
-        recorded_motion(bench.travel, bench.velocity, bench.fs).part(bench.samples),
-        bench.force[bench.samples],
-        n_independent=step.fit.n_independent,
-        settings=settings,
-    )
-
-
 def _residual(bench: Bench, fit: SeparableFit) -> FloatArray:
     """Return force minus fit of every sample, also of those that do not count, N."""
-    motion = recorded_motion(bench.travel, bench.velocity, bench.fs)
-    own = motion.force(fit.law) + motion.start_columns(fit.law) @ fit.start_weights
-    return bench.force - straight_columns(bench) @ fit.weights - own
+    own = bench.motion.force(fit.law) + bench.motion.start_columns(fit.law) @ fit.start_weights
+    return bench.force - bench.columns @ fit.weights - own
 
 
 def _simulated(
@@ -407,8 +317,8 @@ def _simulated(
     """Return the ladder that ends on the law which makes the recorded motion best, and the refined laws by their name.
 
     The chosen law is refined, and those that come closest to it by the force, until one leaves white noise of the
-    travel. Where no simulation explains more of the
-    travel than its law explains of the force, noise is in the force and not in the travel: nothing is refined.
+    travel. Where no simulation explains more of the travel than its law explains of the force, noise is in the force
+    and not in the travel: nothing is refined.
     """
     others = sorted((step for step in ladder if step is not chosen(ladder)), key=lambda step: step.fit.bic)
     fits: dict[str, SimulatedFit] = {}
@@ -438,8 +348,7 @@ def _defined(bench: Bench, ladder: Ladder) -> Ladder:
     A memory that nothing bounds (Bouc-Wen with a shape below -1/2) may grow without end where the search, which follows
     it in longer steps, just saw it turn back.
     """
-    motion = recorded_motion(bench.travel, bench.velocity, bench.fs)
-    choice = chosen(ladder)
+    motion, choice = bench.motion, chosen(ladder)
     for step in (choice, *sorted(ladder, key=lambda step: step.fit.bic)):
         law = step.fit.separable.law
         if not law.has_memory or all(
@@ -463,20 +372,6 @@ def _as_fit_of_force(bench: Bench, simulated: SimulatedFit) -> SeparableFit:
     return replace(fit, residual=_residual(bench, fit))
 
 
-def _may_be_biased(bench: Bench, fit: SeparableFit, spread: _Spread) -> bool:
-    """Whether the residual, were it all noise of the acceleration, would move the mass by a standard deviation.
-
-    Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).
-    """
-    mass, variance = float(fit.weights[3]), float(spread.covariance[3, 3])
-    others = np.delete(_slopes_of_force(bench, fit), 3, axis=1)
-    others = others / np.maximum(np.sqrt(np.mean(others**2, axis=0)), 1e-300)
-    acceleration = straight_columns(bench)[:, 3]
-    own = acceleration - others @ np.linalg.lstsq(others, acceleration, rcond=1e-12)[0]
-    noise = float(fit.residual @ fit.residual) / max(mass**2 * float(own @ own), 1e-300)
-    return bool(noise * abs(mass) > np.sqrt(max(variance, 0.0)))
-
-
 def _simulation(bench: Bench, refined: SimulatedFit, tried: Mapping[str, SimulatedFit]) -> Simulation:
     errors = {name: fit.error_rms for name, fit in tried.items()}
     travel = bench.travel - refined.residual
@@ -489,123 +384,6 @@ def _r2_left_out(step: LawStep[BenchFit]) -> float:
 
 def _has_memory(step: LawStep[BenchFit]) -> bool:
     return step.fit.separable.law.has_memory
-
-
-@dataclass(frozen=True, eq=False)
-class _Spread:
-    """How far the parameters may be off.
-
-    Args:
-        covariance: of stiffness, damping, offset, mass where parts move, the values of the law, and of what is held at
-            first.
-        student: half width of a 95 % interval over the standard deviation.
-        cell_s: length of the cells, s.
-        n_independent: independent samples that the residual amounts to.
-        is_short: whether these are too few for any interval.
-    """
-
-    covariance: FloatArray
-    student: float
-    cell_s: float
-    n_independent: float
-    is_short: bool
-
-
-def _known_before(fit: SeparableFit) -> list[tuple[int, float]]:
-    """Return the places of values that were known before, among all that is fitted, and how well they were."""
-    listed = enumerate(fit.law.parameter_list, start=fit.weights.size)
-    return [(place, parameter.known[1]) for place, parameter in listed if parameter.known]
-
-
-def _spread(
-    slopes: FloatArray,
-    residual: FloatArray,
-    fs: float,
-    settings: BenchSettings,
-    known: Sequence[tuple[int, float]] = (),
-) -> _Spread:
-    """Return the covariance from scores added up over cells longer than the correlation.
-
-    Args:
-        slopes: (n, n_values) derivatives by what was fitted.
-        residual: (n,) of the fit.
-        fs: samples a second, Hz.
-        settings: of the cells.
-        known: places among the values of what was known before, and its standard deviation.
-    """
-    from scipy import special
-
-    n, n_values = slopes.shape
-    n_independent = independent_samples(residual)
-    least, most = settings.cells
-    length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
-    cells = np.arange(n) // length
-    # few cells: Student's interval instead of the normal one
-    student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
-    worth = residual_worth(residual, n_independent)
-    for place, std in known:
-        # what was known before is one more cell
-        slopes = np.vstack([slopes, worth / std * np.eye(1, n_values, place)])
-        residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
-    covariance = clustered_covariance(slopes, residual, cells)
-    return _Spread(covariance, student, length / fs, n_independent, n_independent <= 2 * n_values)
-
-
-def _slopes_of_force(bench: Bench, fit: SeparableFit) -> FloatArray:
-    """Return the derivatives of the force by stiffness, damping, offset, mass, the law, and what is held at first."""
-    motion = recorded_motion(bench.travel, bench.velocity, bench.fs).part(bench.samples)
-    own = motion.parameter_gradient(fit.law), motion.start_columns(fit.law)
-    return np.concatenate([straight_columns(bench)[bench.samples], *own], axis=1)
-
-
-def _estimates(fit: SeparableFit, spread: _Spread) -> list[Estimate]:
-    """Return value and interval of every parameter."""
-    values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
-    std = np.sqrt(np.clip(np.diag(spread.covariance)[: values.size], 0, None))
-    bound = (*(False,) * fit.weights.size, *fit.at_bound)
-    estimates = [
-        Estimate(float(value))
-        if at_bound or not np.isfinite(error)
-        else Estimate(float(value), float(error), (float(value - wide * error), float(value + wide * error)))
-        for value, error, at_bound in zip(values, std, bound, strict=True)
-    ]
-    first = fit.weights.size  # behind stiffness, damping, offset and mass
-    for term in fit.law.terms:
-        last = first + len(LAWS[term.name].parameters)
-        if _has_long_scale(term.name):
-            estimates[first : first + 2] = _long_scaled(estimates[first : first + 2])
-        first = last
-    return estimates
-
-
-def _has_long_scale(kind: str) -> bool:
-    """Whether the scale of a kind is longer than the motion, as a column of gas is."""
-    return any(p.role == "scale" and p.over_rms[0] > 1 for p in LAWS[kind].parameters)
-
-
-def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
-    """Return amplitude A and scale h of a force that is a parabola, A z^2 / h^2, unless the motion comes near h.
-
-    What the motion shows are the parabola and, by 1/h, its skewness: the error of 1/h is nearly normal, that of h is
-    not. The intervals are therefore symmetric in 1/h and in A^(-1/2). Where that of 1/h reaches zero, any longer h with
-    a larger A fits as well, and neither has an interval.
-    """
-    intervals = []
-    for estimate, power in zip(estimates, (2, 1), strict=True):
-        value, ends = estimate.value, estimate.interval95
-        if value is None or ends is None or not (part := (ends[1] - ends[0]) / (2 * power * abs(value))) < 1:
-            return [Estimate(each.value) for each in estimates]
-        low, high = sorted((value / (1 + part) ** power, value / (1 - part) ** power))
-        intervals.append((low, high))
-    return [Estimate(each.value, each.std, ends) for each, ends in zip(estimates, intervals, strict=True)]
-
-
-def _law_estimates(
-    fit: SeparableFit, estimates: list[Estimate], *, without: Collection[str]
-) -> dict[str, dict[str, Estimate]]:
-    rest = iter(estimates)
-    found = {term.name: {p.name: next(rest) for p in LAWS[term.name].parameters} for term in fit.law.terms}
-    return found | {name: dict.fromkeys(found[name], Estimate()) for name in without}
 
 
 def _ways_to_stops(bench: Bench, law: Law) -> dict[str, float]:
@@ -661,8 +439,8 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
     for name, others in _rivals(result).items():
         found.append(f"over the visited range {name} cannot be told from {' or '.join(others)}")
     for term in fit.law.terms:
-        amplitude, *inner = LAWS[term.name].parameters
-        if _has_long_scale(term.name) and result.law_estimates[term.name][inner[0].name].interval95 is None:
+        amplitude, *inner = term.kind.parameters
+        if has_long_scale(term) and result.law_estimates[term.name][inner[0].name].interval95 is None:
             found.append(
                 f"the motion is too small beside {inner[0].name} of {term.name} to tell it from {amplitude.name}: only "
                 f"{amplitude.name} / {inner[0].name}^2 = {term.amplitude / term.inner[0] ** 2:.3g} is determined, and "
@@ -670,10 +448,10 @@ def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
             )
     unreached = _ways_to_stops(result.bench, fit.law)
     found += [f"{name} {not_reached(way_m)}" for name, way_m in unreached.items()]
-    names = [(term.name, p.name) for term in fit.law.terms for p in LAWS[term.name].parameters]
-    for (kind, parameter), at_bound in zip(names, fit.at_bound, strict=True):
-        if at_bound and not _has_long_scale(kind) and kind not in unreached:
-            found.append(f"{parameter} of {kind} stands at the end of what this motion can show: it has no interval")
+    names = [(term, p.name) for term in fit.law.terms for p in term.kind.parameters]
+    for (term, name), at_bound in zip(names, fit.at_bound, strict=True):
+        if at_bound and not has_long_scale(term) and term.name not in unreached:
+            found.append(f"{name} of {term.name} stands at the end of what this motion can show: it has no interval")
     return tuple(found)
 
 

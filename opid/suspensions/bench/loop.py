@@ -31,44 +31,26 @@ class Loop(Estimates):
     @property
     def friction_n(self) -> Estimate:
         """Dry friction that takes the same energy in the cycle, N."""
-        way = 4.0 * self.travel_amplitude_m
-        area = self.area_j
-        ends = None if area.interval95 is None else (area.interval95[0] / way, area.interval95[1] / way)
-        return Estimate(
-            None if area.value is None else area.value / way, None if area.std is None else area.std / way, ends
-        )
+        path_m, area = 4.0 * self.travel_amplitude_m, self.area_j
+        value, std = (None if each is None else each / path_m for each in (area.value, area.std))
+        ends = None if area.interval95 is None else (area.interval95[0] / path_m, area.interval95[1] / path_m)
+        return Estimate(value, std, ends)
 
 
-def loop_of(law: Law, covariance: FloatArray, bench: Bench, *, student: float) -> Loop | None:
-    """Return the loop of the terms of a law that remember, None where there is none.
+def loop_of(law: Law, covariance: FloatArray, bench: Bench, student: float) -> Loop | None:
+    """Return the loop of the terms of a law that remember, by the covariance of its vector; None where there is none.
 
-    Args:
-        law: that was fitted.
-        covariance: (n_parameters, n_parameters) of `law.vector`.
-        bench: the record.
-        student: half width of a 95 % interval over the standard deviation.
+    `student` is the half width of a 95 % interval over the standard deviation.
     """
     remembers = np.array([term.kind.memory is not None for term in law.terms for _ in term.values], dtype=bool)
     if not remembers.any():
         return None
     part = Law(tuple(term for term in law.terms if term.kind.memory is not None))
-    return _loop(part, 0.0, np.pad(covariance[np.ix_(remembers, remembers)], (1, 0)), bench, student)
+    return cycle_of(part, 0.0, np.pad(covariance[np.ix_(remembers, remembers)], (1, 0)), bench, student=student)
 
 
 def cycle_of(law: Law, damping: float, covariance: FloatArray, bench: Bench, *, student: float) -> Loop:
-    """Return the loop of the whole force.
-
-    Args:
-        law: that was fitted.
-        damping: C beside it, N s/m.
-        covariance: (1 + n_parameters, 1 + n_parameters) of C and `law.vector`.
-        bench: the record.
-        student: half width of a 95 % interval over the standard deviation.
-    """
-    return _loop(law, damping, covariance, bench, student)
-
-
-def _loop(law: Law, damping: float, covariance: FloatArray, bench: Bench, student: float) -> Loop:
+    """Return the loop of a law beside a damping, N s/m, by the covariance of the damping and the vector of the law."""
     z, v, fs = sine_of(bench)
     # by the end of the fourth cycle the first is forgotten
     n = z.size // 4
@@ -77,18 +59,18 @@ def _loop(law: Law, damping: float, covariance: FloatArray, bench: Bench, studen
     linear = np.array([True, *(parameter.role == "amplitude" for parameter in law.parameter_list)])
     area = float(slopes[linear] @ np.append(damping, law.vector)[linear])
     std = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
-    interval = (area - student * std, area + student * std)
     frequency_hz = None if bench.is_quasi_static else fs / n
-    amplitude_m = float(z.max())
-    if student * std > 4.0 * amplitude_m * float(bench.force[bench.samples].std()):
-        return Loop(amplitude_m, frequency_hz, Estimate())
-    return Loop(amplitude_m, frequency_hz, Estimate(area, std, interval) if np.isfinite(std) else Estimate(area))
+    amplitude_m, wide = float(z.max()), student * std
+    told = Estimate(area, std, (area - wide, area + wide)) if np.isfinite(std) else Estimate(area)
+    if wide > 4.0 * amplitude_m * float(bench.force[bench.samples].std()):
+        told = Estimate()
+    return Loop(amplitude_m, frequency_hz, told)
 
 
 def sine_of(bench: Bench) -> tuple[FloatArray, FloatArray, float]:
     """Return travel (m), velocity (m/s) and rate (Hz) of four cycles of a sine of the size and pace of a record.
 
-    Along the way of a quasi-static test it passes at 1 m/s.
+    Along the path of a quasi-static test it passes at 1 m/s.
 
     Args:
         bench: the record.

@@ -24,7 +24,7 @@ from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.problem import Points
 from opid.suspensions.bench.record import Bench, rate_of
-from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, MemorySettings
+from opid.suspensions.bench.settings import BenchSettings, MemorySettings
 from opid.suspensions.fitting.least_squares import independent_samples
 
 Past = Literal["hysteresis", "relaxation", "inertia"]
@@ -75,23 +75,17 @@ def measure_memory(
     static_rest: FloatArray,
     law: Law,
     is_noise: bool,
-    settings: BenchSettings = DEFAULTS,
+    settings: BenchSettings,
 ) -> Memory:
     """Measure how much of what a law leaves over is static, and how much of it remembers the past.
 
-    Args:
-        bench: the record.
-        points: the samples that are looked at, and the turn in which each is left out.
-        rest: (m,) force minus the best law, fitted without that turn, N.
-        static_rest: (m,) the same of the best law without memory.
-        law: the best one, fitted to all samples.
-        is_noise: whether the law itself explains next to nothing.
-        settings: what counts as memory.
+    `rest` is (m,) force minus the best `law`, N, each point by a fit without its turn, `static_rest` the same of the
+    best law without memory; `is_noise` says that the law itself explains next to nothing.
     """
     known, sample, fold = settings.memory, points.sample, points.fold
     plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
     signals_of = past_signals(bench, settings)
-    # without time there is only the way
+    # without time there is only the path
     told_of: tuple[Past, ...] = ("hysteresis",) if bench.is_quasi_static else tuple(signals_of)
     groups = {each: signals_of[each][sample] for each in told_of}
     neighbours = [_find_neighbours(plane, fold, count) for count in known.neighbours]
@@ -129,13 +123,8 @@ def measure_memory(
     return replace(measured, statement=_statement(measured, remembering, is_noise))
 
 
-def past_signals(bench: Bench, settings: BenchSettings = DEFAULTS) -> dict[Past, FloatArray]:
-    """Return the signals of the past by their kind, each (n, n_signals).
-
-    Args:
-        bench: the record.
-        settings: which plays and lags.
-    """
+def past_signals(bench: Bench, settings: BenchSettings) -> dict[Past, FloatArray]:
+    """Return the signals of the past by their kind, each (n, n_signals)."""
     from scipy import signal
 
     z, v = bench.travel, bench.velocity
@@ -153,9 +142,6 @@ def past_signals(bench: Bench, settings: BenchSettings = DEFAULTS) -> dict[Past,
 def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
     """Return the play operators P_n = min(z_n + r, max(z_n - r, P_(n-1))) of a signal, begun at its first value.
 
-    Each step confines the state to an interval, and intervals after one another are an interval: blocks of the signal
-    are passed side by side, then strung together.
-
     Args:
         z: (n,) the signal.
         half_widths: (n_plays,) r, in the unit of the signal.
@@ -166,26 +152,12 @@ def play(z: FloatArray, half_widths: FloatArray) -> FloatArray:
     >>> play(np.array([0.0, 1.0, 3.0, 2.0, -1.0]), np.array([1.0])).ravel().tolist()
     [0.0, 0.0, 2.0, 2.0, 0.0]
     """
-    n_blocks = max(1, int(np.sqrt(z.size)))
-    length = -(-z.size // n_blocks)
-    blocks = np.resize(z, n_blocks * length)
-    blocks[z.size :] = z[-1]
-    upper = blocks.reshape(n_blocks, length, 1) + half_widths
-    lower = blocks.reshape(n_blocks, length, 1) - half_widths
-    least = np.empty_like(lower)
-    most = np.empty_like(upper)
-    bottom = np.full((n_blocks, half_widths.size), -np.inf)
-    top = np.full((n_blocks, half_widths.size), np.inf)
-    for step in range(length):
-        bottom = np.minimum(upper[:, step], np.maximum(lower[:, step], bottom))
-        top = np.minimum(upper[:, step], np.maximum(lower[:, step], top))
-        least[:, step], most[:, step] = bottom, top
+    lowest, highest = z[:, np.newaxis] - half_widths, z[:, np.newaxis] + half_widths
+    played = np.empty_like(lowest)
     state = np.full(half_widths.size, z[0])
-    entering = np.empty_like(bottom)
-    for block in range(n_blocks):
-        entering[block] = state
-        state = np.clip(state, bottom[block], top[block])
-    return np.clip(entering[:, np.newaxis], least, most).reshape(-1, half_widths.size)[: z.size]
+    for step in range(z.size):
+        state = played[step] = np.minimum(highest[step], np.maximum(lowest[step], state))
+    return played
 
 
 def _corrected(rest: FloatArray, neighbours: Sequence[np.ndarray]) -> list[FloatArray]:
@@ -291,7 +263,7 @@ def _statement(memory: Memory, remembering: str, is_noise: bool) -> str:
 
 
 def _percent(fraction: float) -> str:
-    """Return a share in per cent, with the digits that count towards nought and a hundred.
+    """Return a fraction in per cent, with the digits that count towards nought and a hundred.
 
     >>> _percent(0.93), _percent(0.99973), _percent(0.0002), _percent(1.0)
     ('93 %', '99.97 %', '0.02 %', '100 %')

@@ -14,8 +14,8 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.mechanics.laws.law import LAWS, LINEAR, Law, Parameter
-from opid.mechanics.memory import Motion, RecordedMotion, recorded_motion
+from opid.mechanics.laws.law import LAWS, LINEAR, Law
+from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.signals.recording import FloatArray
 from opid.suspensions.bench.record import Bench
 from opid.suspensions.bench.settings import BenchSettings
@@ -34,7 +34,7 @@ class Points:
         fold: (m,) the turn in which each is left out.
         motion: (m,) travel and velocity, and the record that they are taken from.
         y: (m,) force, N.
-        columns: (m, n_straight) what enters linearly, see `straight_columns`.
+        columns: (m, n_straight) what enters linearly, see `Bench.columns`.
     """
 
     sample: NDArray[np.int64]
@@ -52,6 +52,12 @@ class Points:
         """Return some of the samples."""
         motion = self.motion.part(chosen)
         return Points(self.sample[chosen], self.fold[chosen], motion, self.y[chosen], self.columns[chosen])
+
+    def slopes(self, law: Law) -> FloatArray:
+        """Return the derivatives of the force by what enters linearly, the law, and what it holds at first."""
+        return np.concatenate(
+            [self.columns, self.motion.parameter_gradient(law), self.motion.start_columns(law)], axis=1
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +109,7 @@ class BenchFit:
         return self.r2_of(self.error_rms)
 
     def r2_of(self, error_rms: float) -> float:
-        """Return the fraction of the variance of the force that an error of this rms leaves explained.
-
-        Args:
-            error_rms: N.
-        """
+        """Return the fraction of the variance of the force that an error of this rms, N, leaves explained."""
         return 1 - (error_rms / self.points.force_rms) ** 2
 
     @cached_property
@@ -122,7 +124,7 @@ class BenchFit:
         for turn in range(self.settings.n_folds):
             here = points.fold == turn
             tolerance = self.settings.left_out_tolerance
-            part = _fit(points.part(~here), law, self.n_independent, self.settings, tolerance=tolerance)
+            part = fit_law(points.part(~here), law, self.n_independent, self.settings, tolerance)
             predicted = points.columns[here] @ part.weights + points.motion.part(here).force(part.law) + start[here]
             # where the law is not defined on the left-out motion (beyond a stroke) it predicts nothing
             errors[here] = points.y[here] - np.where(np.isfinite(predicted), predicted, 0.0)
@@ -186,12 +188,7 @@ class BenchLaws:
         return self._fitted(LINEAR)
 
     def dictionaries(self, fit: BenchFit, kinds: Sequence[str]) -> dict[str, LawDictionary]:
-        """Return the candidates beside a fit.
-
-        Args:
-            fit: where to depart from.
-            kinds: that may enter.
-        """
+        """Return the candidates beside a fit."""
         law, points = fit.separable.law, self.points
         new = {kind: self.nodes[kind] for kind in kinds if kind in self.nodes and kind not in law.parameters}
         by_law = -points.motion.parameter_gradient(law)
@@ -206,10 +203,6 @@ class BenchLaws:
 
         None where what remembers would feed energy in: beside a damping it imitates an acceleration. None, too, where a
         stop would pull.
-
-        Args:
-            fit: of another law.
-            laws: the law, by the empty name.
         """
         found = self._fitted(laws[""])
         return found if _is_mechanics(found) else None
@@ -219,37 +212,28 @@ class BenchLaws:
 
         A memory of several sliders bends where one after the other slips for good: the squared error has a minimum on
         either side.
-
-        Args:
-            fit: of a law.
         """
-        fits = [fit]
+        fits, law = [fit], fit.separable.law
+        remembers = [term.kind.memory is not None for term in law.terms for _ in term.values]
         for factor in self.known.restart_scales:
-            vector = fit.separable.law.vector.copy()
-            for k, (parameter, remembers) in enumerate(zip(*_owned_parameters(fit.separable.law), strict=True)):
-                if remembers and parameter.role in ("exponent", "shape") and parameter.unit == "1":
+            vector = law.vector.copy()
+            for k in np.flatnonzero(remembers):
+                parameter = law.parameter_list[k]
+                if parameter.role in ("exponent", "shape") and parameter.unit == "1":
                     vector[k] = parameter.default
-                elif remembers and parameter.role == "scale":
+                elif parameter.role == "scale":
                     vector[k] *= factor
-            fits.append(self._fitted(fit.separable.law.with_vector(vector)))
+            fits.append(self._fitted(law.with_vector(vector)))
         return min((each for each in fits if _is_mechanics(each)), key=lambda each: each.error_rms, default=fit)
 
     def left_out(self, fit: BenchFit) -> float:
-        """Return what is left of stretches of time as fits to the others predict them, N, rms.
-
-        Args:
-            fit: of all samples.
-        """
+        """Return what is left of stretches of time as fits to the others predict them, N, rms."""
         return float(np.sqrt(np.mean(fit.left_out**2)))
 
     def confirms(self, fit: BenchFit, than: BenchFit) -> bool:
         """Return whether stretches left out confirm that a law is better.
 
         A larger one must predict them better by more than chance; one of as many terms no worse by the error margin.
-
-        Args:
-            fit: the better one.
-            than: the other.
         """
         if len(fit.separable.law.terms) == len(than.separable.law.terms):
             return self.left_out(fit) < (1 + self.settings.error_margin) * self.left_out(than)
@@ -258,7 +242,7 @@ class BenchLaws:
 
     def _fitted(self, law: Law) -> BenchFit:
         n_independent = self.n_independent
-        return BenchFit(self.points, _fit(self.points, law, n_independent, self.known), n_independent, self.known)
+        return BenchFit(self.points, fit_law(self.points, law, n_independent, self.known), n_independent, self.known)
 
 
 def _is_mechanics(fit: BenchFit) -> bool:
@@ -267,71 +251,36 @@ def _is_mechanics(fit: BenchFit) -> bool:
     return all(term.amplitude >= 0 for term in remembers) and not pulls_at_a_stop(law)
 
 
-def _owned_parameters(law: Law) -> tuple[list[Parameter], list[bool]]:
-    """Return every parameter of a law, and whether its term remembers."""
-    remembers = [term.kind.memory is not None for term in law.terms for _ in term.values]
-    return list(law.parameter_list), remembers
-
-
 def thin_record(bench: Bench, settings: BenchSettings) -> Points:
-    """Take at most so many samples of a record, unevenly: an even step could keep time with a periodic motion.
-
-    Args:
-        bench: the record.
-        settings: how many, and in how many stretches and turns.
-    """
+    """Take at most so many samples of a record, unevenly: an even step could keep time with a periodic motion."""
     counted = bench.samples
     n = counted.size
     step = -(-n // settings.n_search)
     first = np.arange(n // step) * step
     # multiples of the golden section fill every step evenly
-    place = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
-    sample = counted[place]
+    index = first + np.floor(step * ((np.arange(first.size) * (np.sqrt(5) - 1) / 2) % 1)).astype(np.int64)
+    sample = counted[index]
     fold = (np.arange(sample.size) * settings.n_stretches) // sample.size % settings.n_folds
     whole = recorded_motion(bench.travel, bench.velocity, bench.fs, steps_per_rms=settings.steps_per_rms)
-    motion = whole.part(sample)
-    return Points(sample, fold, motion, bench.force[sample], straight_columns(bench)[sample])
+    return Points(sample, fold, whole.part(sample), bench.force[sample], bench.columns[sample])
 
 
-def straight_columns(bench: Bench) -> FloatArray:
-    """Return what enters linearly: travel, velocity and one, (n, 3), and the acceleration of moving parts, (n, 4).
-
-    Of a quasi-static test they are travel and one, (n, 2).
-
-    Args:
-        bench: the record.
-    """
-    moving = [] if bench.acceleration is None else [bench.acceleration]
-    velocity = [] if bench.is_quasi_static else [bench.velocity]
-    return np.stack([bench.travel, *velocity, np.ones_like(bench.travel), *moving], axis=1)
+def all_points(bench: Bench) -> Points:
+    """Take every sample of a record that counts."""
+    sample = bench.samples
+    fold = np.zeros(sample.size, dtype=np.int64)
+    return Points(sample, fold, bench.motion.part(sample), bench.force[sample], bench.columns[sample])
 
 
 def fit_law(
-    columns: FloatArray,
-    law: Law,
-    motion: Motion,
-    y: FloatArray,
-    *,
-    n_independent: float,
-    settings: BenchSettings,
-    tolerance: float = 1e-7,
+    points: Points, law: Law, n_independent: float, settings: BenchSettings, tolerance: float = 1e-7
 ) -> SeparableFit:
-    """Return the fit of a law and of what enters linearly, with what is known of exponents beforehand.
-
-    Args:
-        columns: (n, n_columns) what enters linearly.
-        law: where the search of its inner parameters starts.
-        motion: (n,) samples.
-        y: (n,) force, N.
-        n_independent: independent samples that residuals amount to.
-        settings: of the bench.
-        tolerance: of `separable_fit`.
-    """
+    """Return the fit of a law and of what enters linearly, with what is known of exponents beforehand."""
     fit = partial(
         separable_fit,
-        columns,
-        motion=motion,
-        y=y,
+        points.columns,
+        motion=points.motion,
+        y=points.y,
         free_exponents=True,
         tolerance=tolerance,
         settings=settings.separable,
@@ -345,24 +294,5 @@ def fit_law(
 
 
 def residual_worth(residual: FloatArray, n_independent: float) -> float:
-    """Return what a residual of one sample is worth, N: of samples that are alike each tells less.
-
-    Args:
-        residual: (n,) of a fit, N.
-        n_independent: independent samples that it amounts to.
-    """
+    """Return what a residual of one sample is worth, N: of samples that are alike each tells less."""
     return float(np.sqrt(np.sum(residual**2) / n_independent))
-
-
-def _fit(
-    points: Points, law: Law, n_independent: float, settings: BenchSettings, *, tolerance: float = 1e-7
-) -> SeparableFit:
-    return fit_law(
-        points.columns,
-        law,
-        points.motion,
-        points.y,
-        n_independent=n_independent,
-        settings=settings,
-        tolerance=tolerance,
-    )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.provenance import ReadFile
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
@@ -65,6 +66,21 @@ class Bench:
     def samples(self) -> NDArray[np.int64]:
         """(m,) indices of the samples that count."""
         return np.arange(self.force.size) if self.counted is None else np.flatnonzero(self.counted)
+
+    @property
+    def motion(self) -> RecordedMotion:
+        """All of it, as laws take it."""
+        return recorded_motion(self.travel, self.velocity, self.fs)
+
+    @property
+    def columns(self) -> FloatArray:
+        """What enters the force linearly: travel, velocity and one, (n, 3), and the acceleration of moving parts.
+
+        Of a quasi-static test it is travel and one, (n, 2).
+        """
+        moving = [] if self.acceleration is None else [self.acceleration]
+        velocity = [] if self.is_quasi_static else [self.velocity]
+        return np.stack([self.travel, *velocity, np.ones_like(self.travel), *moving], axis=1)
 
 
 def bench_from_recording(
@@ -134,22 +150,18 @@ def bench_from_recording(
             f"on balance the force drives the motion ({np.mean(power * v):.3g} W): for a passive part the sign of "
             "force or travel is reversed"
         )
-    channels = {"force": force, "travel": travel, "velocity": velocity}
-    band = band_hz if velocity is None else None
-    acceleration = rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None
-    which = None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings)
     return Bench(
-        raw - zero,
-        v,
-        y,
-        recording.fs,
-        zero,
-        origin,
-        band,
-        channels,
-        tuple(doubts),
-        acceleration=acceleration,
-        counted=which,
+        travel=raw - zero,
+        velocity=v,
+        force=y,
+        fs=recording.fs,
+        travel_zero_m=zero,
+        velocity_from=origin,
+        velocity_band_hz=band_hz if velocity is None else None,
+        channels={"force": force, "travel": travel, "velocity": velocity},
+        doubts=tuple(doubts),
+        acceleration=rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None,
+        counted=None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings),
         mass_kg=mass_kg,
         files=recording.files,
     )
@@ -160,7 +172,7 @@ def quasi_static_bench(
 ) -> Bench:
     """Take force and travel from a test so slow that time means nothing; the recording may have any rate.
 
-    The path is cut into equal steps, and the way along it takes the place of time. Laws of travel and memories of
+    The path is cut into equal steps, and the length along it takes the place of time. Laws of travel and memories of
     travel do not depend on how it is passed. The samples that count are those nearest to the recorded ones.
 
     Args:
@@ -182,18 +194,18 @@ def quasi_static_bench(
     ([-1.0, 1.0], 0.04)
     """
     recorded_y, raw, zero, doubts = _force_and_travel(recording, force, travel, None, settings)
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(raw)))])
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(raw)))])
     n = settings.path_steps * raw.size
-    step = float(way[-1]) / (n - 1)
+    step = float(path[-1]) / (n - 1)
     along = np.arange(n) * step
-    # the segment that each place lies on gives its direction
-    moves = np.flatnonzero(np.diff(way) > 0)
-    segment = moves[np.minimum(np.searchsorted(way[moves + 1], along), moves.size - 1)]
+    # the segment on which each point lies gives its direction
+    moves = np.flatnonzero(np.diff(path) > 0)
+    segment = moves[np.minimum(np.searchsorted(path[moves + 1], along), moves.size - 1)]
     direction = np.sign(raw[segment + 1] - raw[segment])
     counted = np.zeros(n, dtype=bool)
-    counted[np.round(way / step).astype(np.int64)] = True
+    counted[np.round(path / step).astype(np.int64)] = True
     last = np.append(moves, raw.size - 1)
-    z, y = (np.interp(along, way[last], each[last]) for each in (raw - zero, recorded_y))
+    z, y = (np.interp(along, path[last], each[last]) for each in (raw - zero, recorded_y))
     names: dict[str, str | None] = {"force": force, "travel": travel, "velocity": None}
     bench = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(doubts))
     return replace(bench, counted=counted, is_quasi_static=True, files=recording.files)
@@ -253,9 +265,7 @@ def _turns(travel: FloatArray, least_m: float) -> int:
     return count
 
 
-def _checked_counted(
-    counted: ArrayLike, n_samples: int, moving_mass: bool, settings: RecordSettings
-) -> NDArray[np.bool_]:
+def _checked_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, settings: RecordSettings) -> np.ndarray:
     which = np.asarray(counted)
     if which.dtype != np.bool_ or which.shape != (n_samples,):
         raise InputError(
@@ -277,11 +287,6 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     its point reflection, which keeps value and slope. f_c lies half above the frequency at which the motion ends: where
     the Welch spectrum last stands `above_floor` times above its floor (the median of the top fifth), or before that
     where the spectrum of the rate is lowest, if all above it holds less than `left_above` of the rate's power.
-
-    Args:
-        samples: (n,) the signal.
-        fs: sampling rate, Hz.
-        settings: where the motion ends.
 
     Returns:
         (n,) the rate, in the unit of the signal per second, and f_c, Hz.

@@ -64,16 +64,7 @@ class MovingPart:
         return replace(self, begins=np.zeros_like(self.begins))
 
     def travel_of_half_steps(self, force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
-        """Return the travel that a force makes, m, (n,).
-
-        Args:
-            force: (2 (n - 1) steps_per_sample + 1, 1) N at half steps.
-            fs: samples a second, Hz.
-            steps_per_sample: steps from one sample to the next.
-
-        Raises:
-            InputError: a motion that grows without bound, or a memory that turns over within a step.
-        """
+        """Return the travel that a force at half steps, (2 (n - 1) steps_per_sample + 1, 1) N, makes, m, (n,)."""
         stiffness, damping, offset, mass = self.straight.tolist()
         joint = Joint("specimen", np.ones(1), stiffness, damping, self.law)
         free = np.zeros((1, 1))
@@ -170,11 +161,7 @@ def fit_by_simulation(
 ) -> SimulatedFit | None:
     """Move the parameters of a law until the travel simulated from the force is the recorded one; None if it never is.
 
-    Args:
-        bench: the record, with moving parts.
-        fit: of the force, where the search begins.
-        settings: how fine the steps are, and when the search ends.
-        say: called with the name of the law.
+    The search begins at the fit of the force.
     """
     from scipy import optimize
 
@@ -182,12 +169,9 @@ def fit_by_simulation(
     n_memories = sum(term.kind.memory is not None for term in fit.law.terms)
     begins = np.concatenate([[bench.travel[0], bench.velocity[0]], np.zeros(n_memories)])
     part = MovingPart(fit.weights, fit.law, begins)
-    if part.straight[3] <= 0.0:
+    search = _find_search(part, bench, settings) if part.straight[3] > 0.0 else None
+    if search is None:
         return None
-    steps = _fine_enough(part, bench, settings)
-    if steps is None:
-        return None
-    search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
     lower, upper = search.bounds
     theta = np.clip(search.encode(part), lower, upper)
     solution = optimize.least_squares(
@@ -204,17 +188,10 @@ def fit_by_simulation(
     best = search.decode(found)
     # the derivatives by the values themselves, not by their logarithms
     slopes = -search.slopes(found) / search.stretch(found)
-    first = 4
-    inside = slice(first, first + best.law.vector.size)
     ends = np.isclose(found, lower, atol=1e-3) | np.isclose(found, upper, atol=1e-3)
-    return SimulatedFit(
-        best,
-        search.residual(found),
-        slopes,
-        steps,
-        tuple((ends & np.isfinite(lower))[inside].tolist()),
-        float(bench.travel.std()),
-    )
+    at_bound = (ends & np.isfinite(lower))[4 : 4 + best.law.vector.size]
+    rms = float(bench.travel.std())
+    return SimulatedFit(best, search.residual(found), slopes, search.steps, tuple(at_bound.tolist()), rms)
 
 
 def _half_steps(force: FloatArray, fs: float, steps_per_sample: int) -> FloatArray:
@@ -224,14 +201,14 @@ def _half_steps(force: FloatArray, fs: float, steps_per_sample: int) -> FloatArr
     return resampled(record, finer * fs, n_samples=(force.size - 1) * finer + 1).samples
 
 
-def _fine_enough(part: MovingPart, bench: Bench, settings: SimulationSettings) -> int | None:
-    """Return the steps per sample with which a part can be simulated, None where no allowed number is enough."""
+def _find_search(part: MovingPart, bench: Bench, settings: SimulationSettings) -> _Search | None:
+    """Return the search in steps with which a part can be simulated, None where no allowed number is enough."""
     steps = settings.steps_per_sample[0]
     while steps <= settings.steps_per_sample[1]:
         search = _Search(part, bench, _half_steps(bench.force, bench.fs, steps), steps, settings)
         # else it is too coarse for a memory that turns over fast, or without bound
         if np.isfinite(search.travel(part)).all():
-            return steps
+            return search
         steps *= 2
     return None
 

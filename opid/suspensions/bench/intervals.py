@@ -1,0 +1,161 @@
+"""How far the parameters of a bench law may be off, and why some have no interval."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.estimate import Estimate
+from opid.mechanics.laws.law import Term
+from opid.signals.recording import FloatArray
+from opid.suspensions.bench.problem import all_points, residual_worth
+from opid.suspensions.bench.record import Bench
+from opid.suspensions.bench.settings import BenchSettings
+from opid.suspensions.bench.simulation import SimulatedFit
+from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How far the parameters may be off.
+
+    Args:
+        covariance: of stiffness, damping, offset, mass where parts move, the values of the law, and of what is held at
+            first; NaN where no parameter has an interval.
+        student: half width of a 95 % interval over the standard deviation.
+        cell_s: length of the cells over which scores were added up, s.
+        why_untold: why no parameter has an interval, one sentence each.
+    """
+
+    covariance: FloatArray
+    student: float
+    cell_s: float
+    why_untold: tuple[str, ...]
+
+
+def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, settings: BenchSettings) -> Spread:
+    """Return the covariance from scores added up over cells longer than the correlation."""
+    from scipy import special
+
+    known: list[tuple[int, float]] = []
+    if refined is None:
+        slopes, residual = all_points(bench).slopes(fit.law), fit.residual
+        listed = enumerate(fit.law.parameter_list, start=fit.weights.size)
+        known = [(index, parameter.known[1]) for index, parameter in listed if parameter.known]
+    else:
+        slopes, residual = refined.slopes, refined.residual
+    n, n_values = slopes.shape
+    n_independent = independent_samples(residual)
+    least, most = settings.cells
+    length = int(np.clip(settings.cells_per_correlation * n / n_independent, n / most, n / least))
+    cells = np.arange(n) // length
+    # few cells: Student's interval instead of the normal one
+    student = float(special.stdtrit(max(int(cells[-1]) + 1 - n_values, 1), 0.975))
+    columns, worth = slopes, residual_worth(residual, n_independent)
+    for index, std in known:
+        # what was known before is one more cell
+        columns = np.vstack([columns, worth / std * np.eye(1, n_values, index)])
+        residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
+    covariance = clustered_covariance(columns, residual, cells)
+    why = []
+    if n_independent <= 2 * n_values:
+        why.append(
+            f"what the law leaves over changes so slowly that it amounts to {n_independent:.0f} independent samples: "
+            "no parameter has an interval; record longer, or a motion that turns more often"
+        )
+    if refined is None:
+        why += [*_of_memories(bench, fit, covariance, settings), *_of_mass(bench, fit, slopes, covariance)]
+    return Spread(np.full_like(covariance, np.nan) if why else covariance, student, length / bench.fs, tuple(why))
+
+
+def fades_linearly(term: Term) -> bool:
+    """Return whether what a memory held at first fades in proportion to itself, as of Dahl, LuGre and Maxwell."""
+    kind = term.kind
+    if kind.memory is None or np.isfinite(kind.limit):
+        return False
+    inner = (*term.inner, 0.0, 0.0, 0.0)[:3]
+    slopes = [kind.memory(h, 1.0, *inner, kind.elements[0])[1] for h in (-0.8, -0.2, 0.2, 0.8)]
+    return bool(np.allclose(slopes, slopes[0]))
+
+
+def _of_memories(bench: Bench, fit: SeparableFit, covariance: FloatArray, settings: BenchSettings) -> Iterator[str]:
+    """Why a memory has no interval, in the first sentence that holds."""
+    for term in fit.law.terms:
+        if len(term.kind.elements) > 1 and term.inner[0] > settings.slips * np.ptp(bench.travel):
+            yield (
+                f"the motion hardly goes as far as the last slider of {term.name} slips, which is a spring until then, "
+                "as K is: no parameter has an interval; record larger strokes"
+            )
+            return
+    remembers = [term for term in fit.law.terms if term.kind.memory is not None]
+    deviations = np.sqrt(np.maximum(np.diag(covariance)[covariance.shape[0] - len(remembers) :], 0.0))
+    for term, weight, std in zip(remembers, fit.start_weights, deviations, strict=True):
+        if not fades_linearly(term) and np.all(bench.samples[:1] == 0) and abs(weight) > 3 * std:
+            yield (
+                f"what {term.name} held where the record begins is not forgotten before half of it is over: no "
+                "parameter has an interval; record longer, or from rest"
+            )
+            return
+
+
+def _of_mass(bench: Bench, fit: SeparableFit, slopes: FloatArray, covariance: FloatArray) -> Iterator[str]:
+    """Why a mass has no interval: the residual, were it all noise of the acceleration, would move it by a deviation.
+
+    Noise of variance n in a regressor of variance s makes its coefficient smaller by the fraction n / (s + n).
+    """
+    if bench.acceleration is None:
+        return
+    mass, acceleration = float(fit.weights[3]), slopes[:, 3]
+    others = np.delete(slopes, 3, axis=1)
+    others = others / np.maximum(np.sqrt(np.mean(others**2, axis=0)), 1e-300)
+    own = acceleration - others @ np.linalg.lstsq(others, acceleration, rcond=1e-12)[0]
+    noise = float(fit.residual @ fit.residual) / max(mass**2 * float(own @ own), 1e-300)
+    if noise * abs(mass) > np.sqrt(max(float(covariance[3, 3]), 0.0)):
+        yield (
+            "the moving mass is that of a differentiated motion, whose noise makes it too small and moves the other "
+            "parameters, and the motion simulated from the force explains less: no parameter has an interval; record "
+            "the travel with less noise, or a stronger motion"
+        )
+
+
+def estimate_parameters(fit: SeparableFit, spread: Spread) -> tuple[list[Estimate], dict[str, dict[str, Estimate]]]:
+    """Return value and interval of what enters linearly, and of every parameter of the law."""
+    values, wide = np.concatenate([fit.weights, fit.law.vector]), spread.student
+    std = np.sqrt(np.clip(np.diag(spread.covariance)[: values.size], 0, None))
+    bound = (*(False,) * fit.weights.size, *fit.at_bound)
+    estimates = [
+        Estimate(float(value))
+        if at_bound or not np.isfinite(error)
+        else Estimate(float(value), float(error), (float(value - wide * error), float(value + wide * error)))
+        for value, error, at_bound in zip(values, std, bound, strict=True)
+    ]
+    of_law, rest = {}, estimates[fit.weights.size :]
+    for term in fit.law.terms:
+        own, rest = rest[: len(term.values)], rest[len(term.values) :]
+        own[:2] = _long_scaled(own[:2]) if has_long_scale(term) else own[:2]
+        of_law[term.name] = {p.name: each for p, each in zip(term.kind.parameters, own, strict=True)}
+    return estimates[: fit.weights.size], of_law
+
+
+def has_long_scale(term: Term) -> bool:
+    """Return whether the scale of a term is longer than the motion, as a column of gas is."""
+    return any(p.role == "scale" and p.over_rms[0] > 1 for p in term.kind.parameters)
+
+
+def _long_scaled(estimates: list[Estimate]) -> list[Estimate]:
+    """Return amplitude A and scale h of a force that is a parabola, A z^2 / h^2, unless the motion comes near h.
+
+    What the motion shows are the parabola and, by 1/h, its skewness: the error of 1/h is nearly normal, that of h is
+    not. The intervals are therefore symmetric in 1/h and in A^(-1/2). Where that of 1/h reaches zero, any longer h with
+    a larger A fits as well, and neither has an interval.
+    """
+    intervals = []
+    for estimate, power in zip(estimates, (2, 1), strict=True):
+        value, ends = estimate.value, estimate.interval95
+        if value is None or ends is None or not (part := (ends[1] - ends[0]) / (2 * power * abs(value))) < 1:
+            return [Estimate(each.value) for each in estimates]
+        low, high = sorted((value / (1 + part) ** power, value / (1 - part) ** power))
+        intervals.append((low, high))
+    return [Estimate(each.value, each.std, ends) for each, ends in zip(estimates, intervals, strict=True)]
