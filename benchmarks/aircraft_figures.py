@@ -89,6 +89,7 @@ class Row(NamedTuple):
         stated: which sensors the study says it of: none "", those that have it "its own", or "all".
         ground_n_per_m: of a spring to the ground at every gear.
         fit_ground: whether the estimator may fit one.
+        pushed: fraction of the airframe's motion that a force makes which nobody measures.
     """
 
     coherent: bool = False
@@ -100,6 +101,7 @@ class Row(NamedTuple):
     stated: str = ""
     ground_n_per_m: float = 0.0
     fit_ground: bool = True
+    pushed: float = 0.0
 
 
 ROWS = {
@@ -119,6 +121,7 @@ ROWS = {
         for fault in FAULTS
         for stated in ("its own", "")
     },
+    **{f"pushed {percent} %": Row(pushed=percent / 100) for percent in (1, 3, 10)},
     # one data sheet for all sensors: more is unknown than need be
     **{f"{fault} stated of all": Row(fault=fault, stated="all") for fault in ("gain 3 %", "lag")},
 }
@@ -164,6 +167,7 @@ def study_of(seed: int, row: Row) -> tuple[Airframe, AnyStudy]:
         lower_sensor=Sensor(noise_m_per_s2=NOISE),
         upper_sensor=Sensor(noise_m_per_s2=NOISE),
         sensors=FAULTS[row.fault].sensors if row.fault else None,
+        pushed_fraction=row.pushed,
     )
 
     def stated(place: tuple[float, float]) -> tuple[float, float]:

@@ -36,14 +36,15 @@ def aircraft(bending_hz=None, ground_n_per_m=0.0):
 
 
 @cache
-def short_runs(bending_hz=None, seed=1, loads=LOADS, ground_n_per_m=0.0):
+def short_runs(bending_hz=None, seed=1, loads=LOADS, ground_n_per_m=0.0, pushed_fraction=0.0, duration_s=12.0):
     """The reference and the loaded run of the default aircraft on independent tracks."""
     test = taxi_test(
         aircraft(bending_hz, ground_n_per_m),
         rng=np.random.default_rng(seed),
         loadings=[loads],
-        duration_s=12.0,
+        duration_s=duration_s,
         coherent_tracks=False,
+        pushed_fraction=pushed_fraction,
         sprung_sensors=PLACES,
         lower_sensor=Sensor(noise_m_per_s2=NOISE),
         upper_sensor=Sensor(noise_m_per_s2=NOISE),

@@ -456,6 +456,17 @@ def test_the_seed_makes_the_run():
     assert not np.allclose(one, other)
 
 
+def test_what_pushes_the_airframe_moves_it_by_its_fraction_and_changes_no_runway():
+    plain, pushed = (run(pushed_fraction=fraction, duration_s=10.0) for fraction in (0.0, 0.1))
+    assert np.abs(pushed.recording.samples - plain.recording.samples).max() > 0.0
+    for name in ("heave", "roll", "pitch"):
+        before, after = (each.truth.channel(name) for each in (plain, pushed))
+        assert 0.05 < np.std(after - before) / np.std(before) < 0.2
+    # a wheel feels the road first of all
+    wheels = [each.truth.channel("left_lower_z") for each in (plain, pushed)]
+    assert np.corrcoef(wheels)[0, 1] > 0.99
+
+
 def test_an_aircraft_test_has_one_run_a_loading_each_over_its_own_runway():
     loadings = [[Loading(500.0, 1.0)], LOPSIDED]
     rng = np.random.default_rng(1)
@@ -514,6 +525,7 @@ NOSE = default_aircraft().gears[0]
         (lambda: run(further_sensors={"tail": (0.0, np.inf)}), "a pair of finite numbers"),
         (lambda: run(sensors={"nose_uper_z": Sensor()}), "did you mean 'nose_upper_z'"),
         (lambda: run(duration_s=0.0), "duration_s is 0.0 s"),
+        (lambda: run(pushed_fraction=-0.1), "pushed_fraction is -0.1: give zero"),
         (lambda: run(fs=-1.0), "fs -1.0 Hz"),
         (lambda: run(road_class="Z"), "no road class 'Z'"),
         (lambda: run(speed_m_per_s=(-18.0, 0.0)), "speeds that are not negative"),

@@ -291,6 +291,41 @@ def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
     assert all(each.stiffness.interval95 is None for each in found.interfaces)
 
 
+@pytest.mark.parametrize(("seed", "is_given"), [(1, True), (2, True), (1, False)])
+def test_a_force_that_nobody_measured_widens_the_intervals_of_an_aircraft_and_bends_nothing(
+    monkeypatch, seed, is_given
+):
+    """A tenth of its motion, beyond what is refused of a wrong structure."""
+    monkeypatch.setattr(identification, "library", lambda: ("arctan_velocity", "cubic_stiffness"))
+    runs = short_runs(seed=seed, pushed_fraction=0.1, duration_s=20.0)
+    found = identify(study(runs=runs), law=LAW if is_given else None)
+    assert found.residual_over_noise > 15
+    assert found.limited_by == "unmeasured forces"
+    assert found.recommended is not None
+    assert "goes along with nothing that was measured below it" in found.warnings[0]
+    assert "limited by something that moves the body" in found.warnings[1]
+    for run, left in zip(found.runs, found.evidence[0].error.left_out, strict=True):
+        assert 0.05 < run.unexplained < 0.2
+        assert left.unexplained < 1.2 * run.unexplained
+        assert left.inside > 0.8
+    truths = [(each, gear) for each, gear in zip(found.interfaces, aircraft().gears, strict=True)]
+    for each, gear in truths:
+        assert abs(each.stiffness.value - gear.suspension_stiffness_n_per_m) < 4 * each.stiffness.std
+    # none is told where it is hidden
+    mass = found.parameters.sprung_mass_kg
+    if mass.value is not None:
+        assert abs(mass.value - aircraft().mass_kg) < 4 * mass.std
+        assert mass.std > 0.01 * aircraft().mass_kg
+
+
+def test_a_fuselage_that_bends_is_refused_under_a_force_that_nobody_measured_too():
+    found = identify(study(runs=short_runs(8.0, pushed_fraction=0.03)), law="linear")
+    assert found.residual_over_noise > 20
+    assert found.is_refused
+    assert found.limited_by == "model"
+    assert not any(each.recommended for each in found.candidates)
+
+
 def test_loadings_that_were_not_there_are_not_believed():
     """A wrong mass would scale everything and be seen by nobody; a wrong place is seen."""
     runs = short_runs()

@@ -228,21 +228,61 @@ def incoherent_noise(channels: ArrayLike, others: ArrayLike, *, fs: float, band_
     True
     """
     own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
-    n_own, n_other = own.shape[1], other.shape[1]
     # blocks so long that a lightly damped resonance leaks little
-    nperseg = min(len(own), round(4 * fs))
+    found = _incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=min(len(own), round(4 * fs)))
+    if found is None:
+        return np.full(own.shape[1], np.inf)
+    lines_hz, _, left, n_free = found
+    return np.array([white_noise_rms(lines_hz, each, n_free, fs=fs, quantile=0.5) for each in left.T])
+
+
+def coherent_fraction(
+    channels: ArrayLike, others: ArrayLike, *, fs: float, band_hz: tuple[float, float], nperseg: int
+) -> float:
+    """Return the fraction of the power of channels, in a band, that goes along with other channels.
+
+    It is the squared multiple coherence, weighed by the power, less what chance makes of it: about 0 where neither side
+    knows of the other (Bendat & Piersol 2010, Random data, sec. 9.2); NaN where the run is too short to tell.
+
+    Args:
+        channels: (n, n_channels).
+        others: (n, n_others) measured at the same time.
+        fs: sampling rate, Hz.
+        band_hz: of the lines that are looked at, Hz.
+        nperseg: samples a block.
+
+    >>> rng = np.random.default_rng(0)
+    >>> x, y = rng.standard_normal((2, 20000, 2))
+    >>> [round(coherent_fraction(y + a * x, x, fs=500.0, band_hz=(1.0, 40.0), nperseg=500), 1) for a in (0.0, 1.0)]
+    [0.0, 0.5]
+    """
+    own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
+    found = _incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=nperseg)
+    if found is None:
+        return float("nan")
+    _, total, left, _ = found
+    return 1.0 - float(left.sum() / total.sum())
+
+
+def _incoherent(
+    own: FloatArray, other: FloatArray, *, fs: float, band_hz: tuple[float, float], nperseg: int
+) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
+    """Lines (Hz), spectra there, (n_lines, n_channels), what others do not explain of them, and the free averages.
+
+    None where the run is too short.
+    """
+    n_own, n_other = own.shape[1], other.shape[1]
     spectra = cross_spectra(np.concatenate([own, other], axis=1), fs=fs, nperseg=nperseg)
     n_free = spectra.n_averages - n_other
     inside = (spectra.frequency_hz >= band_hz[0]) & (spectra.frequency_hz <= band_hz[1])
     if n_free < 2 or not inside.any():
-        return np.full(n_own, np.inf)
+        return None
     density = spectra.density[inside]
     cross = density[:, n_own:, :n_own]
     explained = np.einsum("koi,koi->ki", cross.conj(), np.linalg.pinv(density[:, n_own:, n_own:]) @ cross).real
     total = np.einsum("kii->ki", density[:, :n_own, :n_own]).real
     left = np.maximum(total - explained, 0.0) * spectra.n_averages / n_free
-    lines_hz = spectra.frequency_hz[inside]
-    return np.array([white_noise_rms(lines_hz, each, n_free, fs=fs, quantile=0.5) for each in left.T])
+    return spectra.frequency_hz[inside], total, left, n_free
 
 
 def white_noise_rms(

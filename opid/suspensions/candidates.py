@@ -17,10 +17,25 @@ from opid.mechanics.laws.law import Law
 from opid.mechanics.weight import GRAVITY_M_PER_S2, depends_on_travel
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.intervals import Parameters, known_parameters
-from opid.suspensions.answer.model_error import ModelError, follow_freely, measure_model_error, unexplained
+from opid.suspensions.answer.model_error import (
+    ModelError,
+    follow_freely,
+    measure_model_error,
+    unexplained,
+    weighed_by_process_noise,
+)
 from opid.suspensions.fitting.faults import Demand, implausible_demands
 from opid.suspensions.fitting.fit import NO_FIT, Fit, balanced, loading_changes, runs_contradict_each_other
-from opid.suspensions.fitting.noise import KnownNoise, is_noise, mean_level, with_noise_of_the_band, with_own_noise
+from opid.suspensions.fitting.noise import (
+    KnownNoise,
+    goes_with_drive,
+    is_noise,
+    is_of_others,
+    mean_level,
+    with_noise_of_errors,
+    with_noise_of_the_band,
+    with_own_noise,
+)
 from opid.suspensions.fitting.repeatability import (
     Repeatability,
     mends_much,
@@ -37,6 +52,7 @@ from opid.suspensions.fitting.search import (
     find_model,
     is_hopeless,
     judged,
+    with_laws_of,
     with_simpler_laws,
 )
 from opid.suspensions.fitting.start import Start, start_values
@@ -110,7 +126,8 @@ class Fitted:
         noise: known beforehand of each sensor below and on the body, m/s^2.
         task: what it was fitted to.
         reason: why there is no fit; "" if there is one.
-        error: what limits the answer of one gear that leaves more than noise; else None.
+        error: what limits the answer of one gear that leaves more than noise; of a rigid body that leaves more than
+            noise None where it is the model.
     """
 
     kind: str
@@ -202,8 +219,13 @@ class Fitted:
 
     @property
     def explains(self) -> bool:
-        """Whether what is left is noise, also of runs that the others predict."""
-        return self.lack <= self.settings.verdicts.explained
+        """Whether what is left is noise, also of runs that the others predict; or forces that nobody measured."""
+        return self.lack <= self.settings.verdicts.explained or self.is_pushed
+
+    @property
+    def is_pushed(self) -> bool:
+        """Whether forces that nobody measured move a rigid body, and leave more than noise."""
+        return self.kind == "rigid_body" and self.error is not None
 
     @property
     def is_hopeless(self) -> bool:
@@ -213,7 +235,7 @@ class Fitted:
     @cached_property
     def known(self) -> Parameters:
         """The parameters of the fit, and how well they are known."""
-        # of one gear what the model lacks widens the intervals: it is no other structure that could be meant
+        # what the model of one gear lacks widens the intervals: it is no other structure that could be meant
         more = 0.0 if self.error is None else self.error.spread
         return known_parameters(self.fit, self.task.prior_repeatability, more)
 
@@ -258,6 +280,11 @@ class Choice:
     def lack(self) -> float:
         """The same, or of runs that the others predict, whichever is more."""
         return max(part.lack for part in self.parts)
+
+    @property
+    def explains(self) -> bool:
+        """Whether all parts leave noise, or what forces do that nobody measured."""
+        return all(part.explains for part in self.parts)
 
     @property
     def verdicts(self) -> Verdicts:
@@ -430,9 +457,39 @@ def fitted(
         return Fitted(kind, interfaces, None, noise, task, str(error))
     updated = tuple(demand.updated(found.fit) for demand in found.demands)
     part = Fitted(kind, interfaces, replace(found, demands=updated), noise, task)
+    if kind == "rigid_body" and part.residual_over_noise > settings.verdicts.explained:
+        return _with_error_of_body(part)
     if task.study is None or not task.study.is_one_gear or part.residual_over_noise <= settings.verdicts.noted:
         return part
     return _with_error(part)
+
+
+def _with_error_of_body(part: Fitted) -> Fitted:
+    """A rigid body that leaves more than noise, with what limits its answer where forces that nobody measured do.
+
+    What a wrong structure leaves goes along with the motion below the suspensions, which the runs tell at once.
+    """
+    found, stated, known = part.found, part.task.repeatability, part.settings.process
+    assert found is not None  # it leaves something
+    try:
+        if part.task.law is None and is_hopeless(found.fit) and goes_with_drive(found.fit) < known.most_coherent:
+            part.task.say("laws under process noise")
+            found = with_laws_of(found, weighed_by_process_noise(found.fit), part.task.question, part.task.say)
+        if not is_of_others(found.fit):
+            return part
+        if part.task.law is not None and asks_for_law(found.fit, part.task.question.kinds):
+            return part
+        if stated and not found.fit.model.repeatability and len(part.runs) > 1:
+            # the search took the runs as alike, for there seemed to be no number to tell
+            found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))
+        of_sensors = found.fit.model.noise
+        found = replace(found, fit=with_noise_of_errors(found.fit))
+        error = measure_model_error(found.fit, noise=of_sensors)
+    except NO_FIT:
+        return part
+    pushed, more = replace(part, found=found, error=error), part.settings.warnings.left_out_more
+    left_out = [each.unexplained <= more * pushed.unexplained[each.run] for each in error.left_out]
+    return pushed if error.limit == "unmeasured forces" and all(left_out) else part
 
 
 def _with_error(part: Fitted) -> Fitted:

@@ -222,21 +222,22 @@ def _tried(task: Task) -> list[Fitted]:
 
 def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
     """The simplest structure that explains the runs."""
-    explained = tried[0].settings.verdicts.explained
-    lacks: dict[str, float] = {}
+    explains: dict[str, bool] = {}
     ratios: dict[str, float] = {}
     leaves: dict[str, str] = {}
     for kind in ("single", "pair", "rigid_body"):
         parts = parts_of(tried, kind)
         complete = sum(len(part.interfaces) for part in parts) == len(study.interfaces)
         if parts and complete and any(part.kind == kind for part in parts):
-            lacks[kind] = max(part.lack for part in parts)
+            explains[kind] = all(part.explains for part in parts)
             ratios[kind] = max(part.residual_over_noise for part in parts)
             leaves[kind] = f"{IN_WORDS[kind]} {_leaves([part for part in parts if part.kind == kind])}"
-    for kind, lack in lacks.items():
-        if lack <= explained:
+    for kind in explains:
+        if explains[kind]:
             because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
-            simpler = [leaves[other] for other in lacks if lacks[other] > explained]
+            if any(part.is_pushed for part in parts_of(tried, kind)):
+                because += ", which goes along with nothing that was measured below it"
+            simpler = [leaves[other] for other in explains if not explains[other]]
             return Choice(study, tried, kind, f"{because}; {', '.join(simpler)}" if simpler else because)
     why = (
         f"no structure explains these runs: {', '.join(leaves.values())}; something else moves (a bending airframe, a "
@@ -270,7 +271,7 @@ def _answer(task: Task, choice: Choice, options: Options, mended: tuple[int, int
     loose = loose_motions(choice, numbers.parameters, numbers.ratios)
     confounded = [find_confounded_terms(part) for part in parts]
     reported = numbers.without_motions(loose)
-    if choice.lack > choice.verdicts.explained and not study.is_one_gear:
+    if not choice.explains and not study.is_one_gear:
         # what a structure lacks is no noise, and does not average out
         reported = reported.without_intervals()
     if refused is None and any(is_bent(part) for part in parts):
@@ -388,7 +389,8 @@ def _candidate(study: Study, part: Fitted, *, recommended: bool) -> Candidate:
     if not part.has_fit:
         why = part.reason
     elif part.explains:
-        why = "what it leaves is the sensors' noise" + (", but its mass would be negative" if negative else "")
+        what = "made by forces that nobody measured" if part.is_pushed else "the sensors' noise"
+        why = f"what it leaves is {what}" + (", but its mass would be negative" if negative else "")
     elif part.residual_over_noise <= part.settings.verdicts.explained:
         why = (
             f"it leaves the sensors' noise, but {part.left_out_over_noise:.3g} times as much in runs that the others "

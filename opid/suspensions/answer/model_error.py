@@ -70,12 +70,17 @@ class ModelError:
     of_equivalents: FloatArray
 
 
-def measure_model_error(fit: Fit, *, is_wrong: bool = False) -> ModelError:
-    """Return what limits an answer, for a fit of one suspension that leaves more than the noise of the sensors.
+def measure_model_error(
+    fit: Fit, *, is_wrong: bool = False, noise: tuple[FloatArray, FloatArray] | None = None
+) -> ModelError:
+    """Return what limits an answer, for a fit that leaves more than the noise of the sensors.
+
+    Of several suspensions nothing is told where the model is the limit, so it is not asked what pieces of runs say.
 
     Args:
-        fit: of one suspension.
+        fit: of any laws.
         is_wrong: whether its model is known to be wrong, whatever the difference of the two fits says.
+        noise: of the sensors below and on the body, m/s^2, where that of the fit is what it leaves.
     """
     known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
     moved = np.zeros(fit.theta.size)
@@ -83,9 +88,10 @@ def measure_model_error(fit: Fit, *, is_wrong: bool = False) -> ModelError:
     try:
         # both at one rate, so that the same readings speak
         plain = fit_model(fit.model.coarse, fit.theta, least_promise=promise)
-        places = [*range(2), *([fit.model.names.index("inverse_mass")] if fit.model.mass_free else [])]
+        places = [place for first in fit.model.first_of_group for place in (first, first + 1)]
+        places += [fit.model.names.index("inverse_mass")] if fit.model.mass_free else []
         std = (plain.std * std_over_white(plain)[: fit.model.n_shared])[places]
-        for other in _with_process_noise(plain):
+        for other in _with_process_noise(replace(plain, model=replace(plain.model, noise=noise or plain.model.noise))):
             moved = other.theta - plain.theta
             departure = float(np.max(np.abs(moved[places]) / std))
             if departure > known.surely_other_std:
@@ -94,12 +100,28 @@ def measure_model_error(fit: Fit, *, is_wrong: bool = False) -> ModelError:
         pass
     spread, of_equivalents = np.outer(moved, moved), np.zeros(4)
     limit: Limit = "unmeasured forces"
-    if is_wrong or departure > known.same_std:
+    is_alone = fit.model.body.n_interfaces == 1
+    if is_wrong or departure > (known.same_std if is_alone else known.same_std_of_body):
         limit = "model"
+    if limit == "model" and is_alone:
         of_pieces, by_piece = _over_pieces(fit)
         spread += of_pieces
         of_equivalents = np.hypot(by_piece, _moved_equivalents(fit, moved))
     return ModelError(limit, departure, spread, left_out(fit), of_equivalents)
+
+
+def weighed_by_process_noise(fit: Fit) -> Fit:
+    """Return the likeliest fit with process noise, at a coarse rate: its errors are as large as they are said to be.
+
+    Args:
+        fit: where to begin.
+
+    Raises:
+        UnboundedResponseError: no process noise leads to a motion that is bounded.
+    """
+    promise = fit.model.settings.fit.promise_in_search
+    *_, likeliest = _with_process_noise(fit_model(fit.model.coarse, fit.theta, least_promise=promise))
+    return likeliest
 
 
 def follow_freely(fit: Fit, error: ModelError) -> tuple[Fit, ModelError]:

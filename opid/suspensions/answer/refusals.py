@@ -29,7 +29,7 @@ def why_refused(choice: Choice) -> str | None:
     study, parts, ratio, verdicts = choice.study, choice.parts, choice.ratio, choice.verdicts
     if study.is_one_gear:
         return _why_gear_refused(study, parts[0])
-    if ratio <= verdicts.refused:
+    if ratio <= verdicts.refused or choice.explains:
         return None
     return (
         f"every number would be a guess, for the structure leaves {over_noise(ratio)} times the sensors' noise"
@@ -105,6 +105,11 @@ def why_no_mass(choice: Choice) -> str | None:
     loose = [part for part in parts if _is_loose(part.known.mass, choice.verdicts)]
     if not loose:
         return None
+    if choice.explains and choice.lack > choice.verdicts.explained:
+        return (
+            f"forces that nobody measured make {100 * unexplained_fraction(parts[0]):.2g} % of the body's acceleration "
+            f"and hide what the change of loading ({changes}) does, so no mass is told: change it more, or record longer"
+        )
     if choice.ratio > choice.verdicts.doubtful:
         return (
             f"the structure leaves {over_noise(choice.ratio)} times the sensors' noise, and no mass fits the runs"
@@ -246,7 +251,7 @@ def loose_motions(
     A motion that is noise alone gives an inertia that explains noise, with an interval as sharp as it is wrong.
     """
     verdicts = choice.verdicts
-    if choice.kind != "rigid_body" or choice.ratio > verdicts.doubtful:
+    if choice.kind != "rigid_body" or (choice.ratio > verdicts.doubtful and not choice.explains):
         return []
     assert isinstance(parameters, BodyParameters)
     assert isinstance(ratios, BodyRatios)

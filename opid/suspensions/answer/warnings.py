@@ -201,7 +201,10 @@ def _reason(part: Fitted, band_hz: tuple[float, float]) -> str:
 def _of_the_structure(answer: Answer) -> Iterator[str]:
     choice = answer.choice
     study, parts, ratio, lack, verdicts = choice.study, choice.parts, choice.ratio, choice.lack, choice.verdicts
-    if lack > verdicts.explained:
+    if any(part.is_pushed for part in parts):
+        yield choice.why
+        yield from map(_limited_by, parts)
+    elif lack > verdicts.explained:
         named = verdicts.explained < ratio <= verdicts.refused
         yield choice.why + (worst_sensor(study, parts) if named else "")
         more = parts[0].settings.warnings.left_out_more_of_body

@@ -70,6 +70,30 @@ def is_noise(fit: Fit) -> bool:
     return fit.ratio <= explained or (fit.ratio <= explained * most and measure_whiteness(fit).excess <= explained)
 
 
+def goes_with_drive(fit: Fit) -> float:
+    """Return the fraction of the power of what a fit leaves that goes along with what was measured below, over all runs.
+
+    What a linear structure lacks goes along with it, a force that nobody measured does not; of a missing friction about
+    a tenth does. NaN where the runs are too short to tell.
+    """
+    n_sensors = len(fit.model.sensors.sprung)
+    power = [float(np.sum(np.abs(line) ** 2)) for line in fit.errors.lines]
+    fractions = [
+        run.goes_with_drive(prediction.innovation[:n_sensors].T)
+        for run, prediction in zip(fit.model.runs, fit.errors.predictions, strict=True)
+    ]
+    return float(np.average(fractions, weights=power))
+
+
+def is_of_others(fit: Fit) -> bool:
+    """Return whether what several suspensions leave is more than noise, and goes along with nothing that was measured.
+
+    Neither laws nor faults of sensors mend what others do to a body.
+    """
+    alone, least = fit.model.body.n_interfaces == 1, fit.model.settings.process.least_coherent
+    return not alone and not is_noise(fit) and goes_with_drive(fit) < least
+
+
 def residual_lines(fit: Fit) -> Iterator[tuple[FloatArray, ComplexArray]]:
     """Yield frequencies (Hz) and whitened lines of each sensor in each run."""
     for run, line in zip(fit.model.runs, fit.errors.lines, strict=True):
@@ -174,8 +198,17 @@ def with_noise_of_the_band(fit: Fit) -> Fit:
     ratio = fit.ratio
     if fit.model.most_noise == 1.0 or ratio <= fit.model.settings.verdicts.explained or not is_noise(fit):
         return fit
+    return with_noise_of_errors(replace(fit, model=replace(fit.model, most_noise=1.0)))
+
+
+def with_noise_of_errors(fit: Fit) -> Fit:
+    """Fit once more with what a fit leaves as the noise: what was known before the data then counts as it should.
+
+    Args:
+        fit: that leaves another level than that of the noise that was assumed.
+    """
     below, above = fit.model.noise
-    return fit_model(replace(fit.model, noise=(ratio * below, ratio * above), most_noise=1.0), fit.theta)
+    return fit_model(replace(fit.model, noise=(fit.ratio * below, fit.ratio * above)), fit.theta)
 
 
 def with_own_noise(fit: Fit) -> Fit:

@@ -28,7 +28,7 @@ from opid.suspensions.fitting.fit import (
     turnover_rate,
     with_laws,
 )
-from opid.suspensions.fitting.noise import is_noise, measure_whiteness
+from opid.suspensions.fitting.noise import is_noise, is_of_others, measure_whiteness
 from opid.suspensions.fitting.repeatability import mends_much, with_departures
 from opid.suspensions.fitting.start import Start, look_for_start
 from opid.suspensions.law_search.driven import DrivenLaws, cannot_be, search_origins
@@ -207,7 +207,9 @@ class _Search:
         n_starts = 0
         is_confirmed = False
         for number, way in enumerate(ways):
-            if best is not None and (_explains(best.fit) or (n_starts >= n_sure and is_hopeless(best.fit))):
+            if best is not None and _explains(best.fit):
+                break
+            if best is not None and n_starts >= n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
                 break
             if best is not None and (runs_contradict_each_other(best.fit) or _shares_nothing(best.fit)):
                 break
@@ -352,7 +354,7 @@ class _Search:
 
     def _let_in(self, fit: Fit, before: tuple[Demand, ...] = ()) -> tuple[Fit, tuple[Demand, ...]]:
         """The fit with what the runs demand, and without what they demanded before and no longer do."""
-        if not self.question.faults or runs_contradict_each_other(fit) or _shares_nothing(fit):
+        if not self.question.faults or runs_contradict_each_other(fit) or _shares_nothing(fit) or is_of_others(fit):
             return fit, ()
         for earlier, answer in self.asked:
             if not before and is_at_same_place(fit, earlier):
@@ -486,6 +488,25 @@ def asks_for_law(fit: Fit, kinds: Sequence[str]) -> bool:
     )
     promised = max((each.most_promised() for each in dictionaries.values()), default=0.0)
     return promised > fit.model.settings.process.most_promised
+
+
+def with_laws_of(found: Found, weighed: Fit, question: Question, progress: Say | None = None) -> Found:
+    """Return what was found with the laws that a search finds beside errors as large as they are said to be.
+
+    Forces that nobody measured hide what a law promises: beside them all laws leave about as much.
+
+    Args:
+        found: whose laws were not searched, for it left too much.
+        weighed: a fit of the same runs with process noise.
+        question: what may be tried.
+        progress: called with the name of each law before it is fitted.
+    """
+    problem = DrivenLaws(weighed.model.settings.search, weighed.model.settings.fit.promise_in_search)
+    laws = search_laws(problem, weighed, kinds=question.kinds or library(), progress=progress)
+    again = refit(found.fit, chosen(laws).fit.laws)
+    if again is None or cannot_be(again) or again.law_name == found.fit.law_name:
+        return found
+    return _ended_with(found, LawStep(again, True, "pursuit"), again)
 
 
 def with_simpler_laws(found: Found, kinds: Sequence[str]) -> Iterator[Found]:

@@ -17,7 +17,7 @@ from scipy import fft, integrate, interpolate, ndimage, signal
 from opid.errors import InputError
 from opid.mechanics.driven import half_steps
 from opid.signals.recording import FloatArray
-from opid.signals.spectra import ComplexArray, cross_spectra
+from opid.signals.spectra import ComplexArray, coherent_fraction
 from opid.suspensions.sensor_facts import Sensors, Side
 from opid.suspensions.settings import RunSettings
 
@@ -182,21 +182,24 @@ class DrivenRun:
 
     @cached_property
     def shared_fraction(self) -> float:
-        """Fraction of the power of the body's first sensor, in the band, that goes along with the first one below.
+        """Fraction of the power of the body's first sensor, in the band, that goes along with the first one below."""
+        block = int(min(4 * np.pi * self.recorded_fs / self.omega[0], len(self.sprung) / 4))
+        return self._coherent(self.sprung[:, :1], self.unsprung[:, :1], self.recorded_fs, block)
 
-        It is the squared coherence, weighed by the power, less what chance makes of it: about 0 where neither knows of
-        the other (Bendat & Piersol 2010, Random data, sec. 9.2).
+    def goes_with_drive(self, samples: FloatArray) -> float:
+        """Return the fraction of the power of samples of the model, in the band, that goes along with what drives it.
+
+        NaN where the run is too short to tell.
+
+        Args:
+            samples: (n_samples, n_channels).
         """
-        low_hz, high_hz = (float(self.omega[k]) / (2 * np.pi) for k in (0, -1))
-        fs = self.recorded_fs
-        block = int(min(2 * fs / low_hz, len(self.sprung) / 4))
-        both = np.stack([self.unsprung[:, 0], self.sprung[:, 0]], axis=1)
-        spectra = cross_spectra(both, fs=fs, nperseg=block)
-        inside = (spectra.frequency_hz >= low_hz) & (spectra.frequency_hz <= high_hz)
-        below, above, cross = (spectra.density[inside, j, k] for j, k in ((0, 0), (1, 1), (0, 1)))
-        alike = np.abs(cross) ** 2 / np.maximum(below.real, 1e-300)
-        by_chance = 1.0 / spectra.n_averages
-        return float((alike.sum() / above.real.sum() - by_chance) / (1.0 - by_chance))
+        drive = self.unsprung[:: self.stride][: self.n_samples]
+        return self._coherent(samples, drive, self.fs, min(round(self.settings.coherence_s * self.fs), self.n_samples))
+
+    def _coherent(self, samples: FloatArray, others: FloatArray, fs: float, block: int) -> float:
+        band_hz = (float(self.omega[0]) / (2 * np.pi), float(self.omega[-1]) / (2 * np.pi))
+        return coherent_fraction(samples, others, fs=fs, band_hz=band_hz, nperseg=block)
 
     @cached_property
     def n_samples(self) -> int:

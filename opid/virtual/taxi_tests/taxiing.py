@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy import signal
+from scipy import interpolate, signal
 
 from opid.errors import InputError, nearest
 from opid.mechanics.driven import Interface
@@ -33,7 +34,7 @@ Place = tuple[float, float]
 # most of the start from rest has decayed before the record begins: exp(-8) in the bounce of a gear, exp(-2.5) in the
 # least damped mode of a random aircraft; the tail serves the filter
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
-_FORE_AFT_BAND_HZ = (0.5, 40.0)
+_NOISE_BAND_HZ = (0.5, 40.0)
 _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
 
 
@@ -134,6 +135,7 @@ def taxi_run(
     sensors: Mapping[str, Sensor] | None = None,
     fore_aft: bool = False,
     fore_aft_ratio: float = 1.0,
+    pushed_fraction: float = 0.0,
     lowest_step_rate_hz: float = 4096.0,
 ) -> TaxiRun:
     """Return one run over a fresh runway, braking linearly, recorded as a logger would.
@@ -161,6 +163,8 @@ def taxi_run(
         sensors: other ones, by the name of the vertical channel.
         fore_aft: whether the fore-aft accelerations are recorded too.
         fore_aft_ratio: rms of fore-aft over vertical acceleration.
+        pushed_fraction: a random force and moments on the airframe, 0.5 to 40 Hz, which no sensor measures, would alone
+            move it by this fraction of the rms acceleration by the road, in heave, roll and pitch alike.
         lowest_step_rate_hz: the step rate is the lowest multiple of fs that is not below this.
 
     Raises:
@@ -178,6 +182,8 @@ def taxi_run(
     airframe = aircraft.airframe if isinstance(aircraft, LandingGear) else aircraft
     if not (0.0 < duration_s < np.inf and 0.0 < fs < np.inf and duration_s * fs >= 2.0):
         raise InputError(f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more")
+    if not 0.0 <= pushed_fraction < np.inf:
+        raise InputError(f"pushed_fraction is {pushed_fraction}: give zero or a positive number")
     lower, upper = _places(airframe, sprung_sensors or {}, further_sensors or {})
     fitted = dict.fromkeys(lower, lower_sensor) | dict.fromkeys(upper, upper_sensor)
     for name in sensors or {}:
@@ -191,7 +197,10 @@ def taxi_run(
     lead_in = round(_LEAD_IN_S * fs)
     record = slice(lead_in, lead_in + round(duration_s * fs))
     track_settings = {"road_class": road_class, "footprint_m": footprint_m, "coherent": coherent_tracks}
-    motion = _roll(airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz)
+    push_rng = rng.spawn(1)[0]
+    motion = _roll(
+        airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz, pushed_fraction, push_rng
+    )
     steps = round(motion.fs / fs)
 
     n_body = len(airframe.body_motions)
@@ -200,7 +209,7 @@ def taxi_run(
     true = np.hstack([wheels, body @ reading.T])
     along, across = {}, {}
     for (name, sensor), up, (z_rng, x_rng, motion_rng) in zip(fitted.items(), true.T, streams, strict=True):
-        forward = _fore_aft_noise(up, fore_aft_ratio, fs, motion_rng)
+        forward = _band_noise(up, fore_aft_ratio, fs, motion_rng)
         along[name] = measure(up, fs=fs, sensor=sensor, rng=z_rng, cross_axis_acceleration=forward)[record]
         x_name = f"{name.removesuffix('_z')}_x"
         across[x_name] = measure(forward, fs=fs, sensor=sensor, rng=x_rng, cross_axis_acceleration=up)[record]
@@ -342,6 +351,8 @@ def _roll(
     lead_in_s: float,
     fs: float,
     lowest_step_rate_hz: float,
+    pushed_fraction: float,
+    push_rng: np.random.Generator,
 ) -> Response:
     """Return the response from `lead_in_s` before the record to a little after it, at a multiple of fs."""
     gears = airframe.gears
@@ -351,23 +362,30 @@ def _roll(
     lateral_m = [gear.y_m for gear in gears]
     tracks = iso8608_tracks(lateral_m=lateral_m, length_m=max(way_m + wheel_base_m, 1.0), rng=rng, **track_settings)
 
-    def forces(time_s: FloatArray) -> FloatArray:
+    def road(time_s: FloatArray) -> FloatArray:
         time = time_s - lead_in_s
         return tyre_forces(airframe, tracks, speed.position_m(time) - begin_m, speed.speed_m_per_s(time))
 
-    steps = max(1, int(np.ceil(lowest_step_rate_hz / fs)))
-    structure = airframe_structure(airframe)
-    return time_response(
-        structure,
-        forces,
-        fs=steps * fs,
-        duration_s=lead_in_s + speed.duration_s + _TAIL_S,
-        loads=np.eye(structure.n_dof)[:, -len(gears) :],
-    )
+    steps, structure = max(1, int(np.ceil(lowest_step_rate_hz / fs))), airframe_structure(airframe)
+    respond = partial(time_response, structure, fs=steps * fs, duration_s=lead_in_s + speed.duration_s + _TAIL_S)
+    wheels = np.eye(structure.n_dof)[:, -len(gears) :]
+    motion = respond(road, loads=wheels)
+    if not pushed_fraction:
+        return motion
+    # now it is known how much the road moves the airframe; a force of M a gives the free one the acceleration a
+    rigid = slice(0, min(len(airframe.body_motions), 3))
+    each = [
+        _band_noise(moved, pushed_fraction, fs, stream)
+        for moved, stream in zip(motion.acceleration[::steps, rigid].T, push_rng.spawn(rigid.stop), strict=True)
+    ]
+    push = interpolate.make_interp_spline(motion.time_s[::steps], np.stack(each, axis=1))
+    loads = np.hstack([wheels, structure.mass[:, rigid]])
+    return respond(lambda time_s: np.hstack([road(time_s), push(time_s)]), loads=loads)
 
 
-def _fore_aft_noise(vertical: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
-    low, high = _FORE_AFT_BAND_HZ
+def _band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
+    """Band-limited noise with so many times the rms of a motion."""
+    low, high = _NOISE_BAND_HZ
     band = signal.butter(2, (low, min(high, 0.4 * fs)), "bandpass", fs=fs, output="sos")
-    noise = signal.sosfilt(band, rng.standard_normal(vertical.size))
-    return noise * ratio * np.std(vertical) / np.std(noise)
+    noise = signal.sosfilt(band, rng.standard_normal(motion.size))
+    return noise * ratio * np.std(motion) / np.std(noise)
