@@ -108,7 +108,7 @@ def why_no_mass(choice: Choice) -> str | None:
     if choice.explains and choice.lack > choice.verdicts.explained:
         return (
             f"forces that nobody measured make {100 * unexplained_fraction(parts[0]):.2g} % of the body's acceleration "
-            f"and hide what the change of loading ({changes}) does, so no mass is told: change it more, or record longer"
+            f"and hide what the change of loading ({changes}) does, and no mass is told: change it more, or run longer"
         )
     if choice.ratio > choice.verdicts.doubtful:
         return (

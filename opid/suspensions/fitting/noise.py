@@ -71,7 +71,7 @@ def is_noise(fit: Fit) -> bool:
 
 
 def goes_with_drive(fit: Fit) -> float:
-    """Return the fraction of the power of what a fit leaves that goes along with what was measured below, over all runs.
+    """Return the fraction of the power of what a fit leaves in all runs that goes along with the motion below.
 
     What a linear structure lacks goes along with it, a force that nobody measured does not; of a missing friction about
     a tenth does. NaN where the runs are too short to tell.
