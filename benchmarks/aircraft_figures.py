@@ -335,6 +335,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     names = args.rows.split(",") if args.rows else list(ROWS)
+    if unknown := [name for name in names if name not in ROWS]:
+        parser.error(f"there is no row {', '.join(map(repr, unknown))}: give of {', '.join(ROWS)}")
     rigid: list[Figures] = []
     for name in names:
         jobs = [(name, seed) for seed in range(args.first, args.first + args.seeds)]

@@ -401,8 +401,8 @@ class Identification(Result):
     def limited_by(self) -> Limit:
         """What limits the precision: "noise" of the sensors, "unmeasured forces", or the "model" itself.
 
-        What is left of one gear is looked into where it is worth a warning; of a body on several suspensions it counts
-        as the model's wherever it is more than the noise.
+        What is left of one gear is looked into where it is worth a warning. Of a body on several suspensions what is
+        more than the noise counts as the model's, unless a rigid body leaves what goes along with nothing below it.
         """
         errors = [each.error for each in self.evidence if each.error is not None]
         if errors:

@@ -220,7 +220,8 @@ def _of_the_structure(answer: Answer) -> Iterator[str]:
             "what the structure leaves is not white, though little: a law or a coordinate may be missing; intervals "
             "allow for its colour"
         )
-    if len(study.runs) > 1 and any(part.left_out_over_noise is None and not part.is_hopeless for part in parts):
+    untold = [part for part in parts if part.left_out_over_noise is None and not part.is_hopeless]
+    if len(study.runs) > 1 and not all(part.error is not None and part.error.left_out for part in untold):
         yield (
             "the model cannot follow the runs without one of them: nothing is said of runs that the others predict; "
             "check the loading of each run"

@@ -197,10 +197,8 @@ def taxi_run(
     lead_in = round(_LEAD_IN_S * fs)
     record = slice(lead_in, lead_in + round(duration_s * fs))
     track_settings = {"road_class": road_class, "footprint_m": footprint_m, "coherent": coherent_tracks}
-    push_rng = rng.spawn(1)[0]
-    motion = _roll(
-        airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz, pushed_fraction, push_rng
-    )
+    push = (pushed_fraction, rng.spawn(1)[0]) if pushed_fraction else None
+    motion = _roll(airframe, speed, track_settings, runway_rng, lead_in / fs, fs, lowest_step_rate_hz, push)
     steps = round(motion.fs / fs)
 
     n_body = len(airframe.body_motions)
@@ -351,8 +349,7 @@ def _roll(
     lead_in_s: float,
     fs: float,
     lowest_step_rate_hz: float,
-    pushed_fraction: float,
-    push_rng: np.random.Generator,
+    push: tuple[float, np.random.Generator] | None,
 ) -> Response:
     """Return the response from `lead_in_s` before the record to a little after it, at a multiple of fs."""
     gears = airframe.gears
@@ -370,17 +367,18 @@ def _roll(
     respond = partial(time_response, structure, fs=steps * fs, duration_s=lead_in_s + speed.duration_s + _TAIL_S)
     wheels = np.eye(structure.n_dof)[:, -len(gears) :]
     motion = respond(road, loads=wheels)
-    if not pushed_fraction:
+    if push is None:
         return motion
     # now it is known how much the road moves the airframe; a force of M a gives the free one the acceleration a
     rigid = slice(0, min(len(airframe.body_motions), 3))
+    fraction, push_rng = push
     each = [
-        _band_noise(moved, pushed_fraction, fs, stream)
+        _band_noise(moved, fraction, fs, stream)
         for moved, stream in zip(motion.acceleration[::steps, rigid].T, push_rng.spawn(rigid.stop), strict=True)
     ]
-    push = interpolate.make_interp_spline(motion.time_s[::steps], np.stack(each, axis=1))
+    pushed = interpolate.make_interp_spline(motion.time_s[::steps], np.stack(each, axis=1))
     loads = np.hstack([wheels, structure.mass[:, rigid]])
-    return respond(lambda time_s: np.hstack([road(time_s), push(time_s)]), loads=loads)
+    return respond(lambda time_s: np.hstack([road(time_s), pushed(time_s)]), loads=loads)
 
 
 def _band_noise(motion: FloatArray, ratio: float, fs: float, rng: np.random.Generator) -> FloatArray:
