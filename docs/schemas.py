@@ -1,7 +1,7 @@
 """JSON Schemas of what opid writes, made from its frozen result records: `python docs/schemas.py` writes docs/schemas/.
 
 A part of a file that is a record as it stands is read from that record: its fields, their types, and what its docstring
-says of them. What the `as_json` of a wing arranges by hand is stated here by hand.
+says of them. What `as_json` arranges by hand is stated here by hand.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ import numpy as np
 from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
+from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
-from opid.modal.result import SCHEMA as MODAL, Comparison as TruthComparison, ModalIdentification, ModeFit, TruthTest
+from opid.modal.model import Comparison as TruthComparison, TruthTest
+from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile
 from opid.signals.health.as_json import SCHEMA as HEALTH
 from opid.signals.health.result import ChannelHealth, Health

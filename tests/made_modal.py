@@ -6,15 +6,16 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.modal.decay.free_decay import decay_of
+from opid.modal.forced.mode_fit import ForceCurve, ModeFit
+from opid.modal.forced.restoring_fit import OrderRung
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance, modal_test
-from opid.modal.model import NonlinearModalModel, simulate
+from opid.modal.model import NonlinearModalModel, simulate, truth_test
 from opid.modal.power_laws import power_law
 from opid.modal.resonance.appropriation import Appropriation, AppropriationLevel
 from opid.modal.resonance.phase_lock import PhaseLock
-from opid.modal.result import ForceCurve, ModalIdentification, ModeFit, OrderRung
+from opid.modal.result import ModalIdentification
 from opid.modal.study import ModalStudy, StudyTest
-from opid.modal.truth_tests import truth_test
 from opid.signals.recording import Channel, Recording
 
 FS = 512.0

@@ -3,8 +3,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.modal.decay.fit import fit_decays
-from opid.modal.decay.flow import predicted_decay, slow_flow
+from opid.modal.decay.fit import fit_decays, predicted_decay, slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
 from opid.modal.power_laws import harmonic_share
 
@@ -59,7 +58,7 @@ def test_the_flow_of_a_duffing_oscillator_has_its_frequency():
     # the series of omega/omega0 in eps = k3 a^2 / k0 with a the first harmonic: 1 + 3/8 eps + 3/256 eps^2 - 9/128 eps^2
     eps = -0.1
     flow = slow_flow(np.array([1.0, 0.0, eps]), np.array([1e-6]), -0.01, 0.01)
-    middle = np.interp(0.0, flow.log_level, flow.natural)
+    middle = np.interp(0.0, flow.log_amplitude, flow.natural)
     assert middle == pytest.approx(1.0 + 3 / 8 * eps + (3 / 256 - 9 / 128) * eps**2, abs=2e-4)
 
 

@@ -11,7 +11,7 @@ import opid
 from opid.errors import InputError
 from opid.json_values import json_text
 from opid.modal.decay.free_decay import law_of_decays
-from opid.modal.result import Comparison
+from opid.modal.model import Comparison
 from opid.report.document import Table
 from opid.report.modal.figures import modal_figures, worst_sensors
 from opid.report.modal.modes import command_of

@@ -4,9 +4,8 @@ from made_beats import FOUR, ONE, beat, measured, softening
 
 from opid.errors import InputError
 from opid.modal.linear.modes import modal_test
-from opid.modal.model import NonlinearModalModel
+from opid.modal.model import NonlinearModalModel, comparison, truth_test
 from opid.modal.power_laws import power_law
-from opid.modal.truth_tests import comparison, truth_test
 
 
 def test_the_true_model_passes_and_the_linear_one_over_predicts():

@@ -14,7 +14,10 @@ from .forced.excitation import (
     shaped_sweep as shaped_sweep,
     sine_beat_voltage as sine_beat_voltage,
 )
-from .forced.mode_fit import fit_mode as fit_mode
+from .forced.mode_fit import (
+    ModeFit as ModeFit,
+    fit_mode as fit_mode,
+)
 from .forced.restoring_fit import (
     Coefficients as Coefficients,
     fit_coefficients as fit_coefficients,
@@ -49,6 +52,7 @@ from .model import (
     NonlinearModalModel as NonlinearModalModel,
     modal_response as modal_response,
     simulate as simulate,
+    truth_test as truth_test,
 )
 from .power_laws import power_law as power_law
 from .resonance.appropriation import (
@@ -57,12 +61,8 @@ from .resonance.appropriation import (
     levels_for as levels_for,
 )
 from .resonance.interaction import modal_interaction as modal_interaction
-from .result import (
-    ModalIdentification as ModalIdentification,
-    ModeFit as ModeFit,
-)
+from .result import ModalIdentification as ModalIdentification
 from .study import (
     ModalStudy as ModalStudy,
     StudyTest as StudyTest,
 )
-from .truth_tests import truth_test as truth_test

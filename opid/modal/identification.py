@@ -1,10 +1,11 @@
-"""From a modal study to the nonlinear modal model (Pacini Fig. 4), with what it rests on."""
+"""From a modal study to the nonlinear modal model (Pacini Fig. 4), with what it rests on and what to doubt about it."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,34 +14,26 @@ from opid.errors import InputError, NotDeterminedError, refuse
 from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
-from opid.modal.doubts import (
-    doubts_of_modes,
-    doubts_of_other_shifts,
-    doubts_of_records,
-    doubts_of_truth_tests,
-    nothing_nonlinear,
-    require_modes,
-)
-from opid.modal.forced.mode_fit import fit_mode
+from opid.modal.forced.equation import mode_lines
+from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import largest_mode, tests_beside, tests_of_mode
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
-from opid.modal.linear.modes import LinearModes, condition_number, modal_assurance
-from opid.modal.model import NonlinearModalModel
-from opid.modal.result import ModalIdentification, ModeFit, TruthTest
+from opid.modal.linear.modes import LARGEST_CONDITION, LinearModes, condition_number, modal_assurance, with_sensors
+from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
+from opid.modal.model import NonlinearModalModel, TruthTest, truth_test
+from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS, ModalStudy
-from opid.modal.truth_tests import truth_test
+from opid.signals.health.inspection import inspect
 
 logger = logging.getLogger(__name__)
 
+MOST_MISSED = 0.3
+"""Of the motion of a sensor, rms, that the model may miss in a truth test before it is said."""
+
+BEYOND = 1.1
+"""Times the largest amplitude fitted: a truth test that goes further asks the polynomials to extrapolate."""
+
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class _DecayDoubt:
-    """What to doubt of the free decays of a mode, or why they give nothing."""
-
-    mode: int
-    sentence: str
 
 
 def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalIdentification:
@@ -60,25 +53,28 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     """
     if not isinstance(study, ModalStudy):
         raise InputError(f"study is of type {type(study).__name__}: give a ModalStudy, as read_study makes one")
+    percent = looks_in_percent(study.modes)
+    if percent:
+        raise InputError(f"{percent}: give fractions of critical damping, 0.004 for 0.4 %")
     say = progress or (lambda step: None)
-    require_modes(study.modes)
     shifts = _shifts(study, say)
-    nonlinear = study.nonlinear or tuple(sorted({*nonlinear_modes(shifts), *_named(study)}))
+    named = {each.mode for each in study.of_use("fit", "decay") if each.mode is not None}
+    nonlinear = study.nonlinear or tuple(sorted({*nonlinear_modes(shifts), *named}))
     if not nonlinear and not shifts:
-        raise NotDeterminedError(nothing_nonlinear(shifts))
+        raise NotDeterminedError(_nothing_nonlinear(shifts))
     study = replace(study, nonlinear=nonlinear)
-    decays, of_decays, doubts = _decays(study, say)
-    fits, more = _fits(study, of_decays, doubts, say)
+    decays, decay_laws, of_decays = _decays(study, say)
+    fits, of_fits = _fits(study, decay_laws, of_decays, say)
     say("the records")
-    of_records = list(doubts_of_records(study))
-    truth_tests, unstable = _truth_tests(study, fits, of_decays, say)
+    of_records = list(warnings_of_records(study))
+    truth_tests, unstable = _truth_tests(study, fits, decay_laws, say)
     return ModalIdentification(
         title=study.title,
         modes=study.modes,
         drive_point=study.drive_point,
         tests=tuple(each.test for each in study.tests),
         fits=fits,
-        model=model_of(study.modes, fits, of_decays),
+        model=model_of(study.modes, fits, decay_laws),
         truth_tests=truth_tests,
         decays=decays,
         shifts=shifts,
@@ -86,24 +82,84 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         auto_mac=modal_assurance(study.modes.shapes),
         warnings=(
             *of_records,
-            *doubts_of_modes(study.modes),
-            *doubts_of_other_shifts(shifts, nonlinear),
-            *(doubt.sentence for doubt in doubts),
-            *more,
-            *doubts_of_truth_tests(study, fits, of_decays, truth_tests),
+            *_warnings_of_modes(study.modes),
+            *(
+                f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or judge "
+                "the model by tests that hardly move it"
+                for shift in shifts
+                if shift.nonlinear and shift.mode not in nonlinear
+            ),
+            *(sentence for _, sentence in of_decays),
+            *of_fits,
+            *_warnings_of_truth_tests(study, fits, decay_laws, truth_tests),
             *unstable,
         ),
         not_determined=_not_determined(study, shifts),
-        settings=_settings(study)
-        | {name: getattr(study, name) for name in THRESHOLDS}
+        settings=_orders(study)
+        | {name: getattr(study, name) for name in ("free_linear", *THRESHOLDS)}
         | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
-        decay_laws=of_decays,
+        decay_laws=decay_laws,
     )
 
 
-def _named(study: ModalStudy) -> set[int]:
-    """Modes that tests are said to be for."""
-    return {each.mode for each in study.of_use("fit", "decay") if each.mode is not None}
+def model_of(
+    modes: LinearModes, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw] | None = None
+) -> NonlinearModalModel:
+    """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode they belong to.
+
+    A correction found with other linear properties (tests may have modes of their own) is left aside. The laws of
+    decays, by the number of the mode, are of those that no forced test moves.
+    """
+    stiffness, damping = modes.stiffness(), modes.damping()
+    laws = {fit.mode: fit.law for fit in fits}
+    for fit in fits:
+        if _corrects(fit, modes):
+            stiffness[fit.mode - 1] += _first(fit.stiffness)
+            damping[fit.mode - 1] += _first(fit.damping)
+    for mode, law in (decay_laws or {}).items():
+        if mode not in laws:
+            laws[mode] = law.law
+            stiffness[mode - 1], damping[mode - 1] = _first(law.stiffness), _first(law.damping)
+    omega = np.sqrt(np.maximum(stiffness, 0.0))
+    ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
+    return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
+
+
+def warnings_of_records(study: ModalStudy) -> Iterator[str]:
+    """Yield what is wrong with the records: sensors that are missing, channels that are clipped."""
+    for each in study.tests:
+        test = each.test
+        missing = [sensor for sensor in test.modes.sensors if sensor not in test.sensors]
+        if missing:
+            yield (
+                f"test {test.name!r} lacks {len(missing)} of {len(test.modes.sensors)} sensors "
+                f"({', '.join(repr(name) for name in missing[:6])}): its modes are filtered with the condition number "
+                f"{condition_number(with_sensors(test.modes, test.sensors)):.1f}"
+            )
+        channels = inspect(test.recording, thorough=False).channels
+        clipped = {channel.name: channel.clipped_fraction for channel in channels if channel.clipped_fraction > 0}
+        if clipped:
+            worst = max(clipped, key=lambda name: clipped[name])
+            others = f" and {len(clipped) - 1} more channel(s)" if len(clipped) > 1 else ""
+            yield (
+                f"{100 * clipped[worst]:.2g} % of the samples of {worst!r}{others} in test {test.name!r} are clipped: "
+                "measure again with a larger range"
+            )
+    if len(study.of_use("level")) == 1:
+        yield 'there is one test with use = "level": levels are compared from two on'
+
+
+def _orders(study: ModalStudy) -> dict[str, Any]:
+    return {"stiffness_order": study.stiffness_order, "damping_order": study.damping_order}
+
+
+def _nothing_nonlinear(shifts: Sequence[LevelShift]) -> str:
+    if not shifts:
+        return 'no mode is named as nonlinear: name some (nonlinear = [7, 11]), or give two tests with use = "level"'
+    return (
+        f"none of {len(shifts)} modes shifts with the level beyond its thresholds: the structure is linear at these "
+        "levels; excite it harder, or name the modes to fit (nonlinear = [7, 11])"
+    )
 
 
 def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
@@ -111,48 +167,9 @@ def _not_determined(study: ModalStudy, shifts: Sequence[LevelShift]) -> str:
     if study.nonlinear and study.of_use("fit", "decay"):
         return ""
     if not study.nonlinear:
-        return nothing_nonlinear(shifts)
+        return _nothing_nonlinear(shifts)
     modes = ", ".join(str(mode) for mode in study.nonlinear)
     return f'no test has use = "fit" or "decay", which mode(s) {modes} need: give sine beats or free decays'
-
-
-def _fits(
-    study: ModalStudy, of_decays: Mapping[int, DecayLaw], of_failed: Sequence[_DecayDoubt], say: Say
-) -> tuple[tuple[ModeFit, ...], list[str]]:
-    """The fits of the modes that forced tests move, and what to doubt about the choice of tests."""
-    fits, faults, doubts = [], [], []
-    given = study.of_use("fit")
-    for mode in study.nonlinear if study.of_use("fit", "decay") else ():
-        say(f"mode {mode}")
-        tests = tests_of_mode(given, mode, study.nonlinear)
-        if not tests and mode in of_decays:
-            continue
-        if not tests and (tests := tests_beside(given, mode)):
-            names = ", ".join(repr(test.name) for test in tests)
-            doubts.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
-        try:
-            fits.append(fit := fit_mode(tests, mode, **_settings(study)))
-            told = "mode %d: orders %d and %d, %.3g of the modal force is left on %d lines"
-            logger.info(told, mode, fit.stiffness_order, fit.damping_order, fit.residual_share, fit.n_lines)
-        except InputError as error:
-            failed = "; ".join(doubt.sentence for doubt in of_failed if doubt.mode == mode)
-            faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))
-    refuse(faults, study.source)
-    doubts += [
-        f"mode {fit.mode} has corrections of frequency and damping that were found with other linear properties than "
-        "those of the study: the model keeps the study's"
-        for fit in fits
-        if (1 in fit.stiffness or 1 in fit.damping) and not corrects(fit, study.modes)
-    ]
-    return tuple(fits), doubts
-
-
-def _settings(study: ModalStudy) -> dict[str, Any]:
-    return {
-        "stiffness_order": study.stiffness_order,
-        "damping_order": study.damping_order,
-        "free_linear": study.free_linear,
-    }
 
 
 def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
@@ -160,96 +177,128 @@ def _shifts(study: ModalStudy, say: Say) -> tuple[LevelShift, ...]:
     if len(tests) < 2:
         return ()
     say("levels")
-    return level_shifts(tests, frequency_threshold=study.frequency_threshold, damping_threshold=study.damping_threshold)
+    return level_shifts(tests, **{name: getattr(study, name) for name in THRESHOLDS})
 
 
-def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[_DecayDoubt]]:
-    """Free decays of the nonlinear modes, the law that each mode's decays give together, and what failed."""
+def _fits(
+    study: ModalStudy, decay_laws: Mapping[int, DecayLaw], of_decays: Sequence[tuple[int, str]], say: Say
+) -> tuple[tuple[ModeFit, ...], list[str]]:
+    """The fits of the modes that forced tests move, and what to doubt about the choice of tests."""
+    fits, faults, warnings = [], [], []
+    given = study.of_use("fit")
+    for mode in study.nonlinear if study.of_use("fit", "decay") else ():
+        say(f"mode {mode}")
+        tests = tests_of_mode(given, mode, study.nonlinear)
+        if not tests and mode in decay_laws:
+            continue
+        if not tests and (tests := tests_beside(given, mode)):
+            names = ", ".join(repr(test.name) for test in tests)
+            warnings.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
+        try:
+            fits.append(fit := fit_mode(tests, mode, **_orders(study), free_linear=study.free_linear))
+            found = "mode %d: orders %d and %d, %.3g of the modal force is left on %d lines"
+            logger.info(found, mode, fit.stiffness_order, fit.damping_order, fit.residual_share, fit.n_lines)
+        except InputError as error:
+            failed = "; ".join(sentence for of_mode, sentence in of_decays if of_mode == mode)
+            faults.append(f"mode {mode}: {error}" + (f" ({failed})" if failed else ""))
+    refuse(faults, study.source)
+    warnings += [
+        f"mode {fit.mode} has corrections of frequency and damping that were found with other linear properties than "
+        "those of the study: the model keeps the study's"
+        for fit in fits
+        if (1 in fit.stiffness or 1 in fit.damping) and not _corrects(fit, study.modes)
+    ]
+    return tuple(fits), warnings
+
+
+def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:
+    """Free decays of the nonlinear modes, the law that each mode's decays give together, and warnings by mode."""
     decays: list[Decay] = []
-    doubts: list[_DecayDoubt] = []
+    warnings: list[tuple[int, str]] = []
     for each in study.of_use("decay") if study.nonlinear else ():
         mode = each.mode or largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
-            decays.append(
-                decay_of(each.test, mode, stiffness_order=study.stiffness_order, damping_order=study.damping_order)
-            )
+            decays.append(decay_of(each.test, mode, **_orders(study)))
         except NotDeterminedError as error:
-            doubts.append(_DecayDoubt(mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
+            warnings.append((mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
     laws = {}
     for mode in study.nonlinear:
         own = [decay for decay in decays if decay.mode == mode]
-        doubts += [
-            _DecayDoubt(mode, f"free decay {decay.name!r} of mode {mode}: {doubt}")
-            for decay in own
-            for doubt in decay.warnings
+        warnings += [
+            (mode, f"free decay {decay.name!r} of mode {mode}: {text}") for decay in own for text in decay.warnings
         ]
         if own:
             try:
-                laws[mode] = law_of_decays(
-                    own, stiffness_order=study.stiffness_order, damping_order=study.damping_order
-                )
+                laws[mode] = law_of_decays(own, **_orders(study))
             except NotDeterminedError as error:
-                doubts.append(_DecayDoubt(mode, f"the free decays of mode {mode} give no law: {error}"))
+                warnings.append((mode, f"the free decays of mode {mode} give no law: {error}"))
                 continue
-            doubts += [
-                _DecayDoubt(mode, f"the free decays of mode {mode} together: {doubt}") for doubt in laws[mode].warnings
-            ]
-    return tuple(decays), laws, doubts
+            warnings += [(mode, f"the free decays of mode {mode} together: {text}") for text in laws[mode].warnings]
+    return tuple(decays), laws, warnings
 
 
-def model_of(
-    modes: LinearModes, fits: Sequence[ModeFit], of_decays: Mapping[int, DecayLaw] | None = None
-) -> NonlinearModalModel:
-    """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode they belong to.
-
-    A correction found with other linear properties (tests may have modes of their own) is left aside.
-
-    Args:
-        modes: all modes, linear.
-        fits: of those that forced tests move.
-        of_decays: laws of those that only free decays show, by the number of the mode.
-    """
-    free = of_decays or {}
-    stiffness, damping = modes.stiffness(), modes.damping()
-    laws = {fit.mode: fit.law for fit in fits}
-    for fit in fits:
-        if corrects(fit, modes):
-            stiffness[fit.mode - 1] += _first(fit.stiffness)
-            damping[fit.mode - 1] += _first(fit.damping)
-    for mode in free.keys() - laws.keys():
-        laws[mode] = free[mode].law
-        stiffness[mode - 1], damping[mode - 1] = _first(free[mode].stiffness), _first(free[mode].damping)
-    omega = np.sqrt(np.maximum(stiffness, 0.0))
-    ratio = np.where(omega > 0, damping / np.maximum(2 * omega, np.finfo(float).tiny), modes.damping_ratio)
-    return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
-
-
-def corrects(fit: ModeFit, modes: LinearModes) -> bool:
-    """Whether the corrections of a fit belong to the linear properties that these modes have.
-
-    Args:
-        fit: of one mode.
-        modes: all modes.
-    """
-    place = fit.mode - 1
-    given = (modes.frequency_hz[place], modes.damping_ratio[place])
+def _corrects(fit: ModeFit, modes: LinearModes) -> bool:
+    """Whether the corrections of a fit belong to the linear properties that these modes have."""
+    given = (modes.frequency_hz[fit.mode - 1], modes.damping_ratio[fit.mode - 1])
     return bool(np.allclose(given, (fit.frequency_hz, fit.damping_ratio), rtol=1e-9, atol=0.0))
 
 
 def _first(coefficients: Mapping[int, Estimate]) -> float:
     """The coefficient of the power 1, 0 where it was not fitted."""
-    return float(coefficients[1].value or 0.0) if 1 in coefficients else 0.0
+    return float(coefficients.get(1, Estimate()).value or 0.0)
 
 
 def _truth_tests(
-    study: ModalStudy, fits: Sequence[ModeFit], of_decays: Mapping[int, DecayLaw], say: Say
+    study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], say: Say
 ) -> tuple[tuple[TruthTest, ...], list[str]]:
     done, unstable = [], []
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
-            done.append(truth_test(model_of(each.test.modes, fits, of_decays), each.test))
+            done.append(truth_test(model_of(each.test.modes, fits, decay_laws), each.test))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable
+
+
+def _warnings_of_modes(modes: LinearModes) -> Iterator[str]:
+    condition = condition_number(modes)
+    if condition > LARGEST_CONDITION:
+        yield (
+            f"the shapes have the condition number {condition:.0f} (9 is good): noise and errors of the shapes grow by "
+            "as much in the modal filter; add sensors or leave out modes"
+        )
+    looks = looks_unit_normalised(modes)
+    if looks:
+        yield f"the shapes do not look mass-normalised: {looks}"
+
+
+def _warnings_of_truth_tests(
+    study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], done: Sequence[TruthTest]
+) -> Iterator[str]:
+    """The truth tests that go beyond the amplitudes that were fitted, and those that the model fails."""
+    reached = {fit.mode: (fit.stiffness_curve.position[-1], fit.band_hz) for fit in fits}
+    for mode in decay_laws.keys() - reached.keys():
+        natural = float(study.modes.frequency_hz[mode - 1])
+        reached[mode] = (float(decay_laws[mode].amplitude.max()), (0.8 * natural, 1.2 * natural))
+    for each, (mode, (largest, band)) in product(study.of_use("truth"), reached.items()):
+        try:
+            times = mode_lines(each.test, mode, band).largest_q / largest
+        except InputError as error:
+            yield f"how far truth test {each.test.name!r} moves mode {mode} cannot be told: {error}"
+            continue
+        if times > BEYOND:
+            yield (
+                f"truth test {each.test.name!r} moves mode {mode} {times:.2g} times as far as the tests it was "
+                "fitted to: there its force is an extrapolation"
+            )
+    for test in done:
+        missed = {name: figures.nrmse_nonlinear for name, figures in test.sensors.items()}
+        worst = max(missed, key=lambda name: missed[name])
+        median = float(np.median(list(missed.values())))
+        if missed[worst] > MOST_MISSED:
+            yield (
+                f"truth test {test.name!r}: the nonlinear model misses {100 * missed[worst]:.0f} % of the motion of "
+                f"{worst!r} (median of all sensors {100 * median:.0f} %): do not use it there before you know why"
+            )

@@ -1,24 +1,32 @@
-"""The nonlinear modal model as a value that simulates itself: all modes, any force, accelerations at the sensors."""
+"""The nonlinear modal model: a value that simulates itself under any force, and stands truth tests."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import fft
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law
 from opid.mechanics.response import Response, time_response
 from opid.mechanics.structure import Joint, Structure
-from opid.modal.linear.modes import LinearModes, force_projection
-from opid.signals.recording import Channel, Recording, recording_from_arrays
+from opid.modal.linear.modes import LinearModes, ModalTest, force_projection
+from opid.signals.recording import Channel, FloatArray, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
 LARGEST_ANGLE = 0.1
 """Of a time step at the highest natural frequency, rad: Runge-Kutta is then right to 1e-6 of the frequency."""
+
+ABOVE_MODES = 1.25
+"""Times the highest natural frequency: what is faster belongs to modes that the models do not have."""
+
+BELOW_MODES = 0.3
+"""Times the lowest elastic one: what is slower is offset and drift of the sensors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +67,49 @@ class NonlinearModalModel:
         )
         names = tuple(f"mode {mode + 1}" for mode in range(n))
         return Structure(np.eye(n), np.diag(self.modes.damping()), np.diag(self.modes.stiffness()), joints, names)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One sensor of a truth test.
+
+    Args:
+        peak_ratio_nonlinear: largest acceleration of the nonlinear model over the measured one.
+        peak_ratio_linear: likewise of the linear model.
+        nrmse_nonlinear: rms of the error over the rms of the measurement.
+        nrmse_linear: likewise of the linear model.
+    """
+
+    peak_ratio_nonlinear: float
+    peak_ratio_linear: float
+    nrmse_nonlinear: float
+    nrmse_linear: float
+
+
+@dataclass(frozen=True, eq=False)
+class TruthTest:
+    """A test that no fit has seen, beside what the models make of its force.
+
+    Args:
+        name: of the test.
+        band_hz: what is compared, Hz; None for all of it.
+        measured: accelerations at the sensors, m/s^2.
+        nonlinear: those of the nonlinear modal model, the same channels.
+        linear: those of the linear model.
+        sensors: the figures, by the name of the sensor.
+    """
+
+    name: str
+    band_hz: tuple[float, float] | None
+    measured: Recording
+    nonlinear: Recording
+    linear: Recording
+    sensors: Mapping[str, Comparison]
+
+    def as_json(self) -> dict[str, Any]:
+        """What result.json holds of it."""
+        sensors = {name: asdict(each) for name, each in self.sensors.items()}
+        return {"name": self.name, "band_hz": self.band_hz, "sensors": sensors}
 
 
 def simulate(model: NonlinearModalModel, force: ArrayLike, *, fs: float, drive_point: str) -> Recording:
@@ -127,3 +178,75 @@ def steps_per_sample(highest_hz: float, fs: float) -> int:
     7
     """
     return max(1, int(np.ceil(2 * np.pi * highest_hz / fs / LARGEST_ANGLE)))
+
+
+def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
+    """Return measured, nonlinear and linear accelerations side by side, with peak ratio and NRMSE a sensor.
+
+    Both models are driven by the measured force. All three are compared from 0.3 times
+    the lowest to 1.25 times the highest natural frequency of elastic modes.
+    NRMSE is the rms of the error over the rms of the measurement.
+
+    Args:
+        model: the nonlinear modal model; its linear twin has the modes of the test as they were given.
+        test: with a force.
+
+    Raises:
+        InputError: a test without a force, or a nonlinear model that grows without bound under it.
+    """
+    if test.force is None or test.drive_point is None:
+        raise InputError(
+            f"test {test.name!r} has no force: a truth test needs the force that both models are driven by"
+        )
+    given = NonlinearModalModel(test.modes)
+    sensors = [sensor for sensor in test.modes.sensors if sensor in test.recording.names]
+    try:
+        nonlinear = simulate(model, test.force, fs=test.fs, drive_point=test.drive_point)
+    except InputError as error:
+        raise InputError(
+            f"under the force of test {test.name!r} the nonlinear model is unstable: its polynomials were fitted at "
+            f"lower amplitudes; fit tests of this level, or lower the orders ({error})"
+        ) from error
+    linear = simulate(given, test.force, fs=test.fs, drive_point=test.drive_point)
+    top = ABOVE_MODES * float(test.modes.frequency_hz.max())
+    elastic = test.modes.frequency_hz[test.modes.elastic]
+    low = BELOW_MODES * float(elastic.min()) if elastic.size else 0.0
+    band = (low, min(top, 0.5 * test.fs))
+    measured, nonlinear, linear = (_kept(each, sensors, band) for each in (test.recording, nonlinear, linear))
+    dead = [sensor for sensor in sensors if not measured.channel(sensor).any()]
+    if dead:
+        raise InputError(f"sensor {dead[0]!r} of test {test.name!r} is zero throughout: leave its channel out")
+    comparisons = {
+        sensor: comparison(measured.channel(sensor), nonlinear.channel(sensor), linear.channel(sensor))
+        for sensor in sensors
+    }
+    return TruthTest(test.name, band, measured, nonlinear, linear, comparisons)
+
+
+def comparison(measured: FloatArray, nonlinear: FloatArray, linear: FloatArray) -> Comparison:
+    """Return peak ratios and NRMSE of two models.
+
+    Args:
+        measured: (n,) m/s^2.
+        nonlinear: (n,) of the nonlinear model.
+        linear: (n,) of the linear model.
+
+    >>> comparison(np.array([1.0, -2.0]), np.array([1.0, -2.0]), np.array([2.0, -4.0]))
+    Comparison(peak_ratio_nonlinear=1.0, peak_ratio_linear=2.0, nrmse_nonlinear=0.0, nrmse_linear=1.0)
+    """
+    peak, rms = float(np.abs(measured).max()), float(np.sqrt(np.mean(measured**2)))
+    return Comparison(
+        *(float(np.abs(each).max()) / peak for each in (nonlinear, linear)),
+        *(float(np.sqrt(np.mean((each - measured) ** 2))) / rms for each in (nonlinear, linear)),
+    )
+
+
+def _kept(recording: Recording, sensors: list[str], band_hz: tuple[float, float]) -> Recording:
+    """Some channels within a band, without delay."""
+    samples = recording.samples[:, [recording.index(sensor) for sensor in sensors]]
+    spectrum = fft.rfft(samples, axis=0)
+    frequency = fft.rfftfreq(len(samples), 1 / recording.fs)
+    spectrum[(frequency < band_hz[0]) | (frequency > band_hz[1])] = 0.0
+    samples = fft.irfft(spectrum, len(samples), axis=0)
+    channels = tuple(recording.channels[recording.index(sensor)] for sensor in sensors)
+    return replace(recording, samples=samples, channels=channels)

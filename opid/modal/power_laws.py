@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
 
 from opid.errors import InputError
 from opid.estimate import Estimate
@@ -43,12 +45,7 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
 
 
 def fitted_power_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate]) -> Law:
-    """Return the law of the powers 2 and up among fitted coefficients.
-
-    Args:
-        stiffness: k_n by n; 1 is linear.
-        damping: c_n by n; 1 is linear.
-    """
+    """Return the law of the powers 2 and up among fitted coefficients; 1 is linear."""
     of_stiffness, of_damping = (
         {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)
     )
@@ -59,9 +56,6 @@ def harmonic_share(power: float) -> float:
     """Return a_n: the fundamental of A^n cos|cos|^(n-1) is a_n A^n cos (harmonic linearisation).
 
     a_n = (2/sqrt(pi)) Gamma(n/2 + 1) / Gamma(n/2 + 3/2), so that omega^2(A) = sum k_n a_n A^(n-1).
-
-    Args:
-        power: n, from 1.
 
     >>> harmonic_share(1), harmonic_share(3), round(harmonic_share(2) * 3 * math.pi, 12)
     (1.0, 0.75, 8.0)
@@ -108,15 +102,18 @@ def _raised(name: str, exponent: float) -> str:
 def coefficient_rows(
     stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], name: str = "", *, per_mass: bool = False
 ) -> Iterator[SummaryRow]:
-    """Yield the coefficients of a mode as rows of a summary: k1, k3, c1, ...
-
-    Args:
-        stiffness: k_n by its power n.
-        damping: c_n by its power n.
-        name: what stands before the names of the rows.
-        per_mass: whether they are of a sensor's motion, per unit mass, instead of a modal coordinate.
-    """
+    """Yield the coefficients of a mode, or per unit mass of a sensor's motion, as rows of a summary: k1, k3, c1, ..."""
     unit = unit_per_mass if per_mass else unit_of
     for letter, estimates in (("k", stiffness), ("c", damping)):
         for power, estimate in sorted(estimates.items()):
             yield SummaryRow.of(f"{name}{letter}{power}", estimate, unit(letter, power))
+
+
+def coefficients_json(
+    stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate], *, per_mass: bool = False
+) -> dict[str, Any]:
+    """Return `k` and `c` by power, and their units, of a mode, or per unit mass of a sensor's motion."""
+    unit, both = unit_per_mass if per_mass else unit_of, {"k": stiffness, "c": damping}
+    found = {name: {str(power): asdict(each) for power, each in estimates.items()} for name, estimates in both.items()}
+    units = {f"{name}{power}": unit(name, power) for name, estimates in both.items() for power in estimates}
+    return {**found, "units": units}

@@ -1,156 +1,31 @@
-"""What the identification of a nonlinear modal model found: records, nothing computed."""
+"""What the identification of a nonlinear modal model found, and how result.json says it: nothing computed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from opid.estimate import Estimate
-from opid.mechanics.laws.law import Law
+from opid.json_values import plain
 from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
+from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, ModalTest
-from opid.modal.model import NonlinearModalModel
-from opid.modal.power_laws import coefficient_rows, fitted_power_law
+from opid.modal.model import NonlinearModalModel, TruthTest
+from opid.modal.power_laws import coefficient_rows, coefficients_json
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
-from opid.signals.recording import FloatArray, Recording
+from opid.signals.recording import FloatArray
 
 SCHEMA = "opid.modal/1"
 
-
-@dataclass(frozen=True, eq=False)
-class ForceCurve:
-    """The nonlinear part of a modal restoring force over displacement or velocity, with its 95 % band.
-
-    Args:
-        position: (n,) q, m kg^1/2, or q', m/s kg^1/2, from 0 to the largest of the tests.
-        force: (n,) N/kg^1/2, without the linear part.
-        low: (n,) lower end of the band.
-        high: (n,) upper end.
-        linear: (n,) k0 q or c0 q', what the nonlinear part stands beside.
-    """
-
-    position: FloatArray
-    force: FloatArray
-    low: FloatArray
-    high: FloatArray
-    linear: FloatArray
-
-
-@dataclass(frozen=True)
-class OrderRung:
-    """One pair of orders that was tried.
-
-    Args:
-        stiffness_order: N_s.
-        damping_order: N_d.
-        error: misfit of the tests that were left out, share of the modal force (rms).
-        error_std: standard error of that, from test to test.
-        chosen: whether it is the one.
-    """
-
-    stiffness_order: int
-    damping_order: int
-    error: float
-    error_std: float
-    chosen: bool
-
-
-@dataclass(frozen=True, eq=False)
-class ModeFit:
-    """The restoring force of one mode.
-
-    Args:
-        mode: number of the mode, from 1.
-        frequency_hz: linear natural frequency as given, Hz.
-        damping_ratio: linear damping ratio as given.
-        stiffness_order: N_s.
-        damping_order: N_d.
-        free_linear: whether k0 and c0 were corrected (the powers 1).
-        stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
-        damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
-        band_hz: lines that were fitted, Hz.
-        n_lines: number of them in all tests.
-        tests: names of the tests.
-        residual_share: rms of the misfit over that of the modal force, in the band.
-        condition_raw: condition number of the columns as they are.
-        condition_scaled: and scaled to unit norm, as they are solved.
-        modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
-        stiffness_curve: nonlinear stiffness force over displacement.
-        damping_curve: nonlinear damping force over velocity.
-        frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
-        damping_at: damping ratio at the same amplitudes.
-        orders: the orders that were tried, if they were searched.
-        warnings: what to doubt.
-    """
-
-    mode: int
-    frequency_hz: float
-    damping_ratio: float
-    stiffness_order: int
-    damping_order: int
-    free_linear: bool
-    stiffness: Mapping[int, Estimate]
-    damping: Mapping[int, Estimate]
-    band_hz: tuple[float, float]
-    n_lines: int
-    tests: tuple[str, ...]
-    residual_share: float
-    condition_raw: float
-    condition_scaled: float
-    modal_mass: Estimate
-    stiffness_curve: ForceCurve
-    damping_curve: ForceCurve
-    frequency_at_hz: FloatArray
-    damping_at: FloatArray
-    orders: tuple[OrderRung, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def law(self) -> Law:
-        """The nonlinear restoring force, powers 2 and up."""
-        return fitted_power_law(self.stiffness, self.damping)
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One sensor of a truth test.
-
-    Args:
-        peak_ratio_nonlinear: largest acceleration of the nonlinear model over the measured one.
-        peak_ratio_linear: likewise of the linear model.
-        nrmse_nonlinear: rms of the error over the rms of the measurement.
-        nrmse_linear: likewise of the linear model.
-    """
-
-    peak_ratio_nonlinear: float
-    peak_ratio_linear: float
-    nrmse_nonlinear: float
-    nrmse_linear: float
-
-
-@dataclass(frozen=True, eq=False)
-class TruthTest:
-    """A test that no fit has seen, beside what the models make of its force.
-
-    Args:
-        name: of the test.
-        band_hz: what is compared, Hz; None for all of it.
-        measured: accelerations at the sensors, m/s^2.
-        nonlinear: those of the nonlinear modal model, the same channels.
-        linear: those of the linear model.
-        sensors: the figures, by the name of the sensor.
-    """
-
-    name: str
-    band_hz: tuple[float, float] | None
-    measured: Recording
-    nonlinear: Recording
-    linear: Recording
-    sensors: Mapping[str, Comparison]
+FORCED_ONLY = (
+    *("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass", "force_curves"),
+    *("frequency_at_hz", "damping_at"),
+)
+"""Keys of a mode in result.json that are null where only free decays show it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,27 +76,21 @@ class ModalIdentification(Result):
     @property
     def all_warnings(self) -> list[str]:
         """All warnings, those of modes, decays and their laws last, each once."""
-        of_fits = [text for fit in self.fits for text in fit.warnings]
-        # worded as by `identify_modes`, which tells them too
-        of_decays = [
-            (f"free decay {decay.name!r} of mode {decay.mode}: ", decay.mode, text)
+        # worded as by `identify_modes`, which says them too
+        of_decays = {
+            f"free decay {decay.name!r} of mode {decay.mode}: {text}": (decay.mode, text)
             for decay in self.decays
             for text in decay.warnings
-        ]
-        of_laws = [
-            (f"the free decays of mode {mode} together: {text}", (mode, text) in [each[1:] for each in of_decays])
+        }
+        of_laws = {
+            f"the free decays of mode {mode} together: {text}": (mode, text)
             for mode, law in sorted(self.decay_laws.items())
             for text in law.warnings
-        ]
+        }
         # the law of a single decay has that decay's warnings
-        of_laws_alone = {text for text, twice in of_laws if twice}
-        every = [
-            *self.warnings,
-            *of_fits,
-            *(head + text for head, _, text in of_decays),
-            *(text for text, _ in of_laws),
-        ]
-        return [text for text in dict.fromkeys(every) if text not in of_laws_alone]
+        twice = {text for text, said in of_laws.items() if said in of_decays.values()}
+        every = [*self.warnings, *(text for fit in self.fits for text in fit.warnings), *of_decays, *of_laws]
+        return [text for text in dict.fromkeys(every) if text not in twice]
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the coefficients of each nonlinear mode; k1 and c1 of free decays are k0 and c0 themselves."""
@@ -235,11 +104,54 @@ class ModalIdentification(Result):
         return tuple(file for test in self.tests for file in test.recording.files)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of result.json, see `opid.modal.as_json.modal_json`."""
-        from opid.modal.as_json import modal_json
+        """Return the content of result.json, which docs/schemas/modal-1.schema.json describes.
 
-        return modal_json(self)
+        A mode that only free decays show stands in `modes` with the same keys, after the others: `known_by` is "free
+        decays" instead of "forced tests", `k` and `c` are those of `decay_laws` (power 1 as for all `modes` the
+        correction of k0 and c0; in `decay_laws` and `decays` it is k0 and c0 itself), `tests` are its decays, and what
+        only forced tests give (`band_hz`, `force_curves`, ...) is null.
+        """
+        names = ("title", "drive_point", "condition_number", "auto_mac", "not_determined", "settings")
+        of_decays = [_mode_of_decays(self, mode) for mode in self.modes_by_decays_alone]
+        return plain(
+            {
+                "schema": SCHEMA,
+                **{name: getattr(self, name) for name in names},
+                "modes": [*(fit.as_json() for fit in self.fits), *of_decays],
+                "linear_modes": {name: getattr(self.modes, name) for name in ("frequency_hz", "damping_ratio")},
+                "truth_tests": [test.as_json() for test in self.truth_tests],
+                "level_shifts": [asdict(shift) for shift in self.shifts],
+                "decays": [decay.fields_json() for decay in self.decays],
+                "decay_laws": {str(mode): law.as_json() for mode, law in sorted(self.decay_laws.items())},
+                "warnings": self.all_warnings,
+            }
+        )
 
     def _headline(self) -> str:
         nonlinear = ", ".join(str(fit.mode) for fit in self.fits) or "none"
         return f"{self.title or 'without a title'} ({self.modes.n_modes} modes, nonlinear by forced tests: {nonlinear})"
+
+
+def _mode_of_decays(result: ModalIdentification, mode: int) -> dict[str, Any]:
+    """A mode that only free decays show, with the keys of the others; null is what forced tests alone give."""
+    law, index = result.decay_laws[mode], result.modes.index(mode)
+    linear = float(result.modes.stiffness()[index]), float(result.modes.damping()[index])
+    # k0 and c0 as corrections of those that are given
+    stiffness, damping = (
+        {**found, 1: Estimate.normal(float(found[1].value or 0.0) - given, found[1].std)}
+        for found, given in zip((law.stiffness, law.damping), linear, strict=True)
+    )
+    return {
+        "mode": mode,
+        "known_by": "free decays",
+        "frequency_hz": result.modes.frequency_hz[index],
+        "damping_ratio": result.modes.damping_ratio[index],
+        "stiffness_order": max(law.stiffness),
+        "damping_order": max(law.damping),
+        "free_linear": True,
+        **coefficients_json(stiffness, damping),
+        **dict.fromkeys(FORCED_ONLY),
+        "tests": [decay.name for decay in result.decays if decay.mode == mode],
+        "orders": [],
+        "warnings": law.warnings,
+    }

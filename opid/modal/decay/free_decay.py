@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate
+from opid.json_values import plain
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import DecayLaw, backbone, fit_decays
 from opid.modal.decay.stretch import Stretch, find_stretch
 from opid.modal.decay.track import Track, track_decay
 from opid.modal.linear.modes import ModalTest
-from opid.modal.power_laws import coefficient_rows
+from opid.modal.power_laws import coefficient_rows, coefficients_json
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
@@ -99,22 +100,30 @@ class Decay(Result):
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return frequency and damping at the largest and at zero amplitude, and the coefficients of the law."""
-        largest = (
+        return (
             SummaryRow.of("frequency_hz", Estimate.normal(self.frequency_hz[0], self.frequency_std_hz[0]), "Hz"),
             SummaryRow.of("damping_ratio", Estimate.normal(self.damping_ratio[0], self.damping_std[0]), "1"),
-        )
-        low = (
             SummaryRow.of("frequency_low_hz", self.frequency_low_hz, "Hz"),
             SummaryRow.of("damping_low", self.damping_low, "1"),
+            *coefficient_rows(self.stiffness, self.damping, per_mass=self.mode is None),
         )
-        per_mass = self.mode is None
-        return (*largest, *low, *coefficient_rows(self.stiffness, self.damping, per_mass=per_mass))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of result.json, see `opid.modal.as_json.decay_json`."""
-        from opid.modal.as_json import decay_json
+        """Return the content of result.json, which docs/schemas/decay-1.schema.json describes."""
+        return plain({"schema": SCHEMA, **self.fields_json(), "settings": self.settings})
 
-        return decay_json(self)
+    def fields_json(self) -> dict[str, Any]:
+        """Return the fields without the record; `k` and `c` by power, 1 is k0 and c0."""
+        names = (
+            *("name", "mode", "amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio"),
+            *("damping_std", "start_s", "stop_s", "residual_share", "law_misfit", "warnings"),
+        )
+        return {
+            **{name: getattr(self, name) for name in names},
+            "frequency_low_hz": asdict(self.frequency_low_hz),
+            "damping_low": asdict(self.damping_low),
+            **coefficients_json(self.stiffness, self.damping, per_mass=self.mode is None),
+        }
 
     def _headline(self) -> str:
         return f"{self.name!r} from {self.start_s:.4g} to {self.stop_s:.4g} s, amplitudes of displacement"
@@ -143,12 +152,11 @@ def decay_of(
         InputError: no such mode, a rigid-body mode, or as `free_decay`.
         NotDeterminedError: as `free_decay`.
     """
-    place = test.modes.index(mode)
-    frequency = float(test.modes.frequency_hz[place])
+    frequency = float(test.modes.frequency_hz[test.modes.index(mode)])
     if not frequency > 0.0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it does not ring; name an elastic mode")
     return free_decay(
-        test.acceleration[:, place],
+        test.modal_acceleration(mode),
         fs=test.fs,
         near_hz=frequency,
         stiffness_order=stiffness_order,
@@ -206,7 +214,7 @@ def free_decay(
     stretch = find_stretch(series, fs=fs, near_hz=near_hz, band_hz=band_hz, start_s=start_s, stop_s=stop_s)
     track, late = _tracked(series, stretch, fs, start_s is None)
     amplitude, natural, natural_std, damping, damping_std = backbone(track, derivative)
-    warnings = [*stretch.warnings, *late, *_doubts(track, amplitude)]
+    warnings = [*stretch.warnings, *late, *_warnings_of_track(track, amplitude)]
     law: DecayLaw | None = None
     try:
         law = fit_decays([track], derivative=derivative, stiffness_order=stiffness_order, damping_order=damping_order)
@@ -249,7 +257,7 @@ def free_decay(
 
 
 def law_of_decays(
-    decays: list[Decay] | tuple[Decay, ...], *, stiffness_order: int | None = None, damping_order: int | None = None
+    decays: Sequence[Decay], *, stiffness_order: int | None = None, damping_order: int | None = None
 ) -> DecayLaw:
     """Return one law for several free decays of the same mode, measured in the same place.
 
@@ -303,60 +311,52 @@ def _tracked(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) ->
     """The track of a decay; where its start holds too much beside the mode, from a quarter of it on."""
     try:
         return track_decay(series, stretch, fs=fs), []
-    except NotDeterminedError:
-        start = stretch.start + (stretch.sure_stop - stretch.start) // 4
+    except NotDeterminedError as first:
         if not may_wait:
             raise
+        start = stretch.start + (stretch.sure_stop - stretch.start) // 4
         try:
             track = track_decay(series, replace(stretch, start=start), fs=fs)
         except NotDeterminedError:
-            track = None
-        if track is None:
-            raise
+            raise first from None
         return track, [f"before {start / fs:.4g} s too much rings beside the mode: it is left out"]
 
 
-def _doubts(track: Track, amplitude: FloatArray) -> list[str]:
-    doubts = []
+def _warnings_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
     own = float(np.median(track.omega)) / (2.0 * np.pi)
     for frequency in track.unresolved_hz:
-        doubts.append(
+        yield (
             f"another mode at {frequency:.4g} Hz is too close to that of {own:.4g} Hz to be told apart in this record: "
             "frequency and damping swing with their beat; separate them with several sensors (a modal filter)"
         )
     if _beats(track):
-        doubts.append(
+        yield (
             "frequency or amplitude swings as two modes that beat: what is over amplitude is not that of one mode; "
             "separate them with several sensors (a modal filter)"
         )
     if track.residual_share > DOMINANT:
-        doubts.append(
+        yield (
             f"{100 * track.residual_share:.0f} % of the record is neither this mode nor what was found beside it: its "
             "amplitude is small beside noise and other modes"
         )
     log_std = np.sqrt(np.diag(track.covariance)[: amplitude.size])
     if (np.diff(np.log(amplitude)) > 0.1 + 5.0 * np.maximum(log_std[1:], log_std[:-1])).any():
-        doubts.append("the amplitude does not fall throughout: something feeds the mode, or two modes beat")
-    return doubts
+        yield "the amplitude does not fall throughout: something feeds the mode, or two modes beat"
 
 
 def _beats(track: Track) -> bool:
     """Whether what a smooth curve leaves of the rate swings more than noise, several times with a like period."""
     if track.time_s.size < 12:
         return False
-    rests = []
+    root, swings = np.sqrt(track.amplitude / track.amplitude.max()), False
     for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std)):
-        floor = 1e-6 * np.abs(np.median(track.omega))
-        weight = 1.0 / np.maximum(std, floor)
-        root = np.sqrt(track.amplitude / track.amplitude.max())
-        smooth = np.polyval(np.polyfit(root, values, 3, w=weight), root)
-        rests.append((values - smooth) * weight)
-    swings = [rest for rest in rests if np.sqrt(np.mean(rest**2)) > BEATING]
+        weight = 1.0 / np.maximum(std, 1e-6 * np.abs(np.median(track.omega)))
+        rest = values - np.polyval(np.polyfit(root, values, 3, w=weight), root)
+        swings |= bool(np.sqrt(np.mean((rest * weight) ** 2)) > BEATING)
     # noise at low amplitude counts for nothing here, a beat shows from the start on
     trust = 1.0 / np.maximum(track.rate_std, 1e-2 * float(np.median(np.abs(track.rate)))) ** 2
     mean = float(np.average(track.rate, weights=trust))
-    wild = float(np.average((track.rate - mean) ** 2, weights=trust)) > (1.5 * mean) ** 2
-    return wild and bool(swings)
+    return swings and float(np.average((track.rate - mean) ** 2, weights=trust)) > (1.5 * mean) ** 2
 
 
 def _drawing(series: FloatArray, track: Track, fs: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft, rfftfreq
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import detrend, fftconvolve, find_peaks, peak_prominences
 
 from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
@@ -54,18 +56,10 @@ def find_stretch(
     start_s: float | None = None,
     stop_s: float | None = None,
 ) -> Stretch:
-    """Return where a record holds the free decay of its strongest mode, or of the mode asked for.
+    """Return where a record of any quantity holds the free decay of its strongest mode, or of the mode asked for.
 
     The mode is the peak of the spectrum that loses most from the first half of the decay to the second, so that hum,
-    which stays, is not taken for a mode.
-
-    Args:
-        samples: (n,) of any quantity.
-        fs: sampling rate, Hz.
-        near_hz: the mode nearest to that, within a tenth, Hz.
-        band_hz: where to look for it, Hz.
-        start_s: start of the free decay if it is known, s from the first sample.
-        stop_s: its end likewise.
+    which stays, is not taken for a mode. It lies within a tenth of `near_hz`, or in a band.
 
     Raises:
         InputError: a band or times outside the record.
@@ -75,7 +69,7 @@ def find_stretch(
     first, last = _limits(n, fs, start_s, stop_s)
     low, high = _band(last - first, fs, near_hz, band_hz)
     part = samples[first:last] - np.median(samples[first:last])
-    peak = 0 if start_s is not None else int(np.argmax(np.abs(_detrended(part))))
+    peak = 0 if start_s is not None else int(np.argmax(np.abs(detrend(part))))
     if peak > 0.95 * part.size:
         raise NotDeterminedError(
             f"the signal is largest at {(first + peak) / fs:.4g} s, at the end of the record: it grows, or an "
@@ -98,23 +92,15 @@ def find_stretch(
         frequency = _decaying_peak(part[start:stop], fs, low, high)
         envelope = band_envelope(part, fs=fs, frequency_hz=frequency)
     floor = float(np.quantile(envelope[start + (stop - start) // 2 : stop], 0.2))
-    low_places = np.flatnonzero(envelope[start:stop] < max(3.0 * floor, 2e-3 * envelope[start]))
-    sure = start + int(low_places[0]) if low_places.size else stop
+    quiet = np.flatnonzero(envelope[start:stop] < max(3.0 * floor, 2e-3 * envelope[start]))
+    sure = start + int(quiet[0]) if quiet.size else stop
     sure = min(stop, max(sure, start + int(FEWEST_CYCLES * fs / frequency)))
     rate = _slope(envelope[start:sure], fs)
     return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings))
 
 
 def band_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
-    """Return (n,) the amplitude of what lies near a frequency, through a Hann kernel of six cycles.
-
-    Args:
-        samples: (n,).
-        fs: sampling rate, Hz.
-        frequency_hz: the frequency, Hz.
-    """
-    from scipy.signal import fftconvolve
-
+    """Return (n,) the amplitude of what lies near a frequency, through a Hann kernel of six cycles."""
     length = max(3, round(KERNEL_CYCLES * fs / frequency_hz))
     kernel = np.hanning(length + 2)[1:-1]
     turned = samples * np.exp(-2j * np.pi * frequency_hz / fs * np.arange(samples.size))
@@ -128,12 +114,6 @@ def spectrum_peaks(
     """Return frequencies (m,) Hz and heights (m,) of the peaks of an amplitude spectrum, highest first, and its median.
 
     The window falls as the half of a Hann window, so that what is strong at the start counts most.
-
-    Args:
-        samples: (n,).
-        fs: sampling rate, Hz.
-        low_hz: lowest frequency, Hz.
-        high_hz: highest, Hz.
     """
     frequency, height = _falling_spectrum(samples, fs)
     inside = (frequency >= low_hz) & (frequency <= high_hz)
@@ -142,32 +122,21 @@ def spectrum_peaks(
 
 
 def _falling_spectrum(samples: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
-    from scipy.fft import next_fast_len, rfft, rfftfreq
-
     n = samples.size
     size = next_fast_len(4 * n)
     window = 0.5 * (1.0 + np.cos(np.pi * np.arange(n) / n))
-    spectrum = rfft(_detrended(samples) * window, size)
+    spectrum = rfft(detrend(samples) * window, size)
     return rfftfreq(size, 1.0 / fs), 2.0 * np.abs(spectrum) / window.sum()
 
 
 def _peaks_of(
     frequency: FloatArray, height: FloatArray, low_hz: float, high_hz: float
 ) -> tuple[FloatArray, FloatArray]:
-    from scipy.signal import find_peaks, peak_prominences
-
-    places, _ = find_peaks(height)
-    if places.size:
-        prominent = peak_prominences(height, places)[0] > 0.3 * height[places]
-        places = places[prominent & (frequency[places] >= low_hz) & (frequency[places] <= high_hz)]
-    places = places[np.argsort(-height[places])]
-    return frequency[places], height[places]
-
-
-def _detrended(samples: FloatArray) -> FloatArray:
-    from scipy.signal import detrend
-
-    return detrend(samples)
+    peaks, _ = find_peaks(height)
+    prominent = peak_prominences(height, peaks)[0] > 0.3 * height[peaks]
+    peaks = peaks[prominent & (frequency[peaks] >= low_hz) & (frequency[peaks] <= high_hz)]
+    peaks = peaks[np.argsort(-height[peaks])]
+    return frequency[peaks], height[peaks]
 
 
 def _limits(n: int, fs: float, start_s: float | None, stop_s: float | None) -> tuple[int, int]:
@@ -201,19 +170,17 @@ def _decaying_peak(part: FloatArray, fs: float, low: float, high: float) -> floa
     frequency, early = _falling_spectrum(part[:half], fs)
     _, late = _falling_spectrum(part[half : 2 * half], fs)
     lost = np.maximum(early - late, 0.0)
-    places, _ = _peaks_of(frequency, early, low, high)
-    if not places.size:
+    peaks, _ = _peaks_of(frequency, early, low, high)
+    if not peaks.size:
         raise NotDeterminedError(
             f"the spectrum has no peak between {low:.4g} and {high:.4g} Hz after the largest sample: give near_hz or "
             "another stretch of the record"
         )
-    return float(places[np.argmax(np.interp(places, frequency, lost))])
+    return float(peaks[np.argmax(np.interp(peaks, frequency, lost))])
 
 
 def _start(part: FloatArray, envelope: FloatArray, cycle: float) -> int:
     """The end of an impact, or that of a dwell."""
-    from scipy.ndimage import uniform_filter1d
-
     highest, reach = int(np.argmax(envelope)), round(0.5 * KERNEL_CYCLES * cycle) + 1
     # the mean of a cycle holds what is slower than the mode and nothing of the mode itself
     level = np.abs(part - uniform_filter1d(part, max(3, round(cycle))))
@@ -236,9 +203,7 @@ def _clipped_until(part: FloatArray, cycle: float, warnings: list[str]) -> int:
     last = -1
     for at_limit in (part >= part.max(), part <= part.min()):
         run = np.convolve(at_limit.astype(np.int64), np.ones(CLIPPED_SAMPLES, dtype=np.int64), mode="valid")
-        places: NDArray[np.int64] = np.flatnonzero(run == CLIPPED_SAMPLES)
-        if places.size and np.ptp(part) > 0.0:
-            last = max(last, int(places[-1]) + CLIPPED_SAMPLES - 1)
+        last = max(last, np.flatnonzero(run == CLIPPED_SAMPLES).max(initial=-CLIPPED_SAMPLES) + CLIPPED_SAMPLES - 1)
     if last < 0:
         return 0
     warnings.append("samples are clipped: what was before the last of them is left out")

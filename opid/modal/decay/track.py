@@ -13,7 +13,6 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.modal.decay.stretch import Stretch, spectrum_peaks
-from opid.modal.decay.window import Reference, Window, fit_window, value_std
 from opid.signals.recording import FloatArray
 
 ROUNDS_ALONE, ROUNDS = 3, 2
@@ -73,13 +72,57 @@ class Track:
     stop_s: float
 
 
-def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
-    """Follow the fundamental of a free decay from its start until it meets the noise.
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A smooth guess of the fundamental at every sample of a stretch.
 
     Args:
-        samples: (n,) the record.
-        stretch: where the decay is, see `find_stretch`.
-        fs: sampling rate, Hz.
+        log_amplitude: (n,) logarithm of its amplitude.
+        phase: (n,) rad.
+        omega: (n,) rate of the phase, rad/s.
+        rate: (n,) of the logarithm of the amplitude, downwards, 1/s.
+    """
+
+    log_amplitude: FloatArray
+    phase: FloatArray
+    omega: FloatArray
+    rate: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """What one window says of the fundamental: the reference times value exp(slope (t - centre)) near its centre.
+
+    Args:
+        first: its first sample in the stretch.
+        centre: time at which value and slope are uncorrelated, s from the start of the stretch.
+        value: 1 where the reference is right.
+        slope: 0 where the reference is right, 1/s; the imaginary part is of the frequency, rad/s.
+        by_value: (m,) what each sample adds to the logarithm of the value.
+        slope_std: standard deviation of the parts of the slope for samples of noise 1.
+        noise: standard deviation of white noise in the samples of the level found near the mode.
+        fitted: (m,) the samples as fitted, with what was fitted beside the mode.
+        weight: (m,) of the samples.
+    """
+
+    first: int
+    centre: float
+    value: complex
+    slope: complex
+    by_value: FloatArray
+    slope_std: complex
+    noise: float
+    fitted: FloatArray
+    weight: FloatArray
+
+    @property
+    def value_std(self) -> float:
+        """Standard deviation of the value, of its real or imaginary part."""
+        return self.noise * float(np.linalg.norm(self.by_value)) / np.sqrt(2.0)
+
+
+def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
+    """Follow the fundamental of a free decay from its start until it meets the noise.
 
     Raises:
         NotDeterminedError: a signal that does not decay, or that stands out of the noise in too few windows.
@@ -115,10 +158,13 @@ def _followed(
     reference = Reference(
         np.log(amplitude) - rate * time, omega * time, np.full(time.size, omega), np.full(time.size, rate)
     )
+
+    def early(reference: Reference, neighbours: FloatArray) -> list[Window]:
+        return _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+
     for _ in range(ROUNDS_ALONE - 1):
-        windows = _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
-        reference = _renewed(windows, reference, fs)
-    windows = _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+        reference = _renewed(early(reference, neighbours), reference, fs)
+    windows = early(reference, neighbours)
     close: list[float] = []
     for _ in range(MOST_NEIGHBOURS):
         found, resolved = _next_neighbour(part[:n_sure], reference, windows, [*neighbours, *close], fs)
@@ -126,16 +172,13 @@ def _followed(
             break
         if resolved:
             neighbours = np.append(neighbours, found)
-            reference = _renewed(
-                _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False), reference, fs
-            )
-            windows = _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
+            reference = _renewed(early(reference, neighbours), reference, fs)
+            windows = early(reference, neighbours)
         else:
             close.append(found)
     reference = _renewed(windows, reference, fs)
     for _ in range(ROUNDS):
-        windows = _windows(part, reference, neighbours, fs=fs, until_noise=True)
-        reference = _renewed(windows, reference, fs)
+        reference = _renewed(_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
     return _windows(part, reference, neighbours, fs=fs, until_noise=True), reference, neighbours, np.array(close)
 
 
@@ -160,16 +203,15 @@ def _windows(
             break
         if first == 0:
             # the decay is fastest known at its start: half a window there, highest at its first sample
-            short = max(
-                length // 2, min(length, round(FEWEST_WINDOW_CYCLES / 1.5 * fs * 2 * np.pi / reference.omega[0]))
-            )
+            shortest = round(FEWEST_WINDOW_CYCLES / 1.5 * fs * 2 * np.pi / reference.omega[0])
+            short = max(length // 2, min(length, shortest))
             falling = 0.5 * (1.0 + np.cos(np.pi * (np.arange(short) + 0.5) / short))
-            windows.append(fit_window(part, 0, falling, reference, neighbours, fs))
+            windows.append(_fitted(part, 0, falling, reference, neighbours, fs))
         hann = np.hanning(length + 2)[1:-1]
-        windows.append(fit_window(part, first, hann, reference, neighbours, fs))
+        windows.append(_fitted(part, first, hann, reference, neighbours, fs))
         last = windows[-1]
         signal = abs(last.value) * np.exp(reference.log_amplitude[min(part.size - 1, round(last.centre * fs))])
-        spread = value_std(last) * signal / max(abs(last.value), 1e-300)
+        spread = last.value_std * signal / max(abs(last.value), 1e-300)
         weak = weak + 1 if signal < SMALLEST_SIGNAL * spread else 0
         if weak >= 2 and until_noise:
             del windows[-2:]
@@ -196,6 +238,8 @@ def _length(n: int, reference: Reference, first: int, neighbours: FloatArray, fs
 
 def _renewed(windows: list[Window], reference: Reference, fs: float) -> Reference:
     """A smooth reference: frequency and rate as polynomials in the root of the amplitude, through all windows."""
+    from scipy.integrate import cumulative_trapezoid
+
     time = np.arange(reference.phase.size) / fs
     centres = np.array([window.centre for window in windows])
     level = np.interp(centres, time, reference.log_amplitude) + np.log(
@@ -222,13 +266,12 @@ def _renewed(windows: list[Window], reference: Reference, fs: float) -> Referenc
     inside = np.clip(np.exp(0.5 * (log_of - level.max())), root.min(), 1.3)
     new_rate = np.maximum(np.polyval(by_rate, inside), 0.2 * ahead)
     new_omega = np.clip(np.polyval(by_omega, inside), 0.8 * np.median(omega), 1.25 * np.median(omega))
-    log_amplitude = -np.concatenate([[0.0], np.cumsum(0.5 * (new_rate[1:] + new_rate[:-1]))]) / fs
-    weight = 1.0 / np.maximum(np.array([value_std(w) for w in windows]), 1e-9) ** 2
+    log_amplitude = -cumulative_trapezoid(new_rate, dx=1.0 / fs, initial=0.0)
+    weight = 1.0 / np.maximum([w.value_std for w in windows], 1e-9) ** 2
     log_amplitude += np.sum(weight * (level - np.interp(centres, time, log_amplitude))) / weight.sum()
     # far below and far above what was seen there is nothing to follow, and nothing may overflow
     log_amplitude = np.clip(log_amplitude, level.max() - 40.0, level.max() + 10.0)
-    phase = np.concatenate([[0.0], np.cumsum(0.5 * (new_omega[1:] + new_omega[:-1]))]) / fs
-    return Reference(log_amplitude, phase, new_omega, new_rate)
+    return Reference(log_amplitude, cumulative_trapezoid(new_omega, dx=1.0 / fs, initial=0.0), new_omega, new_rate)
 
 
 def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
@@ -325,7 +368,7 @@ def _track(
         covariance=_covariance(windows, noise),
         neighbours_hz=tuple(neighbours.tolist()),
         unresolved_hz=tuple(close.tolist()),
-        residual_share=_residual_share(part, windows),
+        residual_share=_unexplained(part, windows),
         start_s=stretch.start / fs,
         stop_s=(stretch.start + max(window.first + window.weight.size for window in windows) - 1) / fs,
     )
@@ -339,25 +382,23 @@ def _pooled(noise: FloatArray) -> FloatArray:
 def _covariance(windows: list[Window], noise: FloatArray) -> FloatArray:
     n = len(windows)
     covariance = np.zeros((2 * n, 2 * n))
+    parts = [np.stack([window.by_value.real, window.by_value.imag]) for window in windows]
     for i, one in enumerate(windows):
-        for j in range(i, n):
-            other = windows[j]
+        for j, other in enumerate(windows[i:], start=i):
             low = max(one.first, other.first)
             high = min(one.first + one.by_value.size, other.first + other.by_value.size)
-            if low >= high:
-                continue
-            a = one.by_value[low - one.first : high - one.first]
-            b = other.by_value[low - other.first : high - other.first]
-            block = (
-                noise[i] * noise[j] * np.array([[a.real @ b.real, a.real @ b.imag], [a.imag @ b.real, a.imag @ b.imag]])
-            )
-            for r, row in enumerate((i, n + i)):
-                for c, column in enumerate((j, n + j)):
-                    covariance[row, column] = covariance[column, row] = block[r, c]
+            if low < high:
+                a, b = (
+                    parts[i][:, low - one.first : high - one.first],
+                    parts[j][:, low - other.first : high - other.first],
+                )
+                block = noise[i] * noise[j] * a @ b.T
+                covariance[np.ix_((i, n + i), (j, n + j))] = block
+                covariance[np.ix_((j, n + j), (i, n + i))] = block.T
     return covariance
 
 
-def _residual_share(part: FloatArray, windows: list[Window]) -> float:
+def _unexplained(part: FloatArray, windows: list[Window]) -> float:
     """Root of the rest over the record, both weighted as the windows are."""
     left = whole = 0.0
     for window in windows:
@@ -365,3 +406,78 @@ def _residual_share(part: FloatArray, windows: list[Window]) -> float:
         left += float(window.weight @ (y - window.fitted) ** 2)
         whole += float(window.weight @ y**2)
     return float(np.sqrt(left / whole)) if whole > 0.0 else 0.0
+
+
+def _fitted(
+    part: FloatArray, first: int, weight: FloatArray, reference: Reference, neighbours: FloatArray, fs: float
+) -> Window:
+    """The weighted least squares of one window, which begins at a sample of the part of the record."""
+    places = slice(first, first + weight.size)
+    y = part[places]
+    time = (first + np.arange(weight.size)) / fs
+    height = np.exp(reference.log_amplitude[places])
+    # alpha and beta are uncorrelated about the centre of what carries the information
+    centre = float(np.sum(weight * height**2 * time) / np.sum(weight * height**2))
+    since = (time - centre) / (weight.size / fs)
+    phase = reference.phase[places]
+    turning = height * np.exp(1j * phase)
+    main = np.column_stack([turning.real, -turning.imag, since * turning.real, -since * turning.imag])
+    columns = [main, np.ones((weight.size, 1)) * height.max(), since[:, None] * height.max()]
+    omega = float(reference.omega[first])
+    for harmonic in (2, 3):
+        if harmonic * omega < 0.9 * np.pi * fs:
+            over = height**harmonic / height.max() ** (harmonic - 1) * np.exp(1j * harmonic * phase)
+            columns.append(np.column_stack([over.real, over.imag]))
+    for frequency in neighbours:
+        turn = height.max() * np.exp(2j * np.pi * frequency * (time - centre))
+        columns.append(np.column_stack([turn.real, turn.imag, since * turn.real, since * turn.imag]))
+    x = np.column_stack(columns)
+    scale = np.sqrt(weight @ x**2)
+    x = x / scale
+    weighted = weight[:, None] * x
+    solve = np.linalg.pinv(x.T @ weighted, rcond=1e-10, hermitian=True) @ weighted.T
+    solution = solve @ y
+    fitted = x @ solution
+    rest = y - fitted
+    functional = solve[:4] / scale[:4, None]
+    alpha_r, alpha_i, beta_r, beta_i = (solution[:4] / scale[:4]).tolist()
+    value, slope = complex(alpha_r, alpha_i) or 1e-12 + 0j, complex(beta_r, beta_i)
+    # by the reference, not by the value found: noise that makes it small must not make it trusted less, too
+    turn_back = np.exp(-1j * np.angle(value))
+    by_value = (functional[0] + 1j * functional[1]) * turn_back
+    by_slope = (functional[2] + 1j * functional[3]) * turn_back - (slope / value) * by_value
+    span = weight.size / fs
+    spread = complex(float(np.linalg.norm(by_slope.real)), float(np.linalg.norm(by_slope.imag))) / span
+    return Window(
+        first=first,
+        centre=centre,
+        value=value,
+        slope=slope / value / span,
+        by_value=by_value,
+        slope_std=spread,
+        noise=_noise(x, solve, weight, rest, since, turning),
+        fitted=fitted,
+        weight=weight,
+    )
+
+
+def _noise(
+    x: FloatArray, solve: FloatArray, weight: FloatArray, rest: FloatArray, since: FloatArray, turning: FloatArray
+) -> float:
+    """Standard deviation of the samples that white noise of the level near the mode would have.
+
+    It is what the powers 2 to 5 of time times the mode would take of the rest: their band is that of the mode, and what
+    the reference misses of it is counted as noise.
+    """
+    powers = [turning * (2.0 * since) ** 2]
+    for _ in range(3):
+        powers.append(powers[-1] * (2.0 * since))
+    more = np.column_stack([part for each in powers for part in (each.real, each.imag)])
+    more = more - x @ (solve @ more)
+    gram = more.T @ (weight[:, None] * more)
+    values, vectors = np.linalg.eigh(gram)
+    keep = values > 1e-8 * values[-1]
+    basis = (more @ vectors[:, keep]) / np.sqrt(values[keep])
+    taken = basis.T @ (weight * rest)
+    expected = float(np.sum((weight[:, None] * basis) ** 2))
+    return float(np.sqrt(taken @ taken / max(expected, 1e-300)))

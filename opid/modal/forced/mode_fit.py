@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from opid.errors import InputError, refuse
 from opid.estimate import Estimate
+from opid.mechanics.laws.law import Law
 from opid.modal.forced.equation import ModeLines, mode_lines
 from opid.modal.forced.mode_tests import (
     WIDEST,
@@ -20,6 +22,7 @@ from opid.modal.forced.mode_tests import (
 )
 from opid.modal.forced.restoring_fit import (
     Coefficients,
+    OrderRung,
     fit_coefficients,
     linear_is_off,
     linearised,
@@ -28,7 +31,7 @@ from opid.modal.forced.restoring_fit import (
 )
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
-from opid.modal.result import ForceCurve, ModeFit, OrderRung
+from opid.modal.power_laws import coefficients_json, fitted_power_law
 from opid.signals.recording import FloatArray
 
 N_CURVE = 101
@@ -58,6 +61,100 @@ UNITS = {
     "a force in N taken for kN": 1000.0,
 }
 """Mistakes and the modal mass that they show."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCurve:
+    """The nonlinear part of a modal restoring force over displacement or velocity, with its 95 % band.
+
+    Args:
+        position: (n,) q, m kg^1/2, or q', m/s kg^1/2, from 0 to the largest of the tests.
+        force: (n,) N/kg^1/2, without the linear part.
+        low: (n,) lower end of the band.
+        high: (n,) upper end.
+        linear: (n,) k0 q or c0 q', what the nonlinear part stands beside.
+    """
+
+    position: FloatArray
+    force: FloatArray
+    low: FloatArray
+    high: FloatArray
+    linear: FloatArray
+
+    def as_json(self, along: str) -> dict[str, Any]:
+        """What result.json holds of it, over what it is drawn."""
+        return {along if each.name == "position" else each.name: getattr(self, each.name) for each in fields(self)}
+
+
+@dataclass(frozen=True, eq=False)
+class ModeFit:
+    """The restoring force of one mode.
+
+    Args:
+        mode: number of the mode, from 1.
+        frequency_hz: linear natural frequency as given, Hz.
+        damping_ratio: linear damping ratio as given.
+        stiffness_order: N_s.
+        damping_order: N_d.
+        free_linear: whether k0 and c0 were corrected (the powers 1).
+        stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
+        damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
+        band_hz: lines that were fitted, Hz.
+        n_lines: number of them in all tests.
+        tests: names of the tests.
+        residual_share: rms of the misfit over that of the modal force, in the band.
+        condition_raw: condition number of the columns as they are.
+        condition_scaled: and scaled to unit norm, as they are solved.
+        modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
+        stiffness_curve: nonlinear stiffness force over displacement.
+        damping_curve: nonlinear damping force over velocity.
+        frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
+        damping_at: damping ratio at the same amplitudes.
+        orders: the orders that were tried, if they were searched.
+        warnings: what to doubt.
+    """
+
+    mode: int
+    frequency_hz: float
+    damping_ratio: float
+    stiffness_order: int
+    damping_order: int
+    free_linear: bool
+    stiffness: Mapping[int, Estimate]
+    damping: Mapping[int, Estimate]
+    band_hz: tuple[float, float]
+    n_lines: int
+    tests: tuple[str, ...]
+    residual_share: float
+    condition_raw: float
+    condition_scaled: float
+    modal_mass: Estimate
+    stiffness_curve: ForceCurve
+    damping_curve: ForceCurve
+    frequency_at_hz: FloatArray
+    damping_at: FloatArray
+    orders: tuple[OrderRung, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def law(self) -> Law:
+        """The nonlinear restoring force, powers 2 and up."""
+        return fitted_power_law(self.stiffness, self.damping)
+
+    def as_json(self) -> dict[str, Any]:
+        """What result.json holds of it; `k` and `c` by power, as the paper calls them."""
+        arranged = ("stiffness", "damping", "stiffness_curve", "damping_curve", "modal_mass", "orders")
+        return {
+            **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
+            "known_by": "forced tests",
+            **coefficients_json(self.stiffness, self.damping),
+            "modal_mass": asdict(self.modal_mass),
+            "force_curves": {
+                "stiffness": self.stiffness_curve.as_json("displacement"),
+                "damping": self.damping_curve.as_json("velocity"),
+            },
+            "orders": [asdict(rung) for rung in self.orders],
+        }
 
 
 def fit_mode(

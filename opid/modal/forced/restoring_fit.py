@@ -16,7 +16,6 @@ from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import ModeLines, Powers, line_noise, noise_scores
 from opid.modal.power_laws import HIGHEST_ORDER, harmonic_share
-from opid.modal.result import OrderRung
 from opid.signals.recording import FloatArray
 
 N_ROUNDS = 2
@@ -64,6 +63,25 @@ class Coefficients:
 
     def _estimates(self) -> list[Estimate]:
         return [Estimate.normal(v, s) for v, s in zip(self.value, np.sqrt(np.diag(self.covariance)), strict=True)]
+
+
+@dataclass(frozen=True)
+class OrderRung:
+    """One pair of orders that was tried.
+
+    Args:
+        stiffness_order: N_s.
+        damping_order: N_d.
+        error: misfit of the tests that were left out, share of the modal force (rms).
+        error_std: standard error of that, from test to test.
+        chosen: whether it is the one.
+    """
+
+    stiffness_order: int
+    damping_order: int
+    error: float
+    error_std: float
+    chosen: bool
 
 
 def fit_coefficients(

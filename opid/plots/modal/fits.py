@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.linear.modes import ModalTest
-from opid.modal.result import ForceCurve, ModalIdentification, ModeFit
+from opid.modal.result import ModalIdentification
 from opid.plots.style import BLUE, GREEN, GREY, INK, PALE, SKY, VERMILION, house_style, panels, plain_numbers, thick
 
 __all__ = ["fourier_amplitude", "modal_orders", "mode_restoring_force", "sine_beats"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.modal.result import TruthTest
+from opid.modal.model import TruthTest
 from opid.plots.modal.fits import fourier_amplitude
 from opid.plots.style import BLUE, GREY, INK, VERMILION, house_style, panels, plain_numbers, thick
 

@@ -9,9 +9,11 @@ import numpy as np
 
 from opid import plots
 from opid.modal.decay.free_decay import Decay
+from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.linear.frequency_response import ModeIndicator, cmif, measured_response, resynthesised
 from opid.modal.linear.modes import ModalTest
-from opid.modal.result import ModalIdentification, ModeFit, TruthTest
+from opid.modal.model import TruthTest
+from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS
 from opid.report.document import Figure, Truth
 

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from opid.estimate import Estimate
+from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.model import TruthTest
 from opid.modal.power_laws import unit_of
-from opid.modal.result import ModalIdentification, ModeFit, TruthTest
+from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.report.document import Block, Column, Document, Paragraph, Table, Truth, columns, counted, warnings
 from opid.report.estimates import estimate_columns, estimate_row
