@@ -18,6 +18,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.estimate import Estimate
 from opid.modal.decay.fit import DecayLaw
@@ -108,7 +109,7 @@ def of_type(annotation: Any) -> Json:
     if origin in (Union, UnionType) and NoneType in inner:
         (only,) = (each for each in inner if each is not NoneType)
         return or_null(of_type(only))
-    if origin is np.ndarray:
+    if origin in (np.ndarray, NDArray):
         return NUMBERS
     if inner == (float, float):
         return {"$ref": "#/$defs/Ends"}
