@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from opid.estimate import Estimate
 from opid.plots.style import (
+    BEHIND,
     BLUE,
     GREEN,
     GREY,
@@ -232,8 +233,7 @@ def _candidate(ax: Axes, row: int, candidate: Candidate, farthest: float) -> Non
         ax.plot([ends[-1]], [row], marker="o", markersize=8, color=color, markerfacecolor="white", linestyle="none")
     ax.plot(ends[:1], [row], marker="o", markersize=5.5, color=color, linestyle="none")
     text = f"{inside:.3g}" if outside is None else f"{inside:.3g}, left out {outside:.3g}"
-    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.8}
-    _note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=box)
+    _note(ax, text, (max(ends), row), (9, 0), va="center", color=color, fontsize=8, bbox=BEHIND)
 
 
 # ---- suspension by suspension ----------------------------------------------------------------------

@@ -158,6 +158,7 @@ def _slice(column: np.ndarray, curve: SliceCurve, fit: LawFit) -> None:
     below.axhline(0, color=INK, linewidth=0.8)
     below.set_title(f"{fit.residual_rms:.2g} m/s² rms", fontweight="normal", fontsize=8.5)
     below.set_xlabel(label)
+    below.locator_params(axis="x", nbins=6)
 
 
 def _verdict(curve: SliceCurve, fit: LawFit) -> str:

@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from opid.plots.style import GREY, INK, PALE, RUN_COLORS, SURFACE_MAP, house_style, panels, plain_numbers
+from opid.plots.style import (
+    BEHIND,
+    GREY,
+    INK,
+    PALE,
+    RUN_COLORS,
+    SURFACE_MAP,
+    figure_of,
+    house_style,
+    panels,
+    plain_numbers,
+)
 from opid.suspensions.law_search.force_surface import ForceSurface
 from opid.suspensions.law_search.pursuit import F, LawStep, chosen
 
@@ -41,7 +52,7 @@ def model_ladder(ladder: Ladder, ax: Any = None, *, noise_floor_m_per_s2: float 
                 ax.plot([left_out], [row], marker="D", color=color, **look)
             behind = step.fit.bic - best.fit.bic
             text = f"{fitted:.4g}" + (f"   BIC {behind:+,.0f}".replace(",", " ") if step is not best else "")
-            ax.annotate(text, (fitted, row), (10, 0), textcoords="offset points", va="center", fontsize=8)
+            ax.annotate(text, (fitted, row), (10, 0), textcoords="offset points", va="center", fontsize=8, bbox=BEHIND)
         if noise_floor_m_per_s2 is not None:
             floor = 1e3 * noise_floor_m_per_s2
             ax.axvline(floor, color=INK, linestyle="--", linewidth=1)
@@ -127,7 +138,8 @@ def force_sections(surface: ForceSurface, axes: Any = None) -> np.ndarray:
             ax.set_xlabel(label)
         grid[0, 0].set_ylabel("force per mass less (K z + C z′) [m/s²]")
         grid[0, 0].set_title(surface.law_name.replace("_", " ").replace("+", " + "))
-        grid[0, 0].legend(loc="upper left")
+        handles, words = grid[0, 0].get_legend_handles_labels()
+        figure_of(grid).legend(handles, words, loc="outside lower center", ncols=3)
     return grid
 
 

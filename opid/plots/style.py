@@ -27,7 +27,9 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "
 INK, GREY, PALE = "#222222", "#7A7A7A", "#C4C4C4"
 RUN_COLORS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 SURFACE_MAP, COUNT_MAP = "RdBu_r", "cividis"
-WIDTH_IN = 7.4
+BEHIND = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
+"""Of a number that would cross a line."""
+WIDTH_IN, DPI = 7.4, 150
 RAISED = str.maketrans("0123456789.n", "⁰¹²³⁴⁵⁶⁷⁸⁹˙ⁿ")
 # points drawn in a scatter: more only make a blot
 N_POINTS = 4000
@@ -99,7 +101,7 @@ def panels(
     return given.reshape(rows, columns)
 
 
-def png(figure: Figure, *, dpi: int = 150) -> bytes:
+def png(figure: Figure, *, dpi: int = DPI) -> bytes:
     """Return a figure as the bytes of a PNG file.
 
     Args:
@@ -193,18 +195,17 @@ def thick(legend: Legend) -> None:
 
 
 def pretty(unit: str) -> str:
-    """Return a unit in print, with raised digits.
+    """Return a unit, or a text with units, in print.
 
     Args:
         unit: as in `opid.signals.units`.
 
-    >>> pretty("N s^2/m^2")
-    'N s²/m²'
+    >>> pretty("N s^2/m^2"), pretty("+-2 %")
+    ('N s²/m²', '±2 %')
     """
     # "^2.5" and "^n" with them, for there are no raised points and few letters
     raised = re.sub(r"\^(\d+(?:\.\d+)?|n)", lambda power: power[1].translate(RAISED), unit)
-    unit = raised.replace("*", "·")
-    return unit
+    return raised.replace("*", "·").replace("+-", "±")
 
 
 def plain_numbers(axis: Axis) -> None:

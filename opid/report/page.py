@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 
@@ -36,13 +37,19 @@ def as_page(document: Document, blocks: Sequence[Block], images: Mapping[str, by
         command: the line that gives the result again, or None.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup, escape
 
-    from opid.plots.style import pretty
+    from opid.plots.style import DPI, WIDTH_IN, pretty
+
+    def printed(text: str) -> Markup:
+        return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(pretty(text)))))
 
     loader = PackageLoader("opid.report")
     page = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    page.filters |= {"pretty": pretty, "ended": ended, "kind": lambda block: type(block).__name__}
+    page.filters |= {"printed": printed, "ended": ended, "kind": lambda block: type(block).__name__}
     source = {name: "data:image/png;base64," + base64.b64encode(image).decode() for name, image in images.items()}
+    # letters of all figures are of one size: a PNG says in its head how many dots it is wide
+    parts = {name: int.from_bytes(image[16:20], "big") / (DPI * WIDTH_IN) for name, image in images.items()}
     return page.get_template("document.html.jinja").render(
-        document=document, blocks=blocks, source=source, command=command, version=version("opid")
+        document=document, blocks=blocks, source=source, parts=parts, command=command, version=version("opid")
     )
