@@ -20,8 +20,7 @@ from opid.mechanics.backbones.continuation import continued_backbone
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.laws.law import Law, Term
 from opid.updating.structure.reduction import craig_bampton, modes_of
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
-from opid.virtual.backbone_tests.wing_engine import WingEngine
+from opid.virtual.backbone_tests.wing_engine import UPDATED, WingEngine, wing_engine_structure
 
 SENSOR = "10"
 # the two modes of the paper, after six in which the structure swings on its springs

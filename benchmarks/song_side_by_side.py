@@ -37,8 +37,7 @@ from opid.updating.structure.reduction import ReductionErrors, craig_bampton, mo
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.control_based_continuation import measured_curve
 from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES, as_backbone
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
-from opid.virtual.backbone_tests.wing_engine import WingEngine
+from opid.virtual.backbone_tests.wing_engine import UPDATED, WingEngine, wing_engine_structure
 
 TRUTH = PAPER_CLASSES[1]
 CONTROLLED, DRIVE, DAMPING_RATIO = "10", "7", 0.003

@@ -32,12 +32,12 @@ from opid.updating.prediction import predict
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.measured import synthetic_backbones
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
 ERRORS = {
-    "large": {"offset_share": 0.0035, "point_noise": 0.001},
+    "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
     "small": {},
 }
 HARMONICS = {"paper": (1,), "literal": (1,), "independent": (1, 3), "recommended": (1, 3)}

@@ -26,7 +26,7 @@ from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import measured_curve
 from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENCH_NOISE, BENDING_MODES
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 TRUTH = PAPER_CLASSES[1]
 CONTROLLED, DRIVE = "10", "7"

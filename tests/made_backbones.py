@@ -82,7 +82,7 @@ def structure() -> AffineStructure:
 
 def backbones(seed: int, *, true: JointedModes | None = None, **errors: object) -> tuple[MeasuredBackbone, ...]:
     """Six curves of the second mode and four of the third."""
-    given = {"n_curves": (6, 4), "n_points": 12, "offset_share": 0.003, "point_noise": 0.001} | errors
+    given = {"n_curves": (6, 4), "n_points": 12, "offset_fraction": 0.003, "point_noise": 0.001} | errors
     return synthetic_backbones(
         true or system(),
         CUBIC,

@@ -53,7 +53,9 @@ ESTIMATOR = frozenset([PACKAGE / "studies", *OF_ESTIMATOR])
 # So do those of each of these, and those of signals and of the other wings.
 PAPER, BENCH, FLIGHTS = (frozenset([PACKAGE / "suspensions" / each]) for each in ("paper", "bench", "flights"))
 WHOLE = [frozenset(path.parent for path in (PACKAGE / each).rglob("*.py")) for each in ("signals", "modal", "updating")]
-ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE)
+OF_BACKBONES = [frozenset([PACKAGE / each / "updating"]) for each in ("plots", "report")]
+OF_BACKBONES += [frozenset([PACKAGE / "virtual" / "backbone_tests"])]
+ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, *WHOLE, *OF_BACKBONES)
 MOST_FILES = 18
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND

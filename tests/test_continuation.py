@@ -9,8 +9,7 @@ from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import default_law
 from opid.updating.structure.reduction import craig_bampton, modes_of
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
-from opid.virtual.backbone_tests.wing_engine import WingEngine
+from opid.virtual.backbone_tests.wing_engine import UPDATED, WingEngine, wing_engine_structure
 
 SYSTEM = two_pylons(0.05)
 ENDS = {"first_amplitude_m": 0.2e-3, "last_amplitude_m": 4e-3}

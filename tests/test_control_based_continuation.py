@@ -14,7 +14,7 @@ from opid.mechanics.shaker import Shaker
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
 from opid.virtual.backbone_tests.shaker_feedback import closed_loop, modal_reading
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 CUBIC = law("cubic_stiffness", stiffness_n_per_m3=1.58 * 6.8e7)
 NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)
@@ -151,7 +151,7 @@ def test_frequencies_hold_where_the_phase_hardly_tells_them(wing):
 def test_levels_keep_their_promises(wing, measured):
     settings = ContinuationSettings()
     assert np.abs(measured.phase_error_rad).max() <= settings.phase_tolerance_rad
-    assert np.abs(measured.controlled_amplitude / AMPLITUDE - 1.0).max() <= settings.amplitude_share
+    assert np.abs(measured.controlled_amplitude / AMPLITUDE - 1.0).max() <= settings.amplitude_fraction
     assert measured.invasiveness[1:].max() < 0.01
     assert measured.harmonics.shape == (AMPLITUDE.size, 14, 7)
     # what is out of phase with the mode belongs to others: left out, shapes are those of the backbone
@@ -217,7 +217,7 @@ def test_hardening_and_softening_modes_are_held(cubic):
 
 def test_the_closed_loop_is_the_one_of_scipy():
     specimen = two_masses(drive="a")
-    loop = closed_loop(specimen, 1, damping_ratio=0.3, stiffness_share=0.02)
+    loop = closed_loop(specimen, 1, damping_ratio=0.3, stiffness_fraction=0.02)
     p, d = loop.gains
     row = specimen.drive_row
 
@@ -247,7 +247,7 @@ def test_the_modal_reading_stirs_no_mode_up(wing):
 
 def test_feedback_stiffens_and_damps_the_mode_by_what_is_asked():
     specimen = two_masses()
-    loop = closed_loop(specimen, 1, damping_ratio=0.05, stiffness_share=0.01)
+    loop = closed_loop(specimen, 1, damping_ratio=0.05, stiffness_fraction=0.01)
     row, place = specimen.drive_row, 0
     omega = 2 * np.pi * specimen.system.frequency_hz[place]
     added = np.array(loop.gains) * row[place] * loop.reading[place]

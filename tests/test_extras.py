@@ -16,7 +16,7 @@ from opid.signals.exchange import frame_of, xarray_of
 from opid.signals.logs import formats
 from opid.signals.recording import recording_from_arrays
 from opid.updating.sampling.samplers import ensemble
-from opid.virtual.backbone_tests.wing_engine import wing_engine_matrices
+from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
 
 PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
@@ -35,7 +35,7 @@ NEEDED = {
     "emcee": ("ensemble", "emcee", lambda folder: walkers()),
     "pandas": ("tables", "pandas", lambda folder: small_body().to_frame()),
     "pandas of a recording": ("tables", "pandas", lambda folder: frame_of(recording())),
-    "skfem": ("wing", "scikit-fem", lambda folder: wing_engine_matrices()),
+    "skfem": ("wing", "scikit-fem", lambda folder: wing_engine_structure()),
     "xarray": ("tables", "xarray", lambda folder: xarray_of(recording())),
 }
 

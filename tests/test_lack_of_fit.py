@@ -58,7 +58,7 @@ def test_few_curves_are_judged_by_their_points():
 def test_the_probability_is_one_of_chance(n_curves):
     """Errors of the points alone: it is as often below any level as it should be, or a little more seldom."""
     rng = np.random.default_rng(0)
-    measured = made.backbones(0, n_curves=(n_curves, 1), offset_share=0.0, point_noise=0.0, linear_error=0.0)
+    measured = made.backbones(0, n_curves=(n_curves, 1), offset_fraction=0.0, point_noise=0.0, linear_error=0.0)
     data = backbone_data(made.system(), measured[:n_curves], harmonics=(1,))
     mode, found = data.modes[0], []
     for _ in range(200):
@@ -71,7 +71,7 @@ def test_the_probability_is_one_of_chance(n_curves):
 
 
 def test_curves_without_noise_and_curves_too_short():
-    still = {"offset_share": 0.0, "point_noise": 0.0, "linear_error": 0.0}
+    still = {"offset_fraction": 0.0, "point_noise": 0.0, "linear_error": 0.0}
     data = backbone_data(made.system(), made.backbones(0, **still), harmonics=(1,))
     assert told(lack_of_fit(data, made.CUBIC, np.array([made.TRUTH]))) == []
     short = made.backbones(0, n_points=3, n_curves=(2, 1))

@@ -66,7 +66,7 @@ def test_papers_forms_are_their_equations(measured, form):
 
 
 def test_mean_of_squares_tells_classes_apart_and_the_square_of_the_mean_does_not():
-    measured = made.backbones(1, offset_share=0.0005)
+    measured = made.backbones(1, offset_fraction=0.0005)
     grid = np.linspace(0.1, 5, 200)[:, None]
     gap = {}
     for form in ("paper", "literal"):

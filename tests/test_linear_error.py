@@ -16,7 +16,7 @@ STD = np.array([0.01, 0.02])
 
 
 def growth(covariance, *, curves=None, linear_error=0.004):
-    curves = curves or made.backbones(3, linear_error=0.0, offset_share=0.0, point_noise=0.0)
+    curves = curves or made.backbones(3, linear_error=0.0, offset_fraction=0.0, point_noise=0.0)
     return growth_of_linear_error(made.structure(), FACTORS, covariance, curves, linear_error=linear_error, n_modes=0)
 
 

@@ -14,7 +14,7 @@ from opid.updating.sampling.maximum import maximum_a_posteriori
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, modal_assurance
 from opid.updating.structure.ritz import ritz_model, ritz_modes
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 TRUTH = np.array(list(UPDATED.values()))
 COV = {7: 4e-3, 8: 6e-3}

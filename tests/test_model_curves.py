@@ -28,7 +28,7 @@ from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.measured import synthetic_backbones
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 THETA = np.array([[1.4], [1.58], [1.7]])
 
@@ -202,7 +202,7 @@ def wing(request, wing_structure):
     factors = dict(zip(UPDATED, np.array(request.param) * list(UPDATED.values()), strict=True))
     system = reduce(wing_structure, factors)
     return system, synthetic_backbones(
-        system, PAPERS_CUBIC, (WING_THETA,), rng=np.random.default_rng(0), linear_error=0.0, offset_share=0.0
+        system, PAPERS_CUBIC, (WING_THETA,), rng=np.random.default_rng(0), linear_error=0.0, offset_fraction=0.0
     )
 
 

@@ -14,7 +14,7 @@ from opid.updating.structure.reduction import (
     reduce,
     reduction_errors,
 )
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 
 @cache

@@ -15,7 +15,7 @@ from opid.updating.checks import backbone_faults, nominal_modes, overlaps, senso
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.study import UpdatingStudy
-from opid.virtual.backbone_tests.structure import wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import wing_engine_structure
 
 
 def test_sound_backbones_have_no_faults():

@@ -138,7 +138,8 @@ def test_everything_that_is_wrong_is_said_at_once(place):
     told = refused(place, text, "'mode' in [[backbones]] number 1 is '1'", "'cubik'", "did you mean 'seed'")
     for words in ("'end' in [structure.joints] is ['c'], give the two", "point_noise", "give true or false"):
         assert words in told
-    assert "6 faults" in told
+    assert "[structure.priors] has 'F', which is no parameter" in told
+    assert "7 faults" in told
     refused(place, STUDY.replace("E = [", "F = ["), "[structure.priors] has 'F', which is no parameter to update")
     refused(place, STUDY.replace('"lognormal"', '"flat"'), "'E' in [structure.priors] holds 'flat', give a list like")
     refused(place, STUDY.replace("1, 0.3", "1, -3"), "[structure.priors] 'E': a lognormal prior with a standard deviat")

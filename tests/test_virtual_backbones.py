@@ -11,11 +11,11 @@ from opid.updating.model_class import ModelClass, Prior
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise
 from opid.virtual.backbone_tests.measured import AMPLITUDE_M, synthetic_backbones, virtual_backbones
-from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
 CLASS_2 = ModelClass("class 2", ("cubic_stiffness",), (6.8e7,), (Prior("uniform", 0, 10),))
 CUBIC = law("cubic_stiffness", stiffness_n_per_m3=1.58 * 6.8e7)
-NONE = {"offset_share": 0.0, "point_noise": 0.0, "shape_noise": 0.0, "linear_error": 0.0}
+NONE = {"offset_fraction": 0.0, "point_noise": 0.0, "shape_noise": 0.0, "linear_error": 0.0}
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_every_level_is_what_it_says(system):
 
     points = off(synthetic(system, **asked, **(NONE | {"point_noise": 1e-3}), amplitude_jitter=0.0))
     assert points.std() == pytest.approx(1e-3, rel=0.06)
-    offsets = off(synthetic(system, **asked, **(NONE | {"offset_share": 1e-3}), amplitude_jitter=0.0))
+    offsets = off(synthetic(system, **asked, **(NONE | {"offset_fraction": 1e-3}), amplitude_jitter=0.0))
     assert offsets[:, 0].std() == pytest.approx(1e-3, rel=0.25)
     assert np.ptp(offsets, axis=1).max() < 1e-12, "common to all points of a curve"
     noisy = synthetic(system, **asked, **(NONE | {"shape_noise": 0.02}), amplitude_jitter=0.0)
@@ -99,7 +99,7 @@ def test_the_linear_error_is_common_to_a_mode_and_fades_with_the_nonlinearity(sy
         ({"n_points": 2}, "n_points"),
         ({"amplitude_m": ((4e-3, 2e-4), (2e-4, 2e-3))}, "smallest and a largest"),
         ({"amplitude_m": ((2e-4, 4e-3),)}, "for each mode"),
-        ({"offset_share": -1.0}, "offset_share"),
+        ({"offset_fraction": -1.0}, "offset_fraction"),
         ({"point_noise": (1e-4, 1e-4, 1e-4)}, "one a mode"),
         ({"amplitude_jitter": 0.6}, "cross"),
         ({"controlled_sensor": "15"}, "no sensor '15'"),

@@ -87,7 +87,7 @@ def backbones(
     from opid.updating.structure.reduction import reduce
     from opid.updating.study import UpdatingStudy
     from opid.virtual.backbone_tests.measured import synthetic_backbones
-    from opid.virtual.backbone_tests.structure import UPDATED, wing_engine_structure
+    from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
     from opid.virtual.files.backbones import replace_matrices, updating_truth
     from opid.virtual.files.truth import write_field_test
 

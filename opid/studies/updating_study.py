@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from opid.errors import InputError, nearest, refuse
 from opid.studies.class_tables import ClassTable, PriorRow, table_of_class
@@ -19,7 +19,7 @@ from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbo
 from opid.updating.model_class import Prior
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import checked_structure, write_structure
-from opid.updating.study import Sampler, UpdatingStudy, setting_faults
+from opid.updating.study import Sampler, UpdatingSettings, UpdatingStudy
 
 FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 """Of a factor of the linear structure where the study names none: from a twentieth of nominal to five times."""
@@ -73,8 +73,7 @@ class _Study:
     noise: NoiseSettings = field(default_factory=NoiseSettings)
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """What is not left to the defaults of `UpdatingStudy`, by the names of its fields."""
+    def settings(self) -> UpdatingSettings:
         named = {
             "form": self.form,
             "harmonics": self.harmonics,
@@ -83,20 +82,19 @@ class _Study:
             "seed": self.sampling.seed,
             "n_internal": self.structure and self.structure.internal_modes,
         }
-        return {name: value for name, value in named.items() if value is not None}
+        return UpdatingSettings(**{name: value for name, value in named.items() if value is not None})  # type: ignore[arg-type]
 
 
 def build_updating_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
     """Read the matrices and the backbones that a study file names, and return the study."""
     study, faults = read_tables(_Study, document)
-    table, structure = study.structure, None
-    parameters: dict[str, Prior] = {}
-    # what is sound is read even so: its faults are told with the others
-    if table:
-        parameters, wrong = _parameters(table)
-        faults += wrong
+    # what is sound is read even so, to say its faults with the others
+    parameters, wrong = _parameters(document.get("structure"))
+    faults += wrong
+    structure = None
+    if study.structure:
         say("the matrices")
-        structure, wrong = _structure(table, source.parent)
+        structure, wrong = _structure(study.structure, source.parent)
         faults += [f"[structure]: {fault}" for fault in wrong]
     backbones = []
     alike: dict[str, list[str]] = {}
@@ -111,7 +109,7 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
     if structure is not None:
         faults += backbone_faults(structure, backbones)
     if faults:
-        faults += setting_faults(**study.settings)
+        faults += study.settings.setting_faults
     refuse(faults, source)
     assert structure is not None  # or it would have been refused
     return UpdatingStudy(
@@ -122,7 +120,7 @@ def build_updating_study(document: Document, source: Path, say: Say) -> Updating
         parameters=parameters,
         noise=study.noise,
         source=source,
-        **study.settings,
+        **vars(study.settings),
     )
 
 
@@ -150,10 +148,15 @@ def _of_files(fault: str, files: Sequence[str]) -> str:
     return f"[[backbones]] {len(files)} files ({shortened([Path(file).name for file in files])}): {fault}"
 
 
-def _parameters(table: _Structure) -> tuple[dict[str, Prior], list[str]]:
-    """The prior of each factor to update, and what is wrong with them."""
-    found, faults = dict.fromkeys(map(str, table.parameters), FACTOR_PRIOR), []
-    for name, row in table.priors.items():
+def _parameters(table: object) -> tuple[dict[str, Prior], list[str]]:
+    """The prior of each factor to update, and what is wrong with them, whatever else is wrong with their table."""
+    given = table if isinstance(table, dict) else {}
+    factors, _ = read_tables(_Structure, {name: given[name] for name in ("parameters", "priors") if name in given})
+    found: dict[str, Prior] = dict.fromkeys(map(str, factors.parameters), FACTOR_PRIOR)
+    faults: list[str] = []
+    if not found and given.get("parameters"):
+        return found, faults  # the list itself is at fault
+    for name, row in factors.priors.items():
         if name not in found:
             hint = nearest(name, found) if found else "'parameters' names none"
             faults.append(f"[structure.priors] has {name!r}, which is no parameter to update: {hint}")

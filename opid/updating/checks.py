@@ -16,23 +16,12 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, modal_assurance
 
-FARTHEST = 3.0
-"""Ratio of frequencies beyond which no updating of stiffness explains them: a factor of nine."""
-
-ALIKE = 0.8
-"""Modal assurance from which a measured shape is that of a mode."""
-
-UNLIKE = 0.3
-"""Modal assurance below which it is not."""
-
-APART = 0.1
-"""Fraction by which curves of one mode may begin at different frequencies."""
-
-N_ABOVE = 8
-"""Modes beyond the highest that is named, to look for the right one in."""
-
-LEAST_EXTENSION = 1e-3
-"""Of the largest extension that any mode gives a joint: below it the joints' law does not show in a mode."""
+FARTHEST = 3.0  # ratio of frequencies beyond which no updating of stiffness explains them: a factor of nine
+ALIKE = 0.8  # modal assurance from which a measured shape is that of a mode
+UNLIKE = 0.3  # modal assurance below which it is not
+APART = 0.1  # fraction by which curves of one mode may begin at different frequencies
+N_ABOVE = 8  # modes beyond the highest that is named, to look for the right one in
+LEAST_EXTENSION = 1e-3  # of the largest extension that a mode gives a joint: below it their law does not show
 
 
 def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:

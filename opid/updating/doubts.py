@@ -22,47 +22,20 @@ from opid.updating.result import BackboneBand, ClassPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, presses_against
 from opid.updating.sampling.evidence import Evidence
 
-FEW_SAMPLES = 200.0
-"""Effective samples below which a 95 % interval is rough."""
-
-WARNED_R_HAT = 1.05
-"""Above it the chains have not found the same distribution."""
-
-RARE = 1e-3
-"""Probability, of all modes together, below which a misfit that all curves share is no chance."""
-
-LEAST_MISFIT = 0.05
-"""Of the measured growth of lambda: many curves tell a smaller misfit from none, but it does no harm."""
-
-MOST_UNEXPLAINED = 0.3
-"""Of the measured growth of lambda: what a class may leave where the curves are too short to tell their noise."""
-
-METHODS_DIFFER = 0.5
-"""Between the logarithms of two evidences, beside three of their standard deviations."""
-
-TOO_CLOSE = 1.0
-"""Difference of log evidence below which two classes cannot be told apart."""
-
-POOR_COVERAGE = 0.8
-"""Fraction of the measured points within a 95 % band below which it is doubted."""
-
-LEAST_MOVED = 0.05
-"""Of the measured growth of the frequencies: a class that moves them by less anywhere in its prior tells nothing."""
-
-N_TRIED = 20
-"""Draws of the prior at which it is seen whether a class moves the frequencies at all."""
-
-N_CHECKED, FAR_OUT = 200, 3.0
-"""Samples at which it is seen where the model converges, and how much farther out than they lie."""
-
-N_PATTERNS = 2
-"""Slope and curvature over the amplitude: what the errors of a wrong law look like."""
-
-EXPECTED_WEIGHT = 10
-"""Degrees of freedom that the scatter which is expected between curves counts beside the one that is found."""
-
-MODEL_ERROR = 1e-5
-"""Of lambda, by harmonics that are left out and by interpolation: keeps curves without noise from being doubted."""
+FEW_SAMPLES = 200.0  # effective samples below which a 95 % interval is rough
+WARNED_R_HAT = 1.05  # above it the chains have not found the same distribution
+RARE = 1e-3  # probability, of all modes together, below which a misfit that all curves share is no chance
+LEAST_MISFIT = 0.05  # of the measured growth of lambda: a smaller misfit may be seen by many curves, but does no harm
+MOST_UNEXPLAINED = 0.3  # of that growth: what a class may leave where curves are too short to tell their noise
+METHODS_DIFFER = 0.5  # between the logarithms of two evidences, beside three of their standard deviations
+TOO_CLOSE = 1.0  # difference of log evidence below which two classes cannot be told apart
+POOR_COVERAGE = 0.8  # fraction of the measured points within a 95 % band below which it is doubted
+LEAST_MOVED = 0.05  # of the growth of the frequencies: a class that moves them by less in all its prior tells nothing
+N_TRIED = 20  # draws of the prior at which it is seen whether a class moves the frequencies at all
+N_CHECKED, FAR_OUT = 200, 3.0  # samples at which it is seen where the model converges, and how much farther out
+N_PATTERNS = 2  # slope and curvature over the amplitude: what the errors of a wrong law look like
+EXPECTED_WEIGHT = 10  # degrees of freedom that the expected scatter between curves counts beside the one that is found
+MODEL_ERROR = 1e-5  # of lambda, by harmonics left out and interpolation: curves without noise are not doubted
 
 TOO_LITTLE = (
     f"moves the frequencies by more than {100 * LEAST_MOVED:.0f} % of their measured growth: look at the unit of the "

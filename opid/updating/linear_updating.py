@@ -25,36 +25,21 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, reduce
 from opid.updating.structure.ritz import ritz_model
 
-LEAST_RATIO = 0.01
-"""Of the upper end of a prior: where its lower end is 0, the Ritz vectors serve from there."""
-FAR = 5.0
-"""Standard deviations of a prior without an end to which the Ritz vectors serve."""
-FEW_SETS = 4
-"""With fewer curves of a mode their scatter is a poor estimate."""
-PEAK = 1e-6
-"""How much the log density of the best parameters may be short of its maximum: far above its rounding, 1e-9."""
-MOST_STARTS = 5
-"""Draws of the prior that the search for the maximum may begin at."""
-UNMIXED = 1.1
-"""R-hat above which the chains are not to be trusted."""
-MISFIT = 3.0
-"""Standard deviations by which the updated eigenvalue may miss the mean of the measured ones."""
-POOR_MAC = 0.8
-"""MAC of the updated shape with the measured ones below which they are hardly of one mode."""
-MOVED = 1.0
-"""Standard deviations of the mean by which the lowest points may lie off the linear frequency of their curves."""
-STEP = 0.01
-"""Fraction by which each factor is changed to see what it does to the backbones."""
-N_AMPLITUDES = 12
-"""At which the backbones are compared."""
-LAW = "cubic_stiffness"
-"""Law whose growth is that of the measured curves; with a quintic one errors grow some 1.4 times as far."""
-COEFFICIENTS = np.geomspace(0.5, 50.0, 40)
-"""Coefficients that are tried, in units of what one mode alone would need: others move with it and take of it."""
-LEAST_GROWTH = 1e-3
-"""Growth of lambda below which a curve is linear: there is nothing that an error could grow with."""
-FEWEST = 3
-"""Amplitudes at which all backbones must have converged."""
+LEAST_RATIO = 0.01  # of the upper end of a prior: where its lower end is 0, the Ritz vectors serve from there
+FAR = 5.0  # standard deviations of a prior without an end to which the Ritz vectors serve
+FEW_SETS = 4  # with fewer curves of a mode their scatter is a poor estimate
+PEAK = 1e-6  # how much the log density of the best parameters may be short of its maximum: far above its rounding, 1e-9
+MOST_STARTS = 5  # draws of the prior that the search for the maximum may begin at
+UNMIXED = 1.1  # R-hat above which the chains are not to be trusted
+MISFIT = 3.0  # standard deviations by which the updated eigenvalue may miss the mean of the measured ones
+POOR_MAC = 0.8  # MAC of the updated shape with the measured ones below which they are hardly of one mode
+MOVED = 1.0  # standard deviations by which the lowest points may lie off the linear frequency of their curves
+STEP = 0.01  # fraction by which each factor is changed to see what it does to the backbones
+N_AMPLITUDES = 12  # at which the backbones are compared
+LAW = "cubic_stiffness"  # grows as the measured curves do; with a quintic one errors grow 1.4 times as far
+COEFFICIENTS = np.geomspace(0.5, 50.0, 40)  # to try, over what one mode alone would need: others take of it
+LEAST_GROWTH = 1e-3  # growth of lambda below which a curve is linear: there is nothing that an error could grow with
+FEWEST = 3  # amplitudes at which all backbones must have converged
 
 
 def update_linear(

@@ -21,27 +21,17 @@ from opid.signals.logs.text.table import cells_of, number_of
 from opid.signals.recording import FloatArray
 from opid.signals.units import to_si
 
-LEAST_POINTS = 3
-"""Of a backbone: with fewer there is no curve."""
+LEAST_POINTS = 3  # of a backbone: with fewer there is no curve
 
 
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
 """What the column of frequencies may be called, without regard to case; its unit may stand behind in brackets."""
 
-LARGEST_UNSTATED = 0.05
-"""m: larger amplitudes without a unit are taken for millimetres that were meant."""
-
-LARGEST_STATED = 1.0
-"""m: no backbone of a structure is measured there."""
-
-SMALLEST_IN_PARTS = 1e-5
-"""m: smaller amplitudes in mm, cm or inches are taken for numbers that are metres."""
-
-DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}
-"""Units of motion, and how often it is the derivative of the displacement."""
-
-NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")
-"""Units of columns that are left out: force, voltage, current, phase."""
+LARGEST_UNSTATED = 0.05  # m: larger amplitudes without a unit are taken for millimetres that were meant
+LARGEST_STATED = 1.0  # m: no backbone of a structure is measured there
+SMALLEST_IN_PARTS = 1e-5  # m: smaller amplitudes in mm, cm or inches are taken for numbers that are metres
+DERIVATIVES = {"m": 0, "m/s": 1, "m/s^2": 2}  # units of motion, and how often it is the derivative of the displacement
+NO_MOTION = ("N", "V", "A", "rad", "1", "N*m")  # units of columns that are left out: force, voltage, current, phase
 
 
 @dataclass(frozen=True, eq=False)

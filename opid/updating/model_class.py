@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from functools import cached_property
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from opid.errors import InputError, nearest
 from opid.mechanics.laws.kinds import LAWS
@@ -54,6 +56,16 @@ class Prior:
         if self.family == "lognormal" and self.first <= 0:
             raise InputError(f"a lognormal prior with the median {self.first:g}: give a positive one")
 
+    @cached_property
+    def _distribution(self) -> Any:
+        if self.family == "uniform":
+            return stats.uniform(self.first, self.second - self.first)
+        return (
+            stats.norm(self.first, self.second)
+            if self.family == "normal"
+            else stats.lognorm(self.second, 0, self.first)
+        )
+
     @property
     def support(self) -> tuple[float, float]:
         """Lower and upper end of what is possible."""
@@ -71,24 +83,11 @@ class Prior:
 
     def log_density(self, value: ArrayLike) -> FloatArray:
         """Logarithm of the density, of the shape of `value`; -inf outside the support."""
-        x = np.asarray(value, dtype=np.float64)
-        low, high = self.support
-        inside = (x >= low) & (x <= high)
-        if self.family == "uniform":
-            return np.where(inside, -np.log(high - low), -np.inf)
-        lognormal = self.family == "lognormal"
-        safe = np.where(inside & (x > 0), x, 1.0) if lognormal else x
-        score = (np.log(safe / self.first) if lognormal else safe - self.first) / self.second
-        density = -0.5 * score**2 - np.log(self.second * np.sqrt(2 * np.pi)) - (np.log(safe) if lognormal else 0.0)
-        return np.where(inside & (x > 0) if lognormal else inside, density, -np.inf)
+        return np.asarray(self._distribution.logpdf(value))
 
     def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n,) independent draws."""
-        if self.family == "uniform":
-            return rng.uniform(self.first, self.second, n)
-        if self.family == "normal":
-            return rng.normal(self.first, self.second, n)
-        return self.first * np.exp(self.second * rng.standard_normal(n))
+        return np.asarray(self._distribution.rvs(n, rng))
 
 
 @dataclass(frozen=True)

@@ -28,32 +28,15 @@ from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
 from opid.updating.sampling.samplers import Transitional, adaptive_metropolis, ensemble, metropolis, transitional
 from opid.updating.study import SAMPLERS, Sampler
 
-N_CHAINS, SHORTEST = 20, 250
-"""Metropolis chains side by side, for which the model is solved at once, and samples below which there are fewer."""
-
-N_WALKERS = 8
-"""Of the ensemble, where emcee does not advise more: twenty have no more effective samples, in chains that mix less."""
-
-WARM_UP = 11
-"""One in so many samples is warm-up: 500 of 5500, as Song et al. have it."""
-
-N_STARTS = 256
-"""Draws of the prior among which the search for the maximum starts."""
-
-MOST_ITERATIONS = 40
-"""Of a search for a maximum: they are ten, unless the density has steps."""
-
-ROUGH_DROP = 1.0
-"""Of the log density: how far a rough quadratic reaches along each parameter."""
-
-N_MOVES = 5
-"""Metropolis steps of each particle in each stage of transitional Markov chain Monte Carlo."""
-
-MOST_BY_QUADRATURE = 3
-"""Parameters up to which the evidence is integrated by quadrature."""
-
-MOST_NODES = 6_000
-"""Evaluations after which quadrature gives up, ten times as many for three parameters."""
+N_CHAINS, SHORTEST = 20, 250  # Metropolis chains side by side, and samples of one below which there are fewer
+N_WALKERS = 8  # of the ensemble, at least: twenty have no more effective samples, in chains that mix less
+WARM_UP = 11  # one in so many samples is warm-up: 500 of 5500, as Song et al. have it
+N_STARTS = 256  # draws of the prior among which the search for the maximum starts
+MOST_ITERATIONS = 40  # of a search for a maximum: they are ten, unless the density has steps
+ROUGH_DROP = 1.0  # of the log density: how far a rough quadratic reaches along each parameter
+N_MOVES = 5  # metropolis steps of each particle in each stage of transitional Markov chain Monte Carlo
+MOST_BY_QUADRATURE = 3  # parameters up to which the evidence is integrated by quadrature
+MOST_NODES = 6_000  # evaluations after which quadrature gives up, ten times as many for three parameters
 
 METHODS = ("quadrature", "laplace", "transitional")
 

@@ -13,11 +13,8 @@ from opid.updating.likelihood.noise import draw_errors
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.result import BackboneBand, ClassPosterior
 
-LEAST_DRAWS = 0.5
-"""Fraction of the draws that must have a backbone at an amplitude for a band there."""
-
-N_DRAWS, N_AMPLITUDES = 200, 40
-"""Curves that are drawn, and points of each band, between the smallest and the largest measured amplitude."""
+LEAST_DRAWS = 0.5  # fraction of the draws that must have a backbone at an amplitude for a band there
+N_DRAWS, N_AMPLITUDES = 200, 40  # curves that are drawn, and points of each band
 
 
 def predict(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -26,16 +26,57 @@ SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 USUAL_SAMPLES: dict[Sampler, int] = {"adaptive": 5500, "metropolis": 5500, "transitional": 5500, "ensemble": 20000}
 """Where a study names no number: as in the paper, and more for the ensemble, which mixes slowly."""
 
-FEWEST_SAMPLES = 1000
-"""Of all chains, the warm-up among them: fewer tell no 95 % interval."""
+FEWEST_SAMPLES = 1000  # of all chains, the warm-up among them: fewer tell no 95 % interval
+FAR = 5.0  # standard deviations above its mean where a normal prior ends
 
-FAR = 5.0
-"""Standard deviations above its mean where a normal prior ends."""
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UpdatingSettings:
+    """How an updating is made.
+
+    Args:
+        form: of the likelihood, see `opid.updating.backbone_data`.
+        sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
+            Carlo, or the affine-invariant "ensemble" of emcee.
+        n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the
+            sampler where None.
+        seed: of all chance; the same seed gives the same result.
+        harmonics: of the model.
+        n_internal: internal modes that the reduction keeps beside sensors and joints.
+    """
+
+    form: Form = "recommended"
+    sampler: Sampler = "adaptive"
+    n_samples: int | None = None
+    seed: int = 0
+    harmonics: tuple[int, ...] = (1, 3)
+    n_internal: int = 15
+
+    @property
+    def n_samples_of_class(self) -> int:
+        """Samples of each class, `n_samples` or what is usual of the sampler."""
+        return USUAL_SAMPLES[self.sampler] if self.n_samples is None else self.n_samples
+
+    @property
+    def setting_faults(self) -> list[str]:
+        """What is wrong with the settings, each by itself."""
+        found = []
+        for name, known in (("form", FORMS), ("sampler", SAMPLERS)):
+            if getattr(self, name) not in known:
+                found.append(f"{name} is {getattr(self, name)!r}, give one of {', '.join(known)}")
+        for name, least in (("n_samples", FEWEST_SAMPLES), ("seed", 0), ("n_internal", 0)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                found.append(f"{name} is {value}, give {f'at least {least}' if least else '0 or more'}")
+        whole = all(isinstance(each, int | np.integer) and each >= 0 for each in self.harmonics)
+        if 1 not in self.harmonics or not whole:
+            found.append(f"harmonics are {list(self.harmonics)}, give 1 and others beside it, [1, 3] say")
+        return found
 
 
 @dataclass(frozen=True, eq=False)
-class UpdatingStudy:
-    """What a Bayesian updating is made from.
+class UpdatingStudy(UpdatingSettings):
+    """What a Bayesian updating is made from, beside its settings: `UpdatingSettings` has their meaning.
 
     Args:
         title: of the study.
@@ -44,15 +85,7 @@ class UpdatingStudy:
         classes: the laws that are compared; at least one.
         parameters: prior of each stiffness factor that phase I updates, by its name in the structure; none leaves the
             structure as it is.
-        form: of the likelihood, see `opid.updating.backbone_data`.
-        sampler: "adaptive" Metropolis, "metropolis" with the Laplace covariance, "transitional" Markov chain Monte
-            Carlo, or the affine-invariant "ensemble" of emcee.
-        n_samples: of each class, in all chains, the warm-up (an eleventh of them) among them; `USUAL_SAMPLES` of the
-            sampler where None.
-        seed: of all chance; the same seed gives the same result.
-        harmonics: of the model.
         noise: what is known of the errors of the backbones.
-        n_internal: internal modes that the reduction keeps beside sensors and joints.
         source: the study file, if there is one.
 
     Raises:
@@ -64,13 +97,7 @@ class UpdatingStudy:
     backbones: tuple[MeasuredBackbone, ...]
     classes: tuple[ModelClass, ...]
     parameters: Mapping[str, Prior] = field(default_factory=dict)
-    form: Form = "recommended"
-    sampler: Sampler = "adaptive"
-    n_samples: int | None = None
-    seed: int = 0
-    harmonics: tuple[int, ...] = (1, 3)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
-    n_internal: int = 15
     source: Path | None = None
 
     def __post_init__(self) -> None:
@@ -78,45 +105,6 @@ class UpdatingStudy:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
         refuse(list(_faults(self)), self.source)
-
-    @property
-    def n_samples_of_class(self) -> int:
-        """Samples of each class, `n_samples` or what is usual of the sampler."""
-        return USUAL_SAMPLES[self.sampler] if self.n_samples is None else self.n_samples
-
-
-def setting_faults(
-    *,
-    form: str = "recommended",
-    sampler: str = "adaptive",
-    n_samples: int | None = None,
-    seed: int = 0,
-    harmonics: Sequence[Any] = (1, 3),
-    n_internal: int = 15,
-) -> Iterator[str]:
-    """Yield what is wrong with settings of a study, each by itself.
-
-    Args:
-        form: as in `UpdatingStudy`, like the others.
-        sampler: likewise.
-        n_samples: likewise.
-        seed: likewise.
-        harmonics: likewise; of any type.
-        n_internal: likewise.
-    """
-    if form not in FORMS:
-        yield f"form is {form!r}, give one of {', '.join(FORMS)}"
-    if sampler not in SAMPLERS:
-        yield f"sampler is {sampler!r}, give one of {', '.join(SAMPLERS)}"
-    if n_samples is not None and n_samples < FEWEST_SAMPLES:
-        yield f"n_samples is {n_samples}, give at least {FEWEST_SAMPLES}"
-    if seed < 0:
-        yield f"seed is {seed}, give 0 or more"
-    whole = all(isinstance(each, int | np.integer) and each >= 0 for each in harmonics)
-    if 1 not in harmonics or not whole:
-        yield f"harmonics are {list(harmonics)}, give 1 and others beside it, [1, 3] say"
-    if n_internal < 0:
-        yield f"n_internal is {n_internal}, give 0 or more"
 
 
 def _faults(study: UpdatingStudy) -> Iterator[str]:
@@ -131,10 +119,7 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 yield f"{names.count(name)} {what} are called {name!r}, rename them"
-    yield from setting_faults(
-        form=study.form, sampler=study.sampler, n_samples=study.n_samples, seed=study.seed, harmonics=study.harmonics,
-        n_internal=study.n_internal,
-    )  # fmt: skip
+    yield from study.setting_faults
     if not study.structure.joints:
         yield "the structure has no joint, name the degrees of freedom that the nonlinear law lies between"
     if study.parameters and isinstance(study.structure, JointedModes):
@@ -156,23 +141,17 @@ def _faults(study: UpdatingStudy) -> Iterator[str]:
     yield from sensor_faults(study.backbones)
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
-    yield from _prior_faults(study)
-    yield from _harmonic_faults(study)
-    yield from _scatter_faults(study)
-
-
-def _prior_faults(study: UpdatingStudy) -> Iterator[str]:
-    """Factors of stiffness that could not be positive."""
     for name, prior in study.parameters.items():
         high = prior.first + FAR * prior.second if prior.family == "normal" else prior.support[1]
         if high <= 0:
             yield f"the prior of {name!r} allows nothing above 0, a factor of stiffness is positive"
+    if not study.setting_faults:  # which speak of the harmonics themselves
+        yield from _harmonic_faults(study)
+    yield from _scatter_faults(study)
 
 
 def _harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
     """Laws that are not odd and harmonics without a mean."""
-    if any(setting_faults(harmonics=study.harmonics)):
-        return  # `setting_faults` says so
     for each in study.classes:
         try:
             harmonics_of(each.law([1.0] * each.n_parameters).terms, study.harmonics)

@@ -5,11 +5,11 @@ from .backbone_tests.measured import (
     virtual_backbones as virtual_backbones,
 )
 from .backbone_tests.shaker_feedback import ReadingNoise as ReadingNoise
-from .backbone_tests.structure import (
+from .backbone_tests.wing_engine import (
     UPDATED as UPDATED,
+    WingEngine as WingEngine,
     wing_engine_structure as wing_engine_structure,
 )
-from .backbone_tests.wing_engine import WingEngine as WingEngine
 from .files.taxi import taxi_truth as taxi_truth
 from .modal_tests.bolted_structures import (
     component_assembly as component_assembly,

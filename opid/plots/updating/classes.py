@@ -30,8 +30,7 @@ _N_TRUTH = 16
 # classes in one column of a legend
 _IN_ONE_COLUMN = 6
 
-LEAST_STD = 0.005
-"""Of a log evidence: what is less is drawn without a bar."""
+LEAST_STD = 0.005  # of a log evidence: what is less is drawn without a bar
 
 
 @dataclass(frozen=True, eq=False)

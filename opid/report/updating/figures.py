@@ -14,14 +14,9 @@ from opid.report.updating.reduction import order_sentences, reduction_sentences
 from opid.updating.model_class import short_kind
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 
-N_SENSORS_SHOWN = 6
-"""Sensors of a figure of backbones, those that move most."""
-
-N_DRAWS = 200
-"""Of the samples, for the band of a force."""
-
-N_EXTENSIONS = 200
-"""At which a force is drawn."""
+N_SENSORS_SHOWN = 6  # sensors of a figure of backbones, those that move most
+N_DRAWS = 200  # of the samples, for the band of a force
+N_EXTENSIONS = 200  # at which a force is drawn
 
 
 def updating_figures(result: Updating, truth: Truth | None = None) -> Iterator[Figure]:

@@ -10,10 +10,8 @@ from opid.report.document import counted
 from opid.updating.result import Updating
 from opid.updating.structure.reduction import ReductionErrors
 
-KEPT = 0.01
-"""Relative error of a frequency below which a mode counts as kept."""
-MOST_PLACES = 4
-"""Modes that have changed places that are named one by one."""
+KEPT = 0.01  # relative error of a frequency below which a mode counts as kept
+MOST_PLACES = 4  # modes that have changed places that are named one by one
 
 _BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
 

@@ -19,26 +19,13 @@ from opid.updating.likelihood.curves import BackboneData, IntArray, ModeData
 from opid.updating.likelihood.noise import log_marginal
 from opid.updating.model_class import ModelClass
 
-MOST_MISSING = 0.25
-"""Fraction of the points of a curve that may be bridged."""
-
-LEAST_SPAN = 0.9
-"""Fraction of the range of amplitudes that the points with a solution must span: no more is extrapolated."""
-
-DEGREE = 6
-"""Of the polynomial over the amplitude that bridges a gap, at most."""
-
-MOST_NAMED = 4
-"""Points that a sentence names."""
-
-REACH = 0.03
-"""Of a frequency: a harmonic so near a mode, at any measured point, may interact with it for some theta."""
-
-STIFFER = 1e3
-"""How many times the eigenvalue of such a mode is raised, out of the reach of all harmonics."""
-
-APART = 1.3
-"""Frequency of such a mode over the largest measured one, at least: nearer ones meet the first harmonic, too."""
+MOST_MISSING = 0.25  # fraction of the points of a curve that may be bridged
+LEAST_SPAN = 0.9  # fraction of the range of amplitudes that solved points must span: no more is extrapolated
+DEGREE = 6  # of the polynomial over the amplitude that bridges a gap, at most
+MOST_NAMED = 4  # points that a sentence names
+REACH = 0.03  # of a frequency: a harmonic so near a mode, at any measured point, may interact with it for some theta
+STIFFER = 1e3  # how many times the eigenvalue of such a mode is raised, out of the reach of all harmonics
+APART = 1.3  # frequency of such a mode over the largest measured one, at least: nearer ones meet the first harmonic
 
 BoolArray = NDArray[np.bool_]
 

@@ -21,8 +21,7 @@ FORMS: tuple[Form, ...] = get_args(Form)
 
 IntArray = NDArray[np.int64]
 
-N_NODES = 12
-"""Amplitudes at which the model is solved for one mode; between them its curve is a polynomial."""
+N_NODES = 12  # amplitudes at which the model is solved for one mode; between them its curve is a polynomial
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,8 @@ from opid.updating.sampling.chains import LogDensity, posterior_density
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.ritz import RitzModel, ritz_modes
 
-LEAST_SCALE, MOST_SCALE = 0.1, 1e4
-"""Factors of the noise over which it is integrated, in units of the scatter of the curves."""
-STEP_SCALE = 1.0
-"""Step of their logarithms in standard deviations of that of n errors, 1 / sqrt(2 n): the sum is right to 1e-8."""
+LEAST_SCALE, MOST_SCALE = 0.1, 1e4  # factors of the noise that are integrated over, over the scatter of the curves
+STEP_SCALE = 1.0  # step of their logarithms in standard deviations of that of n errors, 1 / sqrt(2 n): right to 1e-8
 
 OneCov = float | Literal["scatter", "inferred"]
 OneShapeStd = float | Literal["paper", "inferred"]

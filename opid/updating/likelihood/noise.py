@@ -19,16 +19,12 @@ UNMENDED_GROWTH = 0.22
 """That of an error that no factor of the stiffness mends, beside what phase I leaves in the factors: that of a modal
 eigenvalue grows by 0.02 and 0.1 in the two modes of the wing-engine structure, more where modes interact."""
 
-RATIOS = np.geomspace(0.03, 100.0, 24)
-"""Standard deviations of a curve's offset, in units of that of a point, over which the likelihood is integrated."""
+RATIOS = np.geomspace(0.03, 100.0, 24)  # standard deviations of a curve's offset over that of a point, to sum over
 
 STEP = float(np.log(RATIOS[1] / RATIOS[0]))
 
-WIDE = 2.0
-"""Times the expected offset is the scale of the half normal prior of rho sigma."""
-
-OWN_WEIGHT = 0.5
-"""Shape of the inverse gamma prior of the variance of a point: half a degree of freedom, as much as one point."""
+WIDE = 2.0  # times the expected offset is the scale of the half normal prior of rho sigma
+OWN_WEIGHT = 0.5  # shape of the inverse gamma prior of the variance of a point: it counts as much as one point
 
 
 @dataclass(frozen=True)

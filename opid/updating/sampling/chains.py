@@ -18,14 +18,9 @@ from opid.updating.model_class import Prior
 LogDensity = Callable[[FloatArray], FloatArray]
 """theta (n, n_parameters) -> (n,) logarithm of a density, up to a constant; -inf outside the support, never nan."""
 
-Progress = Callable[[float], None]
-"""Called with the fraction that is done, from 0 to 1."""
-
-EDGE_DENSITY = 0.1
-"""Of the largest density of the samples: with more than that at a bound, the bound shapes the posterior."""
-
-FAR_SCORE = 2.0
-"""Standard deviations of a prior without bounds beyond which the median of the posterior contradicts it."""
+Progress = Callable[[float], None]  # called with the fraction that is done, from 0 to 1
+EDGE_DENSITY = 0.1  # of the largest density of the samples: with more at a bound, the bound shapes the posterior
+FAR_SCORE = 2.0  # standard deviations of a prior without bounds beyond which the median of the posterior contradicts it
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,17 +23,10 @@ from opid.updating.sampling.chains import (
 )
 from opid.updating.sampling.maximum import Maximum, Support, bounds_of, maximum_a_posteriori
 
-FAR = 8.5
-"""Standard deviations beyond which a bound takes nothing from a normal distribution (1e-17)."""
-
-WINDOW = 7.0
-"""Standard deviations on each side that quadrature looks at first; more where there is more."""
-
-FIRST_NODES = 16
-"""Nodes of each parameter in the first quadrature; then half as many more, again and again."""
-
-LATTICE = 8191
-"""Points of the rule that integrates a normal distribution over a box."""
+FAR = 8.5  # standard deviations beyond which a bound takes nothing from a normal distribution (1e-17)
+WINDOW = 7.0  # standard deviations on each side that quadrature looks at first; more where there is more
+FIRST_NODES = 16  # nodes of each parameter in the first quadrature; then half as many more, again and again
+LATTICE = 8191  # points of the rule that integrates a normal distribution over a box
 
 
 @dataclass(frozen=True)

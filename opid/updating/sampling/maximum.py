@@ -13,14 +13,9 @@ from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
 from opid.updating.sampling.chains import LogDensity, evaluate, written
 
-STENCIL = 0.05
-"""Step of the finite differences, in standard deviations: long enough to rise above the noise of an iterative model."""
-
-STEPS = 2.0 ** np.arange(4, -15, -1)
-"""Parts of a Newton step that are tried at once."""
-
-Support = Sequence[tuple[float, float]] | FloatArray | None
-"""Lower and upper end of each parameter; None where no parameter has any."""
+STENCIL = 0.05  # step of the differences in standard deviations: long enough to rise above the noise of a model
+STEPS = 2.0 ** np.arange(4, -15, -1)  # parts of a Newton step that are tried at once
+Support = Sequence[tuple[float, float]] | FloatArray | None  # (lower, upper) of each parameter, or none
 
 
 @dataclass(frozen=True, eq=False)

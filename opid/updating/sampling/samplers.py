@@ -23,23 +23,12 @@ from opid.updating.sampling.chains import (
 )
 from opid.updating.sampling.evidence import Evidence
 
-BLOCK = 250
-"""Steps of Metropolis-Hastings between two reports of progress."""
-
-FIRST_ADAPTATION = 50
-"""Steps before the first adaptation; later ones follow when the chains are a tenth longer."""
-
-FLOOR = 1e-6
-"""Fraction of the given covariance that is added to the adapted one, lest it become singular (Haario's epsilon)."""
-
-MOST_STAGES = 500
-"""Of transitional Monte Carlo: with more the likelihood has no maximum that the particles can reach."""
-
-VARIATION = 1.0
-"""Coefficient of variation of the weights in each stage; smaller ones take more stages (Ching & Chen 2007)."""
-
-AIMED_ACCEPTANCE = 0.3
-"""Fraction of proposals the jumps of transitional Monte Carlo are scaled for."""
+BLOCK = 250  # steps of Metropolis-Hastings between two reports of progress
+FIRST_ADAPTATION = 50  # steps before the first adaptation; later ones follow when the chains are a tenth longer
+FLOOR = 1e-6  # fraction of the given covariance that the adapted one has besides, not to be singular (Haario's epsilon)
+MOST_STAGES = 500  # of transitional Monte Carlo: with more the likelihood has no maximum that the particles can reach
+VARIATION = 1.0  # of the weights in each stage; smaller ones take more stages (Ching & Chen 2007)
+AIMED_ACCEPTANCE = 0.3  # fraction of proposals the jumps of transitional Monte Carlo are scaled for
 
 
 def metropolis(

@@ -13,8 +13,7 @@ from scipy import sparse
 from opid.errors import InputError, nearest, refuse
 from opid.signals.recording import FloatArray
 
-SYMMETRY = 1e-8
-"""Of the largest entry: what a matrix of a finite-element code may be unsymmetric by rounding."""
+SYMMETRY = 1e-8  # of the largest entry: what a matrix of a finite-element code may be unsymmetric by rounding
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,12 +18,9 @@ from opid.updating.structure.affine import AffineStructure, matrix_faults, name_
 
 Source = str | os.PathLike[str]
 
-PART = "part_"
-"""What the name of a matrix begins with that a parameter multiplies: part_E_steel for E_steel."""
-NAMES = ("dofs", "sensors", "joints")
-"""What a file may hold beside matrices."""
-PIECES = ("data", "indices", "indptr")
-"""Of a sparse matrix in npz, row by row as scipy has them: mass_data, mass_indices, mass_indptr."""
+PART = "part_"  # what the name of a matrix begins with that a parameter multiplies: part_E_steel for E_steel
+NAMES = ("dofs", "sensors", "joints")  # what a file may hold beside matrices
+PIECES = ("data", "indices", "indptr")  # of a sparse matrix in npz, row by row as scipy has them
 
 
 def read_structure(

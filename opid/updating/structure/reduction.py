@@ -17,16 +17,11 @@ from opid.updating.structure.affine import AffineStructure
 
 IntArray = NDArray[np.int64]
 
-RANK = 1e-10
-"""Fraction of the mass of a constraint mode below which a direction is taken for one that the free modes hold."""
-SHIFT = 1e-6
-"""Of the mean ratio of stiffness to mass: shifts the pencil off the rigid-body modes of a free structure."""
-DENSE = 200
-"""Degrees of freedom up to which the dense eigensolver is the faster one."""
-SAME_FREQUENCY = 1e-4
-"""Relative difference below which modes share their space."""
-ALIKE = 0.5
-"""Modal assurance criterion from which a shape is taken for that of another mode."""
+RANK = 1e-10  # fraction of the mass of a constraint mode below which the free modes hold that direction
+SHIFT = 1e-6  # of the mean ratio of stiffness to mass: shifts the pencil off the rigid-body modes of a free structure
+DENSE = 200  # degrees of freedom up to which the dense eigensolver is the faster one
+SAME_FREQUENCY = 1e-4  # relative difference below which modes share their space
+ALIKE = 0.5  # modal assurance criterion from which a shape is taken for that of another mode
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +166,7 @@ def craig_bampton(
         shapes = lowest_modes(structure.mass, stiffness, n_modes)[1]
         basis = _with_free_modes(structure.mass, basis[:, : len(boundary)], shapes)
     n_cut = len(boundary) + n_modes - basis.shape[1]
-    return _projected(structure, stiffness, basis, tuple(boundary), method, n_cut)
+    return _project(structure, stiffness, basis, tuple(boundary), method, n_cut)
 
 
 def reduce(
@@ -180,12 +175,7 @@ def reduce(
     """Return the modes of the structure reduced by fixed-interface modes: `modes_of(craig_bampton(...))`.
 
     Args:
-        structure: the finite-element structure.
-        factors: of the stiffness parts by name; 1 where left out.
-        n_modes: internal modes.
-
-    Raises:
-        InputError: see `craig_bampton`.
+        structure: as in `craig_bampton`, like `factors` and `n_modes`.
     """
     return modes_of(craig_bampton(structure, factors, n_modes=n_modes))
 
@@ -283,7 +273,7 @@ def _with_free_modes(mass: sparse.csr_matrix, constraint: FloatArray, shapes: Fl
     return np.hstack([rest @ (direction[:, keep] / np.sqrt(weight[keep])), shapes])
 
 
-def _projected(
+def _project(
     structure: AffineStructure,
     stiffness: sparse.csr_matrix,
     basis: FloatArray,

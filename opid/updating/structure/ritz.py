@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from opid.errors import InputError, nearest
@@ -15,14 +15,10 @@ from opid.signals.recording import FloatArray
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import SHIFT, lowest_modes
 
-TOLERANCE = 1e-8
-"""Relative error of an eigenvalue at which no more vectors are taken."""
-N_CANDIDATES = 64
-"""Parameter values, a power of 2, at which the basis is tried."""
-MOST_ROUNDS = 40
-"""Of refinement; each costs one sparse eigenvalue problem."""
-DEPENDENT = 1e-7
-"""Part of a shape outside the basis below which it is taken to lie within."""
+TOLERANCE = 1e-8  # relative error of an eigenvalue at which no more vectors are taken
+N_CANDIDATES = 64  # parameter values, a power of 2, at which the basis is tried
+MOST_ROUNDS = 40  # of refinement; each costs one sparse eigenvalue problem
+DEPENDENT = 1e-7  # part of a shape outside the basis below which it is taken to lie within
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +54,6 @@ def ritz_model(
     *,
     box: Mapping[str, tuple[float, float]],
     modes: Sequence[int],
-    tolerance: float = TOLERANCE,
 ) -> RitzModel:
     """Return a small model whose modes are those of the structure everywhere in a box of parameters.
 
@@ -70,33 +65,39 @@ def ritz_model(
         structure: the finite-element structure.
         box: lower and upper end of each parameter that varies, positive; the others stay at 1.
         modes: numbers of the wanted modes, from 1; those below are there only to be counted.
-        tolerance: relative error of an eigenvalue that is good enough.
 
     Raises:
         InputError: an unknown parameter, an empty box, no mode or one that is not there.
     """
-    names, low, high = _box(structure, box)
+    _refuse_box(structure, box)
+    names, (low, high) = tuple(box), np.array(list(box.values()), dtype=np.float64).T
     wanted = np.array(sorted(set(modes)), dtype=np.intp) - 1
     if not wanted.size or wanted[0] < 0 or wanted[-1] >= structure.n_dof:
         raise InputError(f"modes are {list(modes)}: give numbers from 1 to {structure.n_dof}")
     count = int(wanted[-1]) + 1
-    base = structure.stiffness_at(dict.fromkeys(names, 1.0)) - sum(structure.parts[name] for name in names)
-    given = [structure.mass, sparse.csr_matrix(base), *(structure.parts[name] for name in names)]
-    points = _spread(low, high)
-    middle = np.sqrt(low * high)
-    solve = _inverse(given, middle)
-    basis = lowest_modes(given[0], _at(given, middle), count)[1]
+    parts = [structure.parts[name] for name in names]
+    base = structure.stiffness_at(dict.fromkeys(names, 1.0)) - sum(parts)
+
+    def stiffness_at(theta: FloatArray) -> sparse.csr_matrix:
+        return sparse.csr_matrix(base + sum(value * part for value, part in zip(theta, parts, strict=True)))
+
+    points, middle = _spread(low, high), np.sqrt(low * high)
+    solve = _inverse(structure.mass, stiffness_at(middle))
+    basis = lowest_modes(structure.mass, stiffness_at(middle), count)[1]
     done: set[int] = set()
     for _ in range(MOST_ROUNDS):
-        model = _model(structure, given, basis, names, count, 0.0)
-        errors = _errors(model, given, basis, points, wanted, solve, middle)
+        images = [matrix @ basis for matrix in (base, *parts)]
+        reduced = [(each + each.T) / 2 for each in (basis.T @ image for image in images)]
+        rows = basis[structure.sensor_indices]
+        model = RitzModel(reduced[0], np.array(reduced[1:]), rows, names, structure.sensors, count, 0.0)
+        errors = _errors(model, structure.mass @ basis, images, points, wanted, solve, middle)
         worst = int(np.argmax(errors))
-        if errors[worst] <= tolerance or worst in done or len(basis.T) >= structure.n_dof:
+        if errors[worst] <= TOLERANCE or worst in done or len(basis.T) >= structure.n_dof:
             break
         done.add(worst)
-        shapes = lowest_modes(given[0], _at(given, points[worst]), count)[1]
-        basis = _extended(given[0], basis, shapes[:, wanted])
-    return _model(structure, given, basis, names, count, float(errors.max()))
+        shapes = lowest_modes(structure.mass, stiffness_at(points[worst]), count)[1]
+        basis = _extended(structure.mass, basis, shapes[:, wanted])
+    return replace(model, worst=float(errors.max()))
 
 
 def ritz_modes(model: RitzModel, theta: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -116,9 +117,7 @@ def ritz_modes(model: RitzModel, theta: ArrayLike) -> tuple[FloatArray, FloatArr
     return eigenvalue[:, : model.n_modes], model.sensor_rows @ vectors[:, :, : model.n_modes]
 
 
-def _box(
-    structure: AffineStructure, box: Mapping[str, tuple[float, float]]
-) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+def _refuse_box(structure: AffineStructure, box: Mapping[str, tuple[float, float]]) -> None:
     for name in box:
         if name not in structure.parts:
             known = nearest(name, structure.parts) if structure.parts else "the structure has none"
@@ -128,8 +127,6 @@ def _box(
     for name, (low, high) in box.items():
         if not 0 < low < high < np.inf:
             raise InputError(f"{name!r} is to vary from {low:g} to {high:g}: give positive ends, the lower one first")
-    low, high = np.array(list(box.values()), dtype=np.float64).T
-    return tuple(box), low, high
 
 
 def _spread(low: FloatArray, high: FloatArray) -> FloatArray:
@@ -142,50 +139,32 @@ def _spread(low: FloatArray, high: FloatArray) -> FloatArray:
     return low * (high / low) ** np.vstack([corners, inner])
 
 
-def _at(given: Sequence[Any], theta: FloatArray) -> sparse.csr_matrix:
-    return sparse.csr_matrix(given[1] + sum(value * part for value, part in zip(theta, given[2:], strict=True)))
-
-
-def _inverse(given: Sequence[Any], theta: FloatArray) -> Any:
-    """The inverse of the stiffness at theta as a function, a little shifted off rigid-body motion."""
+def _inverse(mass: Any, stiffness: Any) -> Callable[[FloatArray], FloatArray]:
+    """The inverse of a stiffness as a function, a little shifted off rigid-body motion."""
     from scipy.sparse.linalg import splu
 
-    mass, stiffness = given[0], _at(given, theta)
     shift = SHIFT * stiffness.diagonal().mean() / mass.diagonal().mean()
     return splu(sparse.csc_matrix(stiffness + shift * mass)).solve
 
 
-def _model(
-    structure: AffineStructure,
-    given: Sequence[Any],
-    basis: FloatArray,
-    names: tuple[str, ...],
-    count: int,
-    worst: float,
-) -> RitzModel:
-    reduced = [basis.T @ (matrix @ basis) for matrix in given[1:]]
-    stiffness, *parts = [(each + each.T) / 2 for each in reduced]
-    at_sensors = basis[structure.sensor_indices]
-    return RitzModel(stiffness, np.array(parts), at_sensors, names, structure.sensors, count, worst)
-
-
 def _errors(
     model: RitzModel,
-    given: Sequence[Any],
-    basis: FloatArray,
+    inertia: FloatArray,
+    images: Sequence[FloatArray],
     points: FloatArray,
-    wanted: Any,
-    solve: Any,
+    wanted: NDArray[np.intp],
+    solve: Callable[[FloatArray], FloatArray],
     middle: FloatArray,
 ) -> FloatArray:
-    """(n_points,) estimated relative error of the worst wanted eigenvalue, r^T K^-1 r / lambda."""
+    """(n_points,) estimated relative error of the worst wanted eigenvalue, r^T K^-1 r / lambda.
+
+    `inertia` is the mass times the basis, and `images` are the stiffness K0 and its parts times the basis.
+    """
     eigenvalue, vectors = np.linalg.eigh(model.stiffness + np.tensordot(points, model.parts, axes=1))
-    images = [matrix @ basis for matrix in given]  # mass, base, parts
     errors = np.zeros(len(points))
     for row, theta in enumerate(points):
         value, vector = eigenvalue[row, wanted], vectors[row][:, wanted]
-        stiff = images[1] + np.tensordot(theta, np.array(images[2:]), axes=1)
-        residual = stiff @ vector - (images[0] @ vector) * value
+        residual = (images[0] + np.tensordot(theta, images[1:], axes=1)) @ vector - (inertia @ vector) * value
         # K at theta is at least the smallest ratio times K at the middle
         size = np.einsum("ij,ij->j", residual, solve(residual)) / min(1.0, float(np.min(theta / middle)))
         errors[row] = np.max(size / np.maximum(value, 1e-300))

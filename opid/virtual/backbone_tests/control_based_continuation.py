@@ -46,22 +46,22 @@ class ContinuationSettings:
     Args:
         n_harmonics: harmonics that are recorded and whose control is taken away, the fundamental included.
         phase_tolerance_rad: phase error from quadrature that is accepted, radians (Song et al. 2021: 5e-3).
-        frequency_share: by how much the frequency may still have to move to quadrature, share of it. Where a sensor is
+        frequency_fraction: of itself by which the frequency may still have to move to quadrature. Where a sensor is
             about to lose quadrature, 5e-3 rad are 2e-4 of the frequency.
         most_invasive: rms of the control's harmonics above the first over its first that is accepted.
-        steady_share: a level has settled when no first harmonic moves by more than this share, or by more than its
-            noise explains, from one block of periods to the next.
+        steady_fraction: a level is steady when no first harmonic moves by more than this fraction, or by more than
+            its noise explains, from one block of periods to the next.
         settle_periods: periods of such a block.
-        record_periods: periods that are averaged for each record; more where the noise would hide `frequency_share`.
+        record_periods: periods that are averaged for each record; more where the noise would hide `frequency_fraction`.
         longest_periods: allowed for settling, and for averaging, for each record.
         most_records: for each level.
-        amplitude_share: how far the amplitude may lie from the one asked for.
-        widest_share: how far the frequency may move from level to level, share of it.
+        amplitude_fraction: how far the amplitude may lie from the one asked for.
+        widest_fraction: of itself by which the frequency may move from level to level.
         samples_per_period: the bench is sampled in step with its drive.
         feedback_damping: damping ratio that the feedback adds to the mode. Too little, and a change of the level leaves
             the branch where resonance curves fold; too much, and the feedback stirs up other modes, which the joints
             mix with this one at large amplitudes.
-        feedback_stiffness: share of its frequency by which the feedback stiffens a mode that hardens, or softens one
+        feedback_stiffness: fraction of its frequency by which the feedback stiffens a mode that hardens, or softens one
             that softens, as its first two levels tell. Without it the structure leaves the branch where a sensor
             reaches quadrature beyond the resonance.
         modal_filter: whether the feedback reads the mode through a filter over all sensors, or the drive point alone.
@@ -73,15 +73,15 @@ class ContinuationSettings:
 
     n_harmonics: int = 7
     phase_tolerance_rad: float = 5e-3
-    frequency_share: float = 1e-5
+    frequency_fraction: float = 1e-5
     most_invasive: float = 2e-3
-    steady_share: float = 3e-4
+    steady_fraction: float = 3e-4
     settle_periods: int = 10
     record_periods: int = 20
     longest_periods: int = 400
     most_records: int = 15
-    amplitude_share: float = 0.02
-    widest_share: float = 0.03
+    amplitude_fraction: float = 0.02
+    widest_fraction: float = 0.03
     samples_per_period: int = 64
     feedback_damping: float = 0.008
     feedback_stiffness: float = 0.003
@@ -175,10 +175,10 @@ def measured_curve(
     chosen, system = settings or ContinuationSettings(), specimen.system
     watched = system.sensor(sensor), system.sensor(controlled_sensor)
 
-    def loop(stiffness_share: float) -> ClosedLoop:
+    def loop(stiffness_fraction: float) -> ClosedLoop:
         damping, filtered = chosen.feedback_damping, chosen.modal_filter
         return closed_loop(
-            specimen, mode, damping_ratio=damping, stiffness_share=stiffness_share, modal_filter=filtered
+            specimen, mode, damping_ratio=damping, stiffness_fraction=stiffness_fraction, modal_filter=filtered
         )
 
     bench = _Bench(loop(0.0), chosen, noise or ReadingNoise(), rng, watched)
@@ -247,18 +247,18 @@ def _level(bench: _Bench, standing: _Standing, wanted: float, sensor: str) -> tu
     settings, begun, before = bench.settings, standing.frequency_hz, standing
     points: list[tuple[float, float]] = []
     for n_records in range(1, settings.most_records + 1):
-        record, standing, steady = _settled(bench, standing)
+        record, standing, steady = _run_until_steady(bench, standing)
         frequency, held = standing.frequency_hz, abs(record.sensors[bench.watched[1], 0])
         error = phase_error(record.force[0], record.sensors[bench.watched[0], 0])
         invasion = float(np.linalg.norm(np.delete(record.control, 1)) / abs(record.control[1]))
         points.append((frequency, float(np.tan(error))))
         standing, off = _judged(bench, standing, record, points, before.slope_hz)
-        quadrature = abs(error) <= settings.phase_tolerance_rad and off <= settings.frequency_share
+        quadrature = abs(error) <= settings.phase_tolerance_rad and off <= settings.frequency_fraction
         kept = invasion <= settings.most_invasive + _noise_floor(bench) / abs(record.control[1])
-        near = abs(held / wanted - 1.0) <= settings.amplitude_share
+        near = abs(held / wanted - 1.0) <= settings.amplitude_fraction
         if quadrature and kept and near and steady:
             break
-        away = abs(frequency / begun - 1.0) > settings.widest_share
+        away = abs(frequency / begun - 1.0) > settings.widest_fraction
         if away and not quadrature:
             break
         if n_records < settings.most_records:
@@ -289,14 +289,14 @@ def _lost(bench: _Bench, standing: _Standing, wanted: float, text: str) -> Conti
 def _noise_floor(bench: _Bench) -> float:
     """What the feedback's own noise, which is part of the control, may add to its upper harmonics, N."""
     settings = bench.settings
-    share = 2.0 * settings.n_harmonics / (settings.record_periods * settings.samples_per_period)
-    return 2.0 * bench.noise.control_n * float(np.sqrt(share))
+    fraction = 2.0 * settings.n_harmonics / (settings.record_periods * settings.samples_per_period)
+    return 2.0 * bench.noise.control_n * float(np.sqrt(fraction))
 
 
 def _judged(
     bench: _Bench, standing: _Standing, record: Record, points: list[tuple[float, float]], usual_hz: float
 ) -> tuple[_Standing, float]:
-    """The slope by the last two points, periods for the next record, and the share by which the frequency is off."""
+    """The slope by the last two points, periods for the next record, and the fraction by which the frequency is off."""
     settings, slope, (frequency, value) = bench.settings, standing.slope_hz, points[-1]
     spread = phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
     if len(points) > 1 and abs(value - points[-2][1]) > max(_CLOSE_PHASES, _WITHIN_NOISE * spread):
@@ -305,7 +305,7 @@ def _judged(
         slope = usual_hz * float(np.clip(found / usual_hz, 1.0 / _STEEPER, _STEEPER))
     steep = abs(slope) / frequency
     # as many periods as make the noise of the frequency half of what is accepted
-    longer = (2.0 * steep * spread / settings.frequency_share) ** 2 * record.n_periods
+    longer = (2.0 * steep * spread / settings.frequency_fraction) ** 2 * record.n_periods
     averaged = int(np.clip(np.ceil(longer), settings.record_periods, settings.longest_periods))
     # a record that is long enough need not be better than its noise
     explained = 2.0 * spread if record.n_periods >= averaged else 0.0
@@ -326,14 +326,14 @@ def _moved(bench: _Bench, standing: _Standing, record: Record, value: float, lar
     return replace(standing, frequency_hz=frequency + step, target=target)
 
 
-def _settled(bench: _Bench, standing: _Standing) -> tuple[Record, _Standing, bool]:
+def _run_until_steady(bench: _Bench, standing: _Standing) -> tuple[Record, _Standing, bool]:
     """Run until the first harmonics stand, then record."""
     settings, periods, steady = bench.settings, 0, False
     last, state = None, standing.state
     # a step of the target sets the structure ringing, and near a fold it leaves the branch: there in small steps
-    for share in np.arange(1, settings.settle_periods) / settings.settle_periods:
-        frequency = (1.0 - share) * standing.before[0] + share * standing.frequency_hz
-        target = (1.0 - share) * standing.before[1] + share * standing.target
+    for fraction in np.arange(1, settings.settle_periods) / settings.settle_periods:
+        frequency = (1.0 - fraction) * standing.before[0] + fraction * standing.frequency_hz
+        target = (1.0 - fraction) * standing.before[1] + fraction * standing.target
         _, state = _periods(bench, replace(standing, frequency_hz=frequency, target=target), state, 1)
         periods += 1
     while not steady and periods < settings.longest_periods:
@@ -356,7 +356,7 @@ def _stands(bench: _Bench, last: Record, record: Record, frequency_hz: float) ->
     size = np.abs(np.append(record.sensors[watched, 0], record.force[0]))
     of_motion = bench.noise.acceleration_m_per_s2 / (2.0 * np.pi * frequency_hz) ** 2
     noise = np.array([of_motion, of_motion, bench.noise.force_n + bench.noise.control_n])
-    return bool((moved <= settings.steady_share * size + of_mean * noise).all())
+    return bool((moved <= settings.steady_fraction * size + of_mean * noise).all())
 
 
 def _periods(bench: _Bench, standing: _Standing, state: State, n_periods: int) -> tuple[Record, State]:
@@ -378,13 +378,13 @@ def _reason(
     """Why a level has not converged."""
     settings = bench.settings
     if away:
-        return f"no quadrature at {sensor!r} within {settings.widest_share:.0%} of {begun_hz:.3f} Hz"
+        return f"no quadrature at {sensor!r} within {settings.widest_fraction:.0%} of {begun_hz:.3f} Hz"
     if abs(error) > settings.phase_tolerance_rad:
         return f"after {settings.most_records} records {sensor!r} is still {error:.2g} rad off quadrature"
-    if off > settings.frequency_share:
+    if off > settings.frequency_fraction:
         return f"after {settings.most_records} records the frequency still moves by {off:.1g} of it to quadrature"
     if invasion > settings.most_invasive:
         return f"the control keeps harmonics of {invasion:.1%} of its first"
-    if abs(ratio - 1.0) > settings.amplitude_share:
+    if abs(ratio - 1.0) > settings.amplitude_fraction:
         return f"the amplitude stands at {ratio:.0%} of the one asked for"
     return f"the response has not settled within {settings.longest_periods} periods"

@@ -41,7 +41,7 @@ def virtual_backbones(
     sensors: Sequence[str] | None = None,
     settings: ContinuationSettings | None = None,
     noise: ReadingNoise = BENCH_NOISE,
-    least_share: float = 0.9,
+    least_fraction: float = 0.9,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[MeasuredBackbone, ...]:
     """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
@@ -60,7 +60,7 @@ def virtual_backbones(
         sensors: whose quadrature is held, one after the other; all where left out.
         settings: of the continuation; the usual ones where left out.
         noise: of the readings; that of a usual bench where left out, `ReadingNoise()` for none.
-        least_share: of its levels that a curve must have converged at.
+        least_fraction: of its levels that a curve must have converged at.
         progress: called with the number of curves done and of all.
 
     Raises:
@@ -85,7 +85,7 @@ def virtual_backbones(
             curves.append(curve)
             if progress:
                 progress(len(curves), len(modes) * len(held))
-    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, least_share * n_points)]
+    whole = [curve for curve in curves if curve.converged.sum() >= max(LEAST_POINTS, least_fraction * n_points)]
     if not whole:
         raise NotDeterminedError(
             f"none of {len(curves)} curves reaches quadrature ({curves[0].reason or 'they are too short'}): "
@@ -96,14 +96,7 @@ def virtual_backbones(
 
 
 def as_backbone(curve: MeasuredCurve) -> MeasuredBackbone:
-    """Return the levels of a curve that converged, as data for updating.
-
-    Args:
-        curve: of a virtual measurement.
-
-    Raises:
-        InputError: too few levels that converged.
-    """
+    """Return the levels of a curve that converged, as data for updating; InputError where they are too few."""
     kept = np.flatnonzero(curve.converged)
     if kept.size:
         # the amplitude is met within a tolerance: levels that lie close could cross
@@ -131,7 +124,7 @@ def synthetic_backbones(
     n_points: int = 20,
     controlled_sensor: str = "10",
     harmonics: Sequence[int] = (1, 3, 5, 7),
-    offset_share: float | Sequence[float] = (8e-4, 1.5e-3),
+    offset_fraction: float | Sequence[float] = (8e-4, 1.5e-3),
     point_noise: float | Sequence[float] = 1e-4,
     shape_noise: float | Sequence[float] = (0.005, 0.025),
     linear_error: float | Sequence[float] = 0.004,
@@ -158,12 +151,12 @@ def synthetic_backbones(
         n_points: of each curve, from the smallest amplitude to the largest.
         controlled_sensor: whose amplitude is prescribed.
         harmonics: of the motion.
-        offset_share: o, common to a curve, as single-point forcing makes it; one number or one a mode, like the next.
+        offset_fraction: o, common to a curve, as single-point forcing makes it; a number or one a mode, like the next.
         point_noise: n, of each point.
-        shape_noise: s, of each sensor and point, share of the length of the shape over all sensors.
+        shape_noise: s, of each sensor and point, fraction of the length of the shape over all sensors.
         linear_error: e, common to all curves of a mode: what the linear structure that is measured differs by from the
             one that the model knows.
-        amplitude_jitter: largest shift of an amplitude within a curve, share of the distance of two points.
+        amplitude_jitter: largest shift of an amplitude within a curve, fraction of the distance of two points.
 
     Raises:
         InputError: counts that do not match, levels below 0, jitter beyond 0.45, or as `backbone`.
@@ -174,12 +167,12 @@ def synthetic_backbones(
         raise InputError(f"n_curves is {tuple(n_curves)} for the modes {tuple(modes)}: give 1 or more for each mode")
     if not 0.0 <= amplitude_jitter <= 0.45:
         raise InputError(
-            f"amplitude_jitter is {amplitude_jitter}: give a share from 0 to 0.45, or the points would cross"
+            f"amplitude_jitter is {amplitude_jitter}: give a fraction from 0 to 0.45, or the points would cross"
         )
     offset, point, shape, linear = (
         _levels(name, level, len(modes))
         for name, level in (
-            ("offset_share", offset_share),
+            ("offset_fraction", offset_fraction),
             ("point_noise", point_noise),
             ("shape_noise", shape_noise),
             ("linear_error", linear_error),
@@ -222,10 +215,10 @@ def _levels(name: str, level: ArrayLike, n_modes: int) -> FloatArray:
     return np.broadcast_to(levels, n_modes)
 
 
-def _shifted(system: JointedModes, mode: int, share: float) -> JointedModes:
-    """The structure with the frequency of one mode off by a share."""
+def _shifted(system: JointedModes, mode: int, fraction: float) -> JointedModes:
+    """The structure with the frequency of one mode off by a fraction."""
     eigenvalue = system.eigenvalue.copy()
-    eigenvalue[system.place(mode)] *= (1.0 + share) ** 2
+    eigenvalue[system.place(mode)] *= (1.0 + fraction) ** 2
     return replace(system, eigenvalue=eigenvalue)
 
 

@@ -91,20 +91,14 @@ def closed_loop(
     mode: int,
     *,
     damping_ratio: float,
-    stiffness_share: float = 0.0,
+    stiffness_fraction: float = 0.0,
     modal_filter: bool = True,
 ) -> ClosedLoop:
-    """Return a structure on its shaker under feedback.
+    """Return a structure on its shaker under a feedback that holds one mode.
 
-    Args:
-        specimen: the structure with its shaker.
-        mode: that is to be held, from 1.
-        damping_ratio: that the gain on the velocity adds to the mode.
-        stiffness_share: by which the gain on the displacement raises the frequency of the mode.
-        modal_filter: whether the feedback reads the mode through `modal_reading`, or the drive point.
-
-    Raises:
-        InputError: a feedback under which the linear structure is unstable.
+    The gain on the velocity adds the damping ratio to the mode, and that on the displacement raises its frequency by
+    the fraction; the feedback reads the mode through `modal_reading`, or the drive point alone. InputError: the linear
+    structure is unstable under it.
     """
     system, point, place = specimen.system, specimen.drive_row, specimen.system.place(mode)
     n = system.n_modes
@@ -112,7 +106,7 @@ def closed_loop(
     joints = tuple(Joint(name, row, law=law) for name, row, law in pairs)
     structure = Structure(np.eye(n), np.diag(specimen.modal_damping), np.diag(system.eigenvalue), joints)
     reading = modal_reading(specimen, mode) if modal_filter else point
-    gains = _gains(specimen, place, reading, damping_ratio, stiffness_share, modal_filter)
+    gains = _gains(specimen, place, reading, damping_ratio, stiffness_fraction, modal_filter)
     acting, sensors, force = point, system.at_sensors, None
     if specimen.shaker is not None:
         structure = on_shaker(structure, specimen.shaker, point)
@@ -125,7 +119,7 @@ def closed_loop(
         at_hz = np.abs(poles[np.argmax(poles.real)]) / (2.0 * np.pi)
         raise InputError(
             f"the feedback makes the structure unstable, near {at_hz:.3g} Hz: make it weaker than a damping ratio of "
-            f"{damping_ratio:g} and {stiffness_share:.2%} of its frequency"
+            f"{damping_ratio:g} and {stiffness_fraction:.2%} of its frequency"
         )
     looped = replace(structure, joints=(*structure.joints, Joint("feedback", reading, *gains)))
     ready = _acting_at(assembled(looped, acting[:, None]), np.linalg.inv(structure.mass) @ acting)
@@ -138,10 +132,6 @@ def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
     It reads the drive point's motion in the mode, moves with the drive point in every other one (else the feedback
     would stir that mode up), and adds as little damping to them as it can with weights that are not too large: a linear
     programme. The drive point alone is one of its candidates, so there is always an answer.
-
-    Args:
-        specimen: the structure.
-        mode: to be read, from 1.
     """
     shapes, row, place = specimen.system.at_sensors, specimen.drive_row, specimen.system.place(mode)
     damped = np.delete(shapes * row, place, axis=1) / row[place] ** 2
@@ -172,18 +162,8 @@ def recorded(
 ) -> tuple[Record, State]:
     """Run whole periods of the drive, each from phase zero; return their mean and the state after them.
 
-    Args:
-        loop: structure and feedback.
-        state: at the beginning.
-        target: (n_harmonics + 1,) of what the feedback reads, its mean first, m.
-        frequency_hz: of the drive.
-        n_periods: to run.
-        samples_per_period: the bench is sampled in step with its drive.
-        noise: of the readings.
-        rng: its source.
-
-    Raises:
-        InputError: the motion grows beyond bounds.
+    The target, (n_harmonics + 1,) of what the feedback reads, its mean first, is in m. The bench is sampled in step
+    with its drive. InputError: the motion grows beyond bounds.
     """
     n, omega = samples_per_period, 2.0 * np.pi * frequency_hz
     fs = n * frequency_hz
@@ -216,14 +196,9 @@ def recorded(
 def phase_noise(
     record: Record, column: int, noise: ReadingNoise, frequency_hz: float, samples_per_period: int
 ) -> float:
-    """Return the standard deviation of the phase between force and a sensor in a record, radians.
+    """Return the standard deviation of the phase between force and the sensor of a column in a record, radians.
 
-    Args:
-        record: with the amplitudes.
-        column: of the sensor.
-        noise: of its samples; that of the control counts like that of the force, as the response lags behind it.
-        frequency_hz: of the drive.
-        samples_per_period: of the record.
+    The noise of the control counts like that of the force, as the response lags behind it.
 
     >>> record = Record(np.array([1.0]), np.array([[1e-3]]), np.zeros(2), 50)
     >>> round(phase_noise(record, 0, ReadingNoise(force_n=0.1), 15.0, 64), 5)
@@ -239,7 +214,7 @@ def _gains(
     place: int,
     reading: FloatArray,
     damping_ratio: float,
-    stiffness_share: float,
+    stiffness_fraction: float,
     modal_filter: bool,
 ) -> tuple[float, float]:
     """The gains on displacement, N/m, and velocity, N s/m, that add the wanted stiffness and damping to the mode.
@@ -250,7 +225,7 @@ def _gains(
     system, row = specimen.system, specimen.drive_row
     omega = 2.0 * np.pi * system.frequency_hz[place]
     modal = omega / (row[place] * reading[place])
-    gains = 2.0 * stiffness_share * omega * modal, 2.0 * damping_ratio * modal
+    gains = 2.0 * stiffness_fraction * omega * modal, 2.0 * damping_ratio * modal
     if not modal_filter:
         others = np.delete(np.arange(system.n_modes), place)
         residual = np.abs(np.sum(row[others] ** 2 / (system.eigenvalue[others] - omega**2)))

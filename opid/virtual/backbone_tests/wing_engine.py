@@ -10,16 +10,18 @@ from scipy import sparse
 
 from opid.errors import InputError, require
 from opid.mechanics.laws.law import FloatArray
+from opid.updating.structure.affine import AffineStructure
 
 PLATE_SENSORS = ("1", "2", "3", "4", "5", "6", "7", "8")
-PYLONS = (("9", "10", "11"), ("12", "13", "14"))
-"""Sensors of each pylon: block, front leaf spring, back leaf spring."""
+PYLONS = (("9", "10", "11"), ("12", "13", "14"))  # sensors of each pylon: block, front leaf spring, back leaf spring
 SENSORS = (*PLATE_SENSORS, *PYLONS[0], *PYLONS[1])
 JOINTS = {f"{block}-{tip}": (block, tip) for block, *tips in PYLONS for tip in tips}
 PLATE_DOFS = ("w", "w_x", "w_y", "w_xy")
-PLATE_SENSOR_SHARES = (0.07, 0.4, 0.6, 0.93)
+PLATE_SENSOR_FRACTIONS = (0.07, 0.4, 0.6, 0.93)
 """Of the length, where the sensors 1 to 4 stand on the front edge of the plate and 5 to 8 on the back edge."""
 LEAF_ELEMENTS = 2
+E_ALUMINIUM, E_STEEL = "E_aluminium", "E_steel"
+UPDATED = {E_ALUMINIUM: 0.88, E_STEEL: 0.31}  # what the paper finds (Table 1), as fractions of 68.9 and 200 GPa
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class WingEngine:
         tip_inertia_kg_m2: its moment of inertia about y through its centre; it turns as the leaf spring bends.
         tip_below_m: its centre lies this much below the end of the leaf spring.
         link_n_per_m: of the link between the two ends.
-        leaf_asymmetry: share by which the front leaf spring of each pylon is stiffer than nominal and the back one
+        leaf_asymmetry: fraction by which the front leaf spring of each pylon is stiffer than nominal and the back one
             softer; 0.05 makes a 3:1 interaction near 15.3 Hz.
 
     Raises:
@@ -99,7 +101,7 @@ class WingEngine:
                 f"n_along is {self.n_along} and n_across {self.n_across}: give at least 6 and an even number from 2"
             )
         if not -1 < self.leaf_asymmetry < 1:
-            raise InputError(f"leaf_asymmetry is {self.leaf_asymmetry}: give a share between -1 and 1")
+            raise InputError(f"leaf_asymmetry is {self.leaf_asymmetry}: give a fraction between -1 and 1")
         if not -1 < self.aluminium_poisson < 0.5:
             raise InputError(f"aluminium_poisson is {self.aluminium_poisson}: give a value between -1 and 0.5")
         if 2 * self.pylon_from_middle_m >= self.length_m:
@@ -114,63 +116,48 @@ class WingEngine:
         return self.thickness_m / 2 + self.block_depth_m
 
 
-@dataclass(frozen=True, eq=False)
-class WingEngineMatrices:
-    """The matrices of a wing-engine structure; K = stiffness + E_aluminium aluminium + E_steel steel.
-
-    Args:
-        mass: (n_dof, n_dof) kg.
-        stiffness: of the suspension and of the links, N/m.
-        aluminium: of the plate at its nominal modulus, N/m.
-        steel: of the leaf springs at their nominal modulus, N/m.
-        dofs: name of each degree of freedom; "1" to "14" are the sensors.
-    """
-
-    mass: sparse.csr_matrix
-    stiffness: sparse.csr_matrix
-    aluminium: sparse.csr_matrix
-    steel: sparse.csr_matrix
-    dofs: tuple[str, ...]
-
-
-def wing_engine_matrices(dimensions: WingEngine | None = None) -> WingEngineMatrices:
-    """Return the matrices of the wing-engine structure.
+def wing_engine_structure(dimensions: WingEngine | None = None) -> AffineStructure:
+    """Return the wing-engine structure: 14 sensors "1" to "14", four joints, factors E_aluminium and E_steel.
 
     The plate bends (Bogner-Fox-Schmit elements of scikit-fem: w, w_x, w_y, w_xy at every node) and is rigid in its
     plane (x, y and yaw). The rigid block of a pylon follows the plate; its horizontal motion x_b = x + d w_x takes the
     place of w_x at its node, so that it is a degree of freedom of its own. The leaf springs are Euler-Bernoulli beams
-    that bend along x and carry the tip masses; along y and z they are rigid.
+    that bend along x and carry the tip masses; along y and z they are rigid. The factors multiply the stiffness of the
+    plate and of the leaf springs at their nominal moduli; that of the suspension and of the links is not updated.
 
     Args:
-        dimensions: the structure; the paper's where left out.
+        dimensions: of the structure, `WingEngine(leaf_asymmetry=0.05)` for the one with a 3:1 interaction; the
+            calibrated symmetric one where left out.
 
     Raises:
         InputError: scikit-fem is not installed.
 
-    >>> wing_engine_matrices().mass.shape
-    (1135, 1135)
+    >>> structure = wing_engine_structure()
+    >>> structure.n_dof, sorted(structure.joints)
+    (1135, ['12-13', '12-14', '9-10', '9-11'])
     """
     given = WingEngine() if dimensions is None else dimensions
     along, across = _mesh_lines(given)
     plate_mass, plate_stiffness = _plate(given, along, across)
-    places = _Places(given, along, across)
-    mass, suspension, steel = (_Sum(places.n_full) for _ in range(3))
-    mass.add_matrix(plate_mass, np.arange(places.n_plate))
-    aluminium = _Sum(places.n_full)
-    aluminium.add_matrix(plate_stiffness, np.arange(places.n_plate))
+    indices = _Indices(given, along, across)
+    mass, suspension, steel = (_Sum(indices.n_full) for _ in range(3))
+    mass.add_matrix(plate_mass, np.arange(indices.n_plate))
+    aluminium = _Sum(indices.n_full)
+    aluminium.add_matrix(plate_stiffness, np.arange(indices.n_plate))
     plate_kg = given.aluminium_kg_per_m3 * given.length_m * given.width_m * given.thickness_m
-    for place in (places.span, places.chord):
-        mass.add_row(plate_kg, {place: 1.0})
-    mass.add_row(plate_kg * (given.length_m**2 + given.width_m**2) / 12, {places.yaw: 1.0})
+    for index in (indices.span, indices.chord):
+        mass.add_row(plate_kg, {index: 1.0})
+    mass.add_row(plate_kg * (given.length_m**2 + given.width_m**2) / 12, {indices.yaw: 1.0})
     for x in (0.0, given.length_m):
         for y in (0.0, given.width_m):
-            for row in places.motion(x, y):
+            for row in indices.motion(x, y):
                 suspension.add_row(given.suspension_n_per_m, row)
     for pylon in range(len(PYLONS)):
-        _add_pylon(given, places, pylon, mass, suspension, steel)
-    follow = places.follow()
-    parts = (_symmetric(follow.T @ part.matrix() @ follow) for part in (mass, suspension, aluminium, steel))
-    return WingEngineMatrices(*parts, places.names())  # type: ignore[call-arg]
+        _add_pylon(given, indices, pylon, mass, suspension, steel)
+    follow = indices.follow()
+    matrices = (_symmetric(follow.T @ part.matrix() @ follow) for part in (mass, suspension, aluminium, steel))
+    whole, fixed, plate, leaves = matrices
+    return AffineStructure(whole, fixed, {E_ALUMINIUM: plate, E_STEEL: leaves}, indices.names(), SENSORS, JOINTS)
 
 
 def _mesh_lines(given: WingEngine) -> tuple[FloatArray, FloatArray]:
@@ -210,12 +197,11 @@ def _plate(given: WingEngine, along: FloatArray, across: FloatArray) -> tuple[An
     return inertia.assemble(basis)[order][:, order], bending.assemble(basis)[order][:, order]
 
 
-Row = dict[int, float]
-"""A motion as a sum of degrees of freedom: factor by place."""
+Row = dict[int, float]  # A motion as a sum of degrees of freedom: factor by index
 
 
-class _Places:
-    """Where each degree of freedom stands, before the blocks take the place of w_x at their nodes."""
+class _Indices:
+    """The index of each degree of freedom, before the blocks take the place of w_x at their nodes."""
 
     def __init__(self, given: WingEngine, along: FloatArray, across: FloatArray) -> None:
         self.given, self.along, self.across = given, along, across
@@ -224,12 +210,12 @@ class _Places:
         self.n_full = self.n_plate + 3 + len(PYLONS) * (1 + 2 * 2 * LEAF_ELEMENTS)
 
     def node(self, x: float, y: float) -> int:
-        """Place of w of the node nearest to (x, y); its slopes follow."""
+        """Index of w of the node nearest to (x, y); its slopes follow."""
         column, line = np.argmin(np.abs(self.along - x)), np.argmin(np.abs(self.across - y))
         return int(len(PLATE_DOFS) * (column * self.across.size + line))
 
     def pylon(self, pylon: int) -> tuple[float, int, int]:
-        """x of a pylon, place of w at its node, place of the motion of its block."""
+        """x of a pylon, index of w at its node, index of the motion of its block."""
         x = self.given.length_m / 2 + (2 * pylon - 1) * self.given.pylon_from_middle_m
         return x, self.node(x, self.given.width_m / 2), self.n_plate + 3 + pylon * (1 + 4 * LEAF_ELEMENTS)
 
@@ -248,18 +234,18 @@ class _Places:
         _, w, block = self.pylon(pylon)
         off = (2 * back - 1) * self.given.leaf_spacing_m / 2
         first = block + 1 + 2 * LEAF_ELEMENTS * back
-        free = [{first + place: 1.0} for place in range(2 * LEAF_ELEMENTS)]
+        free = [{first + index: 1.0} for index in range(2 * LEAF_ELEMENTS)]
         return [{block: 1.0, self.yaw: -off}, {w + 1: 1.0}, *free]
 
     def follow(self) -> sparse.csr_matrix:
         """(n_full, n_dof) with w_x = (x_block - x_plate) / depth at the node of each pylon."""
         columns = np.delete(np.arange(self.n_full), [self.pylon(k)[1] + 1 for k in range(len(PYLONS))])
         follow = sparse.identity(self.n_full, format="lil")[:, columns]
-        place = {int(full): k for k, full in enumerate(columns)}
+        column_of = {int(full): k for k, full in enumerate(columns)}
         for pylon in range(len(PYLONS)):
             _, w, block = self.pylon(pylon)
-            follow[w + 1, place[block]] = 1 / self.given.lever_m
-            follow[w + 1, place[self.span]] = -1 / self.given.lever_m
+            follow[w + 1, column_of[block]] = 1 / self.given.lever_m
+            follow[w + 1, column_of[self.span]] = -1 / self.given.lever_m
         return follow.tocsr()
 
     def names(self) -> tuple[str, ...]:
@@ -271,11 +257,11 @@ class _Places:
             for tip in tips:
                 inner = [f"leaf {tip} {k} {kind}" for k in range(1, LEAF_ELEMENTS) for kind in ("x", "slope")]
                 names += [*inner, tip, f"leaf {tip} {LEAF_ELEMENTS} slope"]
-        ends = [(0.0, share) for share in PLATE_SENSOR_SHARES] + [(1.0, share) for share in PLATE_SENSOR_SHARES]
+        ends = [(edge, along) for edge in (0.0, 1.0) for along in PLATE_SENSOR_FRACTIONS]
         for sensor, (y, x) in zip(PLATE_SENSORS, ends, strict=True):
             names[self.node(x * self.given.length_m, y * self.given.width_m)] = sensor
         gone = {self.pylon(k)[1] + 1 for k in range(len(PYLONS))}
-        return tuple(name for place, name in enumerate(names) if place not in gone)
+        return tuple(name for index, name in enumerate(names) if index not in gone)
 
 
 class _Sum:
@@ -287,10 +273,10 @@ class _Sum:
         self.columns: list[Any] = []
         self.entries: list[Any] = []
 
-    def add_matrix(self, matrix: Any, places: Any) -> None:
+    def add_matrix(self, matrix: Any, indices: Any) -> None:
         found = sparse.coo_matrix(matrix)
-        self.rows.append(np.asarray(places)[found.row])
-        self.columns.append(np.asarray(places)[found.col])
+        self.rows.append(np.asarray(indices)[found.row])
+        self.columns.append(np.asarray(indices)[found.col])
         self.entries.append(found.data)
 
     def add_row(self, factor: float, row: Row) -> None:
@@ -300,40 +286,40 @@ class _Sum:
 
     def add_element(self, element: FloatArray, rows: list[Row]) -> None:
         """A small matrix in motions."""
-        places = sorted({place for row in rows for place in row})
-        motions = np.array([[row.get(place, 0.0) for place in places] for row in rows])
-        self.add_matrix(motions.T @ element @ motions, places)
+        indices = sorted({index for row in rows for index in row})
+        motions = np.array([[row.get(index, 0.0) for index in indices] for row in rows])
+        self.add_matrix(motions.T @ element @ motions, indices)
 
     def matrix(self) -> sparse.csr_matrix:
         entries, rows, columns = (np.concatenate(part) for part in (self.entries, self.rows, self.columns))
         return sparse.coo_matrix((entries, (rows, columns)), shape=(self.size, self.size)).tocsr()
 
 
-def _add_pylon(given: WingEngine, places: _Places, pylon: int, mass: _Sum, link: _Sum, steel: _Sum) -> None:
+def _add_pylon(given: WingEngine, indices: _Indices, pylon: int, mass: _Sum, link: _Sum, steel: _Sum) -> None:
     """Add the block, the two leaf springs, their tip masses and the link between them."""
-    _, w, block = places.pylon(pylon)
+    _, w, block = indices.pylon(pylon)
     depth = given.lever_m
-    for row in ({places.span: 0.5, block: 0.5}, *places.below(pylon, 0.0, depth / 2)):
+    for row in ({indices.span: 0.5, block: 0.5}, *indices.below(pylon, 0.0, depth / 2)):
         mass.add_row(given.block_kg, row)
     for slope in (w + 1, w + 2):
         mass.add_row(given.block_kg * depth**2 / 12, {slope: 1.0})
     tips = []
     for back in (0, 1):
-        rows = places.leaf(pylon, back)
+        rows = indices.leaf(pylon, back)
         off = (2 * back - 1) * given.leaf_spacing_m / 2
-        share = 1 + given.leaf_asymmetry * (1 - 2 * back)
+        stiffer = 1 + given.leaf_asymmetry * (1 - 2 * back)
         span = given.leaf_length_m / LEAF_ELEMENTS
         section = given.leaf_width_m * given.leaf_thickness_m
-        bending = share * given.steel_pa * section * given.leaf_thickness_m**2 / 12
+        bending = stiffer * given.steel_pa * section * given.leaf_thickness_m**2 / 12
         piece = given.steel_kg_per_m3 * section * span
         for element in range(LEAF_ELEMENTS):
             ends = rows[2 * element : 2 * element + 4]
             steel.add_element(beam_stiffness(bending, span), ends)
             mass.add_element(beam_mass(piece, span), ends)
-            for row in places.below(pylon, off, depth + (element + 0.5) * span):
+            for row in indices.below(pylon, off, depth + (element + 0.5) * span):
                 mass.add_row(piece, row)
         tip = rows[-2] | dict.fromkeys(rows[-1], given.tip_below_m)
-        for row in (tip, *places.below(pylon, off, depth + given.leaf_length_m + given.tip_below_m)):
+        for row in (tip, *indices.below(pylon, off, depth + given.leaf_length_m + given.tip_below_m)):
             mass.add_row(given.tip_kg, row)
         mass.add_row(given.tip_inertia_kg_m2, rows[-1])
         tips.append(next(iter(rows[-2])))
@@ -341,12 +327,7 @@ def _add_pylon(given: WingEngine, places: _Places, pylon: int, mass: _Sum, link:
 
 
 def beam_stiffness(bending_n_m2: float, length_m: float) -> FloatArray:
-    """(4, 4) of an Euler-Bernoulli beam in deflection and slope at its two ends.
-
-    Args:
-        bending_n_m2: E I.
-        length_m: of the element.
-    """
+    """(4, 4) of an Euler-Bernoulli beam in deflection and slope at its two ends; E I is `bending_n_m2`."""
     k = length_m
     pattern = [[12, 6 * k, -12, 6 * k], [6 * k, 4 * k * k, -6 * k, 2 * k * k]]
     pattern += [[-12, -6 * k, 12, -6 * k], [6 * k, 2 * k * k, -6 * k, 4 * k * k]]
@@ -354,12 +335,7 @@ def beam_stiffness(bending_n_m2: float, length_m: float) -> FloatArray:
 
 
 def beam_mass(mass_kg: float, length_m: float) -> FloatArray:
-    """(4, 4) consistent mass of the same element.
-
-    Args:
-        mass_kg: of the element.
-        length_m: of the element.
-    """
+    """(4, 4) consistent mass of the same element of mass `mass_kg` and length `length_m`."""
     k = length_m
     pattern = [[156, 22 * k, 54, -13 * k], [22 * k, 4 * k * k, 13 * k, -3 * k * k]]
     pattern += [[54, 13 * k, 156, -22 * k], [-13 * k, -3 * k * k, -22 * k, 4 * k * k]]
