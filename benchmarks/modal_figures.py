@@ -33,8 +33,7 @@ from opid.modal.identification import identify_modes
 from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
-from opid.modal.resonance.appropriation import appropriate_force, levels_for
-from opid.modal.resonance.interaction import modal_interaction
+from opid.modal.resonance.appropriation import appropriate_force, levels_for, modal_interaction
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Recording
 from opid.signals.units import STANDARD_GRAVITY

@@ -9,8 +9,7 @@ from opid.mechanics.rig import Rig
 from opid.mechanics.shaker import Shaker
 from opid.mechanics.structure import Joint, Structure
 from opid.modal.linear.modes import LinearModes, modes_of_structure
-from opid.modal.resonance.appropriation import appropriate_force
-from opid.modal.resonance.interaction import modal_interaction
+from opid.modal.resonance.appropriation import appropriate_force, modal_interaction
 from opid.modal.resonance.phase_lock import PhaseLock
 from opid.virtual.modal_tests.case_studies import case_study_2
 

@@ -11,7 +11,7 @@ from opid import plots
 from opid.errors import InputError
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.linear.frequency_response import cmif, measured_response, resynthesised
-from opid.modal.resonance.interaction import modal_interaction
+from opid.modal.resonance.appropriation import modal_interaction
 from opid.plots.modal.fits import fourier_amplitude
 from opid.plots.style import BLUE, INK, VERMILION
 from opid.signals.recording import Recording

@@ -59,8 +59,8 @@ from .resonance.appropriation import (
     Appropriation as Appropriation,
     appropriate_force as appropriate_force,
     levels_for as levels_for,
+    modal_interaction as modal_interaction,
 )
-from .resonance.interaction import modal_interaction as modal_interaction
 from .result import ModalIdentification as ModalIdentification
 from .study import (
     ModalStudy as ModalStudy,

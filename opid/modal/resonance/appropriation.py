@@ -1,6 +1,7 @@
 """Nonlinear force appropriation: a phase-locked loop holds one mode of a rig at phase resonance, level after level.
 
 The drive-point acceleration is kept 90 degrees ahead of the force, at the fundamental (Pacini, section 3.2 and Fig. 3).
+Whether the mode under test works on another one is seen in its harmonics in the other modes (section 4.2.2).
 """
 
 from __future__ import annotations
@@ -14,19 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.rig import Rig
 from opid.mechanics.structure import ComplexArray
-from opid.modal.linear.modes import LinearModes, modal_filter
+from opid.modal.linear.frequency_response import accelerance
+from opid.modal.linear.modes import LinearModes, modal_assurance, modal_filter
 from opid.modal.resonance.phase_lock import (
+    N_HARMONICS,
     Controller,
     Locking,
     Loop,
     PhaseLock,
-    at_rest,
     controller,
     harmonics,
-    lock,
-    periods,
     phase_error,
-    with_noise,
 )
 from opid.signals.recording import FloatArray
 
@@ -49,7 +48,7 @@ class AppropriationLevel:
         locked: whether phase and amplitude stood still within the time allowed.
         lock_time_s: time until then, or the time allowed, s.
         phase_error_deg: phase of the drive-point acceleration over the force, less 90 degrees, in the record.
-        unsteadiness: rms of what the fundamental at the drive point does from period to period, share of it.
+        unsteadiness: rms of what the fundamental at the drive point does from period to period, over the fundamental.
         force: (5,) harmonics of the force, N.
         sensors: (n_sensors, 5) harmonics of the accelerations, m/s^2.
         modal: (n_modes, 5) harmonics of the modal accelerations, m/s^2 kg^1/2.
@@ -143,10 +142,10 @@ class Appropriation:
     @property
     def damping_ratio(self) -> FloatArray:
         """(n,) zeta of the mode: what the force feeds into it at the fundamental, over 2 omega |q'|^2."""
-        place = self.modes.index(self.mode)
+        index = self.modes.index(self.mode)
         omega = 2.0 * np.pi * self.frequency_hz
-        velocity = self.modal[:, place, 0] / (1j * omega)
-        fed = self.modes.row(self.drive_point)[place] * np.real(self.force[:, 0] * velocity.conj())
+        velocity = self.modal[:, index, 0] / (1j * omega)
+        fed = self.modes.row(self.drive_point)[index] * np.real(self.force[:, 0] * velocity.conj())
         return fed / (2.0 * omega * np.abs(velocity) ** 2)
 
     @property
@@ -162,6 +161,57 @@ class Appropriation:
             f"the damping ratio from {self.damping_ratio[self.locked][0]:.2%} to "
             f"{self.damping_ratio[self.locked][-1]:.2%}."
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Interaction:
+    """The harmonic of another mode that stands out most in a force appropriation, and whether it is an interaction.
+
+    Args:
+        target: mode that was held at resonance, from 1.
+        mode: the other mode, from 1.
+        harmonic: of the drive frequency, 2 to 5.
+        voltage_v: (n,) of the levels, V.
+        shares: (n, n_modes, 5) amplitude of each harmonic of each modal acceleration over the fundamental of the
+            target's.
+        share: (n,) that of this harmonic of this mode.
+        assurance: (n, n_modes) MAC of each mode's shape with the deflection shape of this harmonic at the sensors.
+        driven_share: (n,) what the measured force would make of the mode at this harmonic if it stood alone, over what
+            is observed.
+        holds: (n,) levels that locked and at which all conditions hold.
+        flagged: whether they hold at enough levels.
+        first_level: the first of these levels, counted from 1; None where there is none.
+        least_share: `share` that was asked for.
+        least_assurance: MAC that was asked for.
+        most_driven: largest `driven_share` allowed.
+        statement: what was found, or what was looked at, in plain words.
+    """
+
+    target: int
+    mode: int
+    harmonic: int
+    voltage_v: FloatArray
+    shares: FloatArray
+    share: FloatArray
+    assurance: FloatArray
+    driven_share: FloatArray
+    holds: NDArray[np.bool_]
+    flagged: bool
+    first_level: int | None
+    least_share: float
+    least_assurance: float
+    most_driven: float
+    statement: str
+
+    @property
+    def mac(self) -> FloatArray:
+        """(n,) MAC of the deflection shape with the mode's own shape."""
+        return self.assurance[:, self.mode - 1]
+
+    @property
+    def mac_of_others(self) -> FloatArray:
+        """(n,) the largest MAC of the deflection shape with the shape of any other mode."""
+        return np.delete(self.assurance, self.mode - 1, axis=1).max(axis=1)
 
 
 def appropriate_force(
@@ -209,16 +259,15 @@ def appropriate_force(
     voltages = np.atleast_1d(np.asarray(levels_v, dtype=np.float64))
     if voltages.ndim != 1 or not voltages.size or not ((voltages > 0.0) & np.isfinite(voltages)).all():
         raise InputError(f"levels_v is {levels_v!r}: give positive voltages, one a level")
-    chosen = settings or PhaseLock()
-    point = drive_point or _sensor_at_drive_point(rig)
-    control = controller(rig, modes, mode, drive_point=point, settings=chosen, noise_share=noise_share, rng=rng)
-    loop, levels = at_rest(control), []
+    control = controller(rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng)
+    loop, levels = control.at_rest(), []
     for voltage in voltages:
-        level, loop = _level(control, loop, float(voltage), modes)
+        level, loop = _level(control, loop, float(voltage))
         levels.append(level)
         if progress:
             progress(len(levels), voltages.size)
-    return Appropriation(mode, modes, point, tuple(levels), control.range_hz, chosen, noise_share)
+    point, range_hz = control.drive_point, control.range_hz
+    return Appropriation(mode, modes, point, tuple(levels), range_hz, control.settings, noise_share)
 
 
 def levels_for(
@@ -259,17 +308,14 @@ def levels_for(
             f"{n_levels} levels up to {top_m_per_s2} m/s^2 from {lowest_share} of the last are wanted: give two or "
             "more levels, a positive amplitude and a share between 0 and 1"
         )
-    point = drive_point or _sensor_at_drive_point(rig)
-    chosen = settings or PhaseLock()
-    control = controller(rig, modes, mode, drive_point=point, settings=chosen, noise_share=noise_share, rng=rng)
-    loop = at_rest(control)
+    control = controller(rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng)
+    loop, index, point = control.at_rest(), modes.index(mode), modes.sensors.index(control.drive_point)
     # a force that is surely too low: at the linear damping, and with nothing lost in the shaker
-    place = modes.index(mode)
-    lowest_n = 2.0 * modes.damping_ratio[place] * top_m_per_s2 / modes.row(point)[place] ** 2
+    lowest_n = 2.0 * modes.damping_ratio[index] * top_m_per_s2 / modes.shapes[point, index] ** 2
     voltage = lowest_share * lowest_n / (rig.shaker.force_per_volt_n if rig.shaker else 1.0)
     for _ in range(_MOST_TRIALS):
-        level, loop = _level(control, loop, voltage, modes)
-        reached = float(np.abs(level.sensors[modes.sensors.index(point), 0]))
+        level, loop = _level(control, loop, voltage)
+        reached = float(np.abs(level.sensors[point, 0]))
         if level.locked and abs(reached / top_m_per_s2 - 1.0) < 0.01:
             return np.geomspace(lowest_share * voltage, voltage, n_levels)
         if not level.locked:
@@ -281,23 +327,122 @@ def levels_for(
     )
 
 
-def _sensor_at_drive_point(rig: Rig) -> str:
-    same = np.flatnonzero(np.abs(rig.sensors - rig.drive_point).max(axis=1) <= 1e-9 * np.abs(rig.drive_point).max())
-    if not same.size:
-        raise InputError("no sensor of the rig reads the motion of the drive point: add one, or name it in drive_point")
-    return rig.sensor_names[same[0]]
+def modal_interaction(
+    appropriation: Appropriation,
+    modes: LinearModes | None = None,
+    *,
+    least_share: float = 0.5,
+    least_assurance: float = 0.9,
+    most_driven: float = 0.2,
+    least_levels: int = 3,
+) -> Interaction:
+    """Return whether a harmonic of the mode under test drives another mode, judged by three conditions (section 4.2.2).
+
+    At a level that locked: the harmonic of the other mode exceeds a share of the target's fundamental; the sensors
+    deflect at this harmonic in that mode's shape; and the force cannot have driven it, for at this harmonic the
+    measured force F_h makes of a mode that stands alone only phi_d F_h times its accelerance,
+    -(h omega)^2 / (omega_0^2 - (h omega)^2 + 2 j zeta omega_0 h omega). Of all modes and harmonics the one at which the
+    conditions hold most often is returned, and among equals the one with the largest share.
+
+    Args:
+        appropriation: see `opid.modal.appropriate_force`.
+        modes: for shapes, frequencies and damping; those of the appropriation where left out.
+        least_share: of the target's fundamental; in the paper 0.5.
+        least_assurance: least MAC of the deflection shape with the mode's shape; in the paper 0.9.
+        most_driven: most that the force may have driven, as a share of what is observed.
+        least_levels: number of levels at which all this must hold.
+
+    Raises:
+        InputError: a threshold out of range, or modes that do not match those of the appropriation.
+    """
+    if not (0.0 < least_share < np.inf and 0.0 < least_assurance < 1.0 and 0.0 < most_driven < np.inf):
+        raise InputError(
+            f"least_share is {least_share}, least_assurance {least_assurance}, most_driven {most_driven}: give "
+            "positive numbers, and a MAC below 1"
+        )
+    if least_levels != int(least_levels) or least_levels < 1:
+        raise InputError(f"least_levels is {least_levels}: give a whole number, 1 or more")
+    known = modes or appropriation.modes
+    if known.sensors != appropriation.modes.sensors or known.n_modes != appropriation.modes.n_modes:
+        raise InputError("the modes have other sensors or another number of modes than those of the appropriation")
+
+    target, locked = known.index(appropriation.mode), appropriation.locked
+    amplitude = np.abs(appropriation.modal)
+    shares = amplitude / amplitude[:, target, :1, np.newaxis]
+    driven = _driven(appropriation, known) / np.maximum(amplitude, np.finfo(float).tiny)
+    assurance = np.stack([modal_assurance(known.shapes, of_level) for of_level in appropriation.sensors])
+    holds = (shares > least_share) & (assurance >= least_assurance) & (driven <= most_driven)
+    holds &= locked[:, np.newaxis, np.newaxis]
+    # the fundamental is no harmonic, and rigid-body modes have no resonance to meet
+    others = np.ones(shares.shape[1:], dtype=bool) & known.elastic[:, np.newaxis]
+    others[target], others[:, 0] = False, False
+    if not others.any():
+        raise InputError("there is no other elastic mode: an interaction takes two")
+    # where the conditions hold at most levels, and of these the largest share
+    times = np.where(others, holds.sum(axis=0), -1)
+    largest = np.where(times == times.max(), (shares[locked] if locked.any() else shares).max(axis=0), -1.0)
+    index, line = (int(each) for each in np.unravel_index(np.argmax(np.where(others, largest, -1.0)), largest.shape))
+    held = holds[:, index, line]
+    found = Interaction(
+        target=appropriation.mode,
+        mode=index + 1,
+        harmonic=line + 1,
+        voltage_v=appropriation.voltage_v,
+        shares=shares,
+        share=shares[:, index, line],
+        assurance=assurance[:, :, line],
+        driven_share=driven[:, index, line],
+        holds=held,
+        flagged=bool(held.sum() >= least_levels),
+        first_level=int(np.argmax(held)) + 1 if held.any() else None,
+        least_share=least_share,
+        least_assurance=least_assurance,
+        most_driven=most_driven,
+        statement="",
+    )
+    return replace(found, statement=_statement(found, locked, least_levels))
 
 
-def _level(control: Controller, loop: Loop, voltage_v: float, modes: LinearModes) -> tuple[AppropriationLevel, Loop]:
+def _driven(appropriation: Appropriation, modes: LinearModes) -> FloatArray:
+    """(n, n_modes, 5) modal accelerations that the measured force would make of each mode alone, m/s^2 kg^1/2."""
+    frequency = np.outer(appropriation.frequency_hz, np.arange(1, N_HARMONICS + 1))
+    single = np.abs(accelerance(modes, frequency.ravel())).reshape(*frequency.shape, modes.n_modes)
+    by_force = np.abs(appropriation.force)[:, :, np.newaxis] * np.abs(modes.row(appropriation.drive_point)) * single
+    return by_force.swapaxes(1, 2)
+
+
+def _statement(found: Interaction, locked: NDArray[np.bool_], least_levels: int) -> str:
+    held, n, name = found.holds, locked.size, f"harmonic {found.harmonic} of mode {found.mode}"
+    if not locked.any():
+        return f"No level of mode {found.target} locked: nothing can be said of interactions."
+    if found.flagged:
+        # cut, not rounded: 0.998 is not 1
+        least_mac = np.floor(100.0 * found.mac[held].min()) / 100.0
+        return (
+            f"Mode {found.target} works on mode {found.mode}: from level {found.first_level} on, at "
+            f"{int(held.sum())} of {n} levels, {name} exceeds {found.least_share:.0%} of the fundamental of mode "
+            f"{found.target} (up to {found.share[held].max():.0%}), the deflection has its shape (MAC of "
+            f"{least_mac:.2f} or more, with other modes {found.mac_of_others[held].max():.2f} at most), and the force "
+            f"can have driven {found.driven_share[held].max():.1%} of it at most."
+        )
+    at = int(np.argmax(np.where(locked, found.share, -1.0)))
+    return (
+        f"No interaction is seen: of all harmonics 2 to {N_HARMONICS} of the other modes at {int(locked.sum())} locked "
+        f"levels, {name} comes to {found.share[at]:.0%} of the fundamental of mode {found.target} at level {at + 1}, "
+        f"its shape has a MAC of {found.mac[at]:.2f} with the deflection, and the force can have driven "
+        f"{found.driven_share[at]:.0%} of it; needed are more than {found.least_share:.0%}, a MAC of "
+        f"{found.least_assurance:g} and at most {found.most_driven:.0%}, at {least_levels} levels."
+    )
+
+
+def _level(control: Controller, loop: Loop, voltage_v: float) -> tuple[AppropriationLevel, Loop]:
     """Hold one voltage until the phase stands, and record."""
-    settings = control.settings
-    locking = lock(control, loop, voltage_v)
+    settings, locking = control.settings, control.lock(loop, voltage_v)
     loop = locking.loop
-    readings, state = periods(control, loop, voltage_v, settings.record_periods)
-    noisy = with_noise(control, np.column_stack([readings.force, readings.acceleration[:, list(control.columns)]]))
+    readings, state = control.measured(loop, voltage_v, settings.record_periods, control.columns)
     at_point = 1 + control.columns.index(control.drive_column)
-    found = harmonics(noisy, settings.record_periods)
-    by_period = np.fft.rfft(noisy[:, at_point].reshape(-1, settings.samples_per_period), axis=1)[:, 1]
+    found = harmonics(readings, settings.record_periods)
+    by_period = np.fft.rfft(readings[:, at_point].reshape(-1, settings.samples_per_period), axis=1)[:, 1]
     unsteadiness = float(np.std(by_period) / np.abs(by_period.mean()))
     level = AppropriationLevel(
         voltage_v=voltage_v,
@@ -308,7 +453,7 @@ def _level(control: Controller, loop: Loop, voltage_v: float, modes: LinearModes
         unsteadiness=unsteadiness,
         force=found[0],
         sensors=found[1:],
-        modal=modal_filter(modes) @ found[1:],
+        modal=modal_filter(control.modes) @ found[1:],
         text=_text(control, locking, unsteadiness),
     )
     return level, replace(loop, state=state)

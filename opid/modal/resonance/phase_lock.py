@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from opid.errors import InputError, nearest
 from opid.mechanics.response import State
@@ -21,7 +20,7 @@ SETTLING = 3.0
 """Time constants 1 / (zeta omega) that the first level waits before the loop is closed: what the sudden start excites
 in all modes must be gone, or the loop follows it."""
 
-WIDEST_SHARE = 0.15
+WIDEST_RANGE = 0.15
 """Of the natural frequency: the farthest that the loop moves on either side, unless a range is given."""
 
 
@@ -32,8 +31,8 @@ class PhaseLock:
     Args:
         tolerance_deg: the phase error must stay within it, degrees,
         hold_periods: for so many periods in a row, and for 1 / (zeta omega), in which the mode forgets.
-        steady_share: the amplitude at the drive point must move by less than this share over that time; the phase may
-            stand long before the amplitude does.
+        steady_share: the amplitude at the drive point must move by less than this fraction of it over that time; the
+            phase may stand long before the amplitude does.
         longest_s: time in which a level must lock, s.
         record_periods: whole periods that are recorded after that, at a frequency that is held.
         samples_per_period: the rig is sampled in step with its drive; 16 or more.
@@ -69,37 +68,10 @@ class PhaseLock:
 
 
 @dataclass(frozen=True, eq=False)
-class Controller:
-    """What stays the same from level to level.
-
-    Attributes:
-        rig: the rig, opened for the lowest frequency of the range.
-        columns: of the readings, one a sensor of the modes.
-        drive_column: of the readings, the sensor at the drive point.
-        natural_hz: linear natural frequency of the mode, Hz.
-        rate_rad_s: zeta omega of the mode, rad/s.
-        range_hz: lowest and highest frequency, Hz.
-        settings: of the loop.
-        noise_share: standard deviation of the noise over the rms of the clean signal of each channel.
-        rng: source of the noise.
-    """
-
-    rig: OpenRig
-    columns: tuple[int, ...]
-    drive_column: int
-    natural_hz: float
-    rate_rad_s: float
-    range_hz: tuple[float, float]
-    settings: PhaseLock
-    noise_share: float
-    rng: np.random.Generator
-
-
-@dataclass(frozen=True, eq=False)
 class Loop:
     """Where the structure and the controller stand.
 
-    Attributes:
+    Args:
         state: of the structure, at phase zero of the drive.
         frequency_hz: of the next period, Hz.
         integral_hz: what the integral of the phase error has added to the frequency, Hz.
@@ -116,12 +88,12 @@ class Loop:
 class Locking:
     """How the loop came to rest at one voltage.
 
-    Attributes:
+    Args:
         loop: where it stands.
         locked: whether phase and amplitude stood still within the time allowed.
         time_s: time until then, or the time allowed, s.
         errors_deg: phase errors of the last periods, degrees.
-        drift: how far the amplitude at the drive point has moved in these periods, share of it.
+        drift: how far the amplitude at the drive point has moved in these periods, over the last of it.
     """
 
     loop: Loop
@@ -131,33 +103,118 @@ class Locking:
     drift: float
 
 
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """What stays the same from level to level.
+
+    Args:
+        rig: the rig, opened for the lowest frequency of the range.
+        modes: linear modes at sensors of the rig.
+        mode: the one that is held, from 1.
+        drive_point: the sensor at the drive point.
+        columns: of the readings, one a sensor of the modes.
+        range_hz: lowest and highest frequency, Hz.
+        settings: of the loop.
+        noise_share: standard deviation of the noise over the rms of the clean signal of each channel.
+        rng: source of the noise.
+    """
+
+    rig: OpenRig
+    modes: LinearModes
+    mode: int
+    drive_point: str
+    columns: tuple[int, ...]
+    range_hz: tuple[float, float]
+    settings: PhaseLock
+    noise_share: float
+    rng: np.random.Generator
+
+    @property
+    def natural_hz(self) -> float:
+        """Linear natural frequency of the mode, Hz."""
+        return float(self.modes.frequency_hz[self.modes.index(self.mode)])
+
+    @property
+    def rate_rad_s(self) -> float:
+        """zeta omega of the mode, rad/s."""
+        return float(self.modes.damping_ratio[self.modes.index(self.mode)]) * 2.0 * np.pi * self.natural_hz
+
+    @property
+    def drive_column(self) -> int:
+        """Of the readings, the sensor at the drive point."""
+        return self.columns[self.modes.sensors.index(self.drive_point)]
+
+    def at_rest(self) -> Loop:
+        """The loop before the first level."""
+        return Loop(self.rig.start, self.natural_hz, 0.0, False)
+
+    def lock(self, loop: Loop, voltage_v: float) -> Locking:
+        """Run the loop at a voltage, one step a period of the drive, until phase and amplitude stand."""
+        settings, time_s, errors, amplitudes = self.settings, 0.0, [0.0], [0.0]
+        # the time constant of the mode in periods; in a shorter hold the phase would only pass through
+        forgotten = self.natural_hz / self.rate_rad_s
+        hold = max(settings.hold_periods, int(np.ceil(forgotten)))
+        if not loop.settled:
+            n_periods = max(1, int(min(SETTLING * forgotten, 0.5 * settings.longest_s * self.natural_hz)))
+            loop = replace(loop, state=self._periods(loop, voltage_v, n_periods)[1], settled=True)
+            time_s = n_periods / loop.frequency_hz
+        within, locked = 0, False
+        while not locked and time_s < settings.longest_s:
+            readings, state = self.measured(loop, voltage_v, 1, (self.drive_column,))
+            force, acceleration = harmonics(readings, 1)[:, 0]
+            errors.append(phase_error(acceleration, force))
+            amplitudes.append(abs(acceleration))
+            within = within + 1 if abs(errors[-1]) <= np.radians(settings.tolerance_deg) else 0
+            locked = within >= hold and _drift(amplitudes[-hold:]) <= settings.steady_share
+            time_s += 1.0 / loop.frequency_hz
+            loop = self._controlled(replace(loop, state=state), errors[-1])
+        return Locking(loop, locked, time_s, np.degrees(errors[-hold:]), _drift(amplitudes[-hold:]))
+
+    def measured(
+        self, loop: Loop, voltage_v: float, n_periods: int, columns: tuple[int, ...]
+    ) -> tuple[FloatArray, State]:
+        """Noisy force and accelerations (n, 1 + n_columns) over whole periods, and the state after them."""
+        readings, state = self._periods(loop, voltage_v, n_periods)
+        clean = np.column_stack([readings.force, readings.acceleration[:, list(columns)]])[:-1]
+        rms = np.sqrt(np.mean(clean**2, axis=0))
+        return clean + self.rng.standard_normal(clean.shape) * (self.noise_share * rms), state
+
+    def _periods(self, loop: Loop, voltage_v: float, n_periods: int) -> tuple[Readings, State]:
+        """Clean readings of whole periods from phase zero; their last sample is the first of the next call."""
+        n = self.settings.samples_per_period
+        half_steps = np.arange(2 * n * n_periods * self.rig.steps_per_sample + 1)
+        voltage = voltage_v * np.sin(np.pi / (n * self.rig.steps_per_sample) * half_steps)
+        return drive(self.rig, loop.state, voltage, fs=n * loop.frequency_hz)
+
+    def _controlled(self, loop: Loop, error: float) -> Loop:
+        """Frequency of the next period; the integral stays within the range, too, so that it does not wind up."""
+        settings, rate, (lowest, highest) = self.settings, self.rate_rad_s, self.range_hz
+        gain = settings.integral * rate**2 / (2.0 * np.pi)
+        grown = loop.integral_hz + gain * error / loop.frequency_hz
+        integral = float(np.clip(grown, lowest - self.natural_hz, highest - self.natural_hz))
+        wanted = self.natural_hz + integral + settings.proportional * rate * error / (2.0 * np.pi)
+        return replace(loop, frequency_hz=float(np.clip(wanted, lowest, highest)), integral_hz=integral)
+
+
 def controller(
     rig: Rig,
     modes: LinearModes,
     mode: int,
     *,
-    drive_point: str,
-    settings: PhaseLock,
+    drive_point: str | None,
+    settings: PhaseLock | None,
     noise_share: float,
     rng: np.random.Generator,
 ) -> Controller:
     """Return a loop ready to hold one mode of a rig at phase resonance.
 
-    Args:
-        rig: the structure with its sensors and its shaker.
-        modes: linear modes at sensors of the rig.
-        mode: the one to hold, counted from 1.
-        drive_point: the sensor at the drive point.
-        settings: of the loop.
-        noise_share: standard deviation of the white noise over the rms of the clean signal of each channel.
-        rng: source of the noise.
-
     Raises:
         InputError: no such mode, a rigid-body mode, one without damping or one that the drive point does not move,
-            sensors that the rig lacks, a negative noise, or a range without the natural frequency.
+            sensors that the rig lacks, no sensor at the drive point, a negative noise, or a range without the natural
+            frequency.
     """
-    place = modes.index(mode)
-    natural_hz, zeta = float(modes.frequency_hz[place]), float(modes.damping_ratio[place])
+    chosen, point, index = settings or PhaseLock(), drive_point or _sensor_at_drive_point(rig), modes.index(mode)
+    natural_hz, zeta = float(modes.frequency_hz[index]), float(modes.damping_ratio[index])
     if natural_hz == 0.0 or zeta == 0.0:
         raise InputError(
             f"mode {mode} has {natural_hz:g} Hz and a damping ratio of {zeta:g}: only a damped elastic mode resonates"
@@ -165,106 +222,30 @@ def controller(
     for name in modes.sensors:
         if name not in rig.sensor_names:
             raise InputError(f"the rig has no sensor {name!r} of the modes: {nearest(name, rig.sensor_names)}")
-    if modes.row(drive_point)[place] == 0.0:
-        raise InputError(f"the drive point {drive_point!r} does not move in mode {mode}: nothing drives it there")
+    if modes.row(point)[index] == 0.0:
+        raise InputError(f"the drive point {point!r} does not move in mode {mode}: nothing drives it there")
     if not 0.0 <= noise_share < np.inf:
         raise InputError(f"noise_share is {noise_share}: give 0 or more, 0.01 for 1 %")
-    range_hz = settings.range_hz or _between_neighbours(modes.frequency_hz, natural_hz)
+    below, above = modes.neighbours_hz(mode)
+    range_hz = chosen.range_hz or (
+        max((1.0 - WIDEST_RANGE) * natural_hz, (below + natural_hz) / 2.0),
+        min((1.0 + WIDEST_RANGE) * natural_hz, (above + natural_hz) / 2.0),
+    )
     if not 0.0 < range_hz[0] < natural_hz < range_hz[1] < np.inf:
         raise InputError(
             f"the loop may move from {range_hz[0]:g} to {range_hz[1]:g} Hz: give a range with {natural_hz:g} Hz in it"
         )
     # opened at the lowest rate: the steps become no longer than they are then. Twice the usual step is 0.4 rad of the
     # highest natural frequency, often the stinger's, which nothing excites here
-    fs = settings.samples_per_period * range_hz[0]
+    fs = chosen.samples_per_period * range_hz[0]
     steps = -(-open_rig(rig, fs).steps_per_sample // 2)
-    return Controller(
-        rig=open_rig(rig, fs, steps_per_sample=steps),
-        columns=tuple(rig.sensor_names.index(name) for name in modes.sensors),
-        drive_column=rig.sensor_names.index(drive_point),
-        natural_hz=natural_hz,
-        rate_rad_s=zeta * 2.0 * np.pi * natural_hz,
-        range_hz=range_hz,
-        settings=settings,
-        noise_share=noise_share,
-        rng=rng,
-    )
-
-
-def at_rest(control: Controller) -> Loop:
-    """Return the loop before the first level.
-
-    Args:
-        control: the loop.
-    """
-    return Loop(control.rig.start, control.natural_hz, 0.0, False)
-
-
-def lock(control: Controller, loop: Loop, voltage_v: float) -> Locking:
-    """Run the loop, one step a period of the drive, until phase and amplitude stand.
-
-    Args:
-        control: the loop.
-        loop: where it stands.
-        voltage_v: amplitude of the voltage, V.
-    """
-    settings, time_s, errors, amplitudes = control.settings, 0.0, [0.0], [0.0]
-    # the time constant of the mode in periods; in a shorter hold the phase would only pass through
-    forgotten = control.natural_hz / control.rate_rad_s
-    hold = max(settings.hold_periods, int(np.ceil(forgotten)))
-    if not loop.settled:
-        n_periods = max(1, int(min(SETTLING * forgotten, 0.5 * settings.longest_s * control.natural_hz)))
-        loop = replace(loop, state=periods(control, loop, voltage_v, n_periods)[1], settled=True)
-        time_s = n_periods / loop.frequency_hz
-    within, locked = 0, False
-    while not locked and time_s < settings.longest_s:
-        readings, state = periods(control, loop, voltage_v, 1)
-        pair = np.column_stack([readings.force, readings.acceleration[:, control.drive_column]])
-        force, acceleration = harmonics(with_noise(control, pair), 1)[:, 0]
-        errors.append(phase_error(acceleration, force))
-        amplitudes.append(abs(acceleration))
-        within = within + 1 if abs(errors[-1]) <= np.radians(settings.tolerance_deg) else 0
-        locked = within >= hold and _drift(amplitudes[-hold:]) <= settings.steady_share
-        time_s += 1.0 / loop.frequency_hz
-        loop = _controlled(control, replace(loop, state=state), errors[-1])
-    return Locking(loop, locked, time_s, np.degrees(errors[-hold:]), _drift(amplitudes[-hold:]))
-
-
-def periods(control: Controller, loop: Loop, voltage_v: float, n_periods: int) -> tuple[Readings, State]:
-    """Return clean readings of whole periods, each from phase zero, and the state after them.
-
-    The last sample, the first of the next call, is left out.
-
-    Args:
-        control: the loop.
-        loop: where it stands.
-        voltage_v: amplitude of the voltage, V.
-        n_periods: number of periods, at one frequency.
-    """
-    n = control.settings.samples_per_period
-    half_steps = np.arange(2 * n * n_periods * control.rig.steps_per_sample + 1)
-    voltage = voltage_v * np.sin(np.pi / (n * control.rig.steps_per_sample) * half_steps)
-    readings, state = drive(control.rig, loop.state, voltage, fs=n * loop.frequency_hz)
-    return Readings(readings.force[:-1], readings.acceleration[:-1]), state
-
-
-def with_noise(control: Controller, clean: FloatArray) -> FloatArray:
-    """Return readings (n, n_channels) with noise.
-
-    Args:
-        control: the loop.
-        clean: (n, n_channels).
-    """
-    rms = np.sqrt(np.mean(clean**2, axis=0))
-    return clean + control.rng.standard_normal(clean.shape) * (control.noise_share * rms)
+    columns = tuple(rig.sensor_names.index(name) for name in modes.sensors)
+    opened = open_rig(rig, fs, steps_per_sample=steps)
+    return Controller(opened, modes, mode, point, columns, range_hz, chosen, noise_share, rng)
 
 
 def harmonics(samples: FloatArray, n_periods: int) -> ComplexArray:
     """Return the complex amplitudes (n_channels, 5) of the harmonics 1 to 5, by Fourier sums over whole periods.
-
-    Args:
-        samples: (n, n_channels).
-        n_periods: number of periods that these samples hold.
 
     >>> phase = 2 * np.pi * np.arange(64) / 32
     >>> harmonics((3.0 + 2.0 * np.cos(phase) - np.sin(2 * phase))[:, None], 2).round(9)[0, :2]
@@ -277,39 +258,21 @@ def harmonics(samples: FloatArray, n_periods: int) -> ComplexArray:
 def phase_error(acceleration: complex, force: complex) -> float:
     """Return the phase of the acceleration over the force less 90 degrees, rad, from -pi to pi.
 
-    Args:
-        acceleration: complex amplitude at the drive point.
-        force: complex amplitude of the force.
-
     >>> phase_error(-1.0, 1.0) > 0
     True
     """
     return float(np.angle(acceleration * np.conj(force) * -1j))
 
 
-def _controlled(control: Controller, loop: Loop, error: float) -> Loop:
-    """Frequency of the next period; the integral stays within the range, too, so that it does not wind up."""
-    settings, rate, (lowest, highest) = control.settings, control.rate_rad_s, control.range_hz
-    gain = settings.integral * rate**2 / (2.0 * np.pi)
-    grown = loop.integral_hz + gain * error / loop.frequency_hz
-    integral = float(np.clip(grown, lowest - control.natural_hz, highest - control.natural_hz))
-    wanted = control.natural_hz + integral + settings.proportional * rate * error / (2.0 * np.pi)
-    return replace(loop, frequency_hz=float(np.clip(wanted, lowest, highest)), integral_hz=integral)
+def _sensor_at_drive_point(rig: Rig) -> str:
+    same = np.flatnonzero(np.abs(rig.sensors - rig.drive_point).max(axis=1) <= 1e-9 * np.abs(rig.drive_point).max())
+    if not same.size:
+        raise InputError("no sensor of the rig reads the motion of the drive point: add one, or name it in drive_point")
+    return rig.sensor_names[same[0]]
 
 
 def _drift(amplitudes: list[float]) -> float:
-    """How far amplitudes have moved from the first quarter to the last, share of the last."""
+    """How far amplitudes have moved from the first quarter to the last, over the last."""
     quarter = -(-len(amplitudes) // 4)
     last = float(np.mean(amplitudes[-quarter:]))
     return abs(last - float(np.mean(amplitudes[:quarter]))) / last if last else np.inf
-
-
-def _between_neighbours(frequency_hz: FloatArray, natural_hz: float) -> tuple[float, float]:
-    elastic: NDArray[np.float64] = frequency_hz[frequency_hz > 0.0]
-    below, above = elastic[elastic < natural_hz], elastic[elastic > natural_hz]
-    lowest, highest = (1.0 - WIDEST_SHARE) * natural_hz, (1.0 + WIDEST_SHARE) * natural_hz
-    if below.size:
-        lowest = max(lowest, float(below.max() + natural_hz) / 2.0)
-    if above.size:
-        highest = min(highest, float(above.min() + natural_hz) / 2.0)
-    return lowest, highest

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from opid.modal.linear.frequency_response import FrequencyResponse
-from opid.modal.resonance.appropriation import Appropriation
-from opid.modal.resonance.interaction import Interaction
+from opid.modal.resonance.appropriation import Appropriation, Interaction
 from opid.plots.style import BLUE, GREY, INK, RUN_COLORS, VERMILION, house_style, panels, thick
 
 __all__ = ["backbone", "drive_point_response", "harmonic_shape", "modal_harmonics", "sensor_harmonics"]
