@@ -253,8 +253,11 @@ def coherent_fraction(
 
     >>> rng = np.random.default_rng(0)
     >>> x, y = rng.standard_normal((2, 20000, 2))
-    >>> [round(coherent_fraction(y + a * x, x, fs=500.0, band_hz=(1.0, 40.0), nperseg=500), 1) for a in (0.0, 1.0)]
-    [0.0, 0.5]
+    >>> for of_others in (0.0, 1.0):
+    ...     fraction = coherent_fraction(y + of_others * x, x, fs=500.0, band_hz=(1.0, 40.0), nperseg=500)
+    ...     print(f"{abs(fraction):.1f}")
+    0.0
+    0.5
     """
     own, other = np.asarray(channels, dtype=np.float64), np.asarray(others, dtype=np.float64)
     found = _incoherent(own, other, fs=fs, band_hz=band_hz, nperseg=nperseg)
