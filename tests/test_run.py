@@ -111,17 +111,18 @@ INTERIOR = slice(50, -50)
 def test_an_ac_coupling_is_undone(corner_hz):
     """The sensor's filter is the bilinear transform of the coupling, and the trapezoidal rule inverts just that."""
     facts = SensorFacts(corner_hz=corner_hz)
-    reading = read(SIGNALS[:, 0], corner_hz=corner_hz)
+    # behind the coupling an amplifier adds an offset
+    reading = read(SIGNALS[:, 0], corner_hz=corner_hz) + 0.05
     run = run_of(reading, reading, None)
     time = np.arange(N) / FS
     for found in (
         run.corrected("unsprung", one(facts, facts), {}).value[::2, 0],
         run.corrected("sprung", one(facts, facts), {}).value[:, 0],
     ):
-        # an unknown constant is left, and the mean that was taken off the reading grows to a straight line
+        # a straight line is left; with the mean alone taken off it would grow to 0.5 to 2 m/s^2
         slope, constant = np.polyfit(time, found - SIGNALS[:, 0], 1)
         np.testing.assert_allclose(found - SIGNALS[:, 0], slope * time + constant, atol=1e-5)
-        assert slope == pytest.approx(-2 * np.pi * corner_hz * reading.mean(), abs=1e-6)
+        assert abs(slope) * time[-1] < 5e-3
     assert np.std((reading - SIGNALS[:, 0])[INTERIOR]) > 0.01
 
 

@@ -168,7 +168,7 @@ def let_in(
         now = _Standing(best, (*(demand for demand in now.demands if demand.name in best.model.names), *new))
         if helps or best.ratio < known.nearly_explained:
             standing = now
-    standing = _without_the_useless(standing, known)
+    standing = _without_the_implausible(_without_the_useless(standing, known))
     return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
 
 
@@ -298,6 +298,18 @@ def _without_the_useless(standing: _Standing, known: FaultSettings) -> _Standing
         if not _is_better(fit, without, known):
             gone = hypothesis.names(fit.model)
             fit, demands = without, tuple(demand for demand in demands if demand.name not in gone)
+    return _Standing(fit, demands)
+
+
+def _without_the_implausible(standing: _Standing) -> _Standing:
+    """Take out again what was plausible only beside something that was taken out."""
+    fit, demands = standing.fit, standing.demands
+    for hypothesis in dict.fromkeys(demand.hypothesis for demand in demands):
+        if _is_plausible(fit, hypothesis):
+            continue
+        smaller, gone = hypothesis.taken_from(fit.model), hypothesis.names(fit.model)
+        fit = fit_model(smaller, carried_over(fit, smaller))
+        demands = tuple(demand for demand in demands if demand.name not in gone)
     return _Standing(fit, demands)
 
 
