@@ -26,7 +26,6 @@ from jinja2 import Environment
 from opid import plots
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
 from opid.plots.style import VERMILION
-from opid.report.updating.figures import class_labels
 from opid.signals.directory import write_together
 from opid.studies.updating_study import FACTOR_PRIOR
 from opid.updating.identification import update_study
@@ -248,13 +247,13 @@ def class_figure(results: dict[str, Updating], number: int, names: Sequence[str]
         k = [each.name for each in PAPER_CLASSES].index(name)
         for form, result in results.items():
             each = result.classes[k]
-            shown = plots.parameter_samples(each.samples, class_labels(each), truth=TRUE.get(name))
+            shown = plots.parameter_samples(each.samples, each.labels, truth=TRUE.get(name))
             pictures.append((f"{name}, {HEADINGS[form]}", png(shown)))
             texts.append(f"{name}, {HEADINGS[form]}: {moments(each)}")
     if number == 8:
         for form, result in results.items():
             each = result.classes[0]
-            drawn = png(plots.running_moments(each.samples, class_labels(each)))
+            drawn = png(plots.running_moments(each.samples, each.labels))
             pictures.append((f"class 1, {HEADINGS[form]}, (b)", drawn))
     title = f"Figure {number}. Samples of {' and '.join(names)}"
     return Figure(title, there, "; ".join(texts) + ".", tuple(pictures))

@@ -44,7 +44,7 @@ def quick(monkeypatch):
         return small_updating(linear=None)
 
     monkeypatch.setattr(identification, "update_study", update_study)
-    monkeypatch.setattr("opid.report.updating.classes.updating_figures", lambda *_: ())  # tested by themselves
+    monkeypatch.setattr("opid.report.updating.classes.figures_of", lambda *_: ())  # tested by themselves
     return given
 
 
@@ -218,7 +218,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     """From Matrix Market files by the ensemble sampler to the report: the true class stands first, near the truth."""
-    monkeypatch.setattr("opid.report.updating.classes.updating_figures", lambda *_: ())
+    monkeypatch.setattr("opid.report.updating.classes.figures_of", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")
     chosen = "[[classes]]".join([first, *others[:2]])

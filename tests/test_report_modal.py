@@ -13,7 +13,7 @@ from opid.json_values import json_text
 from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.model import Comparison
 from opid.report.document import Table
-from opid.report.modal.figures import modal_figures, worst_sensors
+from opid.report.modal.figures import figures_of
 from opid.report.modal.modes import command_of
 from opid.report.writing import document_of
 from opid.virtual.files.modal import MODAL_TRUTH
@@ -82,7 +82,7 @@ def test_every_warning_stands_once_in_text_page_and_json(result):
 
 def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
     monkeypatch.setattr("opid.plots.style.png", lambda figure: b"\x89PNG")  # figures are tested by themselves
-    monkeypatch.setattr("opid.report.modal.modes.modal_figures", lambda *_: ())
+    monkeypatch.setattr("opid.report.modal.modes.figures_of", lambda *_: ())
 
     def command(settings, **given):
         found = replace(result, settings={"study": "my study.toml", **settings})
@@ -103,7 +103,7 @@ def test_the_command_gives_the_result_again(result, tmp_path, monkeypatch):
 
 def test_green_dots_are_spoken_of_only_where_they_are(result):
     def words(truth):
-        return next(each.text for each in modal_figures(result, truth) if each.name.endswith("_force"))
+        return next(each.text for each in figures_of(result, truth) if each.name.endswith("_force"))
 
     curves = {"amplitude": [1e-4], "frequency_hz": [59.9], "damping_ratio": [0.006]}
     assert "Green dots" not in words(None) + words(TRUTH)
@@ -130,7 +130,7 @@ def test_a_joint_without_powers_gives_no_true_coefficients(result):
 def test_at_most_eight_sensors_the_worst_first(result):
     test = result.truth_tests[0]
     many = replace(test, sensors={f"s{k}": Comparison(1.0, 2.0, 0.01 * k, 1.0) for k in range(12)})
-    assert worst_sensors(many)[:2] == ["s11", "s10"]
+    assert many.worst_sensors[:2] == ["s11", "s10"]
     shown = replace(result, truth_tests=(many,))
     assert len(tables_of(shown)[-1].rows) == 12
     text = opid.text(shown)

@@ -17,7 +17,6 @@ from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.report.document import Table
 from opid.report.updating.chains import write_chains
-from opid.report.updating.figures import reached_extension
 from opid.report.updating.reduction import order_sentences, reduction_sentences
 from opid.report.writing import document_of
 from opid.updating.sampling.evidence import Evidence
@@ -297,8 +296,8 @@ def test_the_extension_that_was_reached_follows_the_shape_of_the_mode(result):
     largest = [
         max(curve.controlled_amplitude[-1] for curve in result.measured if curve.mode == mode) for mode in (1, 2)
     ]
-    assert reached_extension(result) == pytest.approx({mode: ratio[mode - 1] * largest[mode - 1] for mode in (1, 2)})
-    assert reached_extension(replace(result, measured=())) == {}
+    assert result.reached_extension == pytest.approx({mode: ratio[mode - 1] * largest[mode - 1] for mode in (1, 2)})
+    assert replace(result, measured=()).reached_extension == {}
 
 
 def test_a_truth_is_read_and_anything_else_refused(tmp_path):

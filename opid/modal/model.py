@@ -106,6 +106,11 @@ class TruthTest:
     linear: Recording
     sensors: Mapping[str, Comparison]
 
+    @property
+    def worst_sensors(self) -> list[str]:
+        """Sensors with a figure, the one with the largest error of the nonlinear model first."""
+        return sorted(self.sensors, key=lambda name: -self.sensors[name].nrmse_nonlinear)
+
     def as_json(self) -> dict[str, Any]:
         """What result.json holds of it."""
         sensors = {name: asdict(each) for name, each in self.sensors.items()}

@@ -1,10 +1,12 @@
-"""What Bayesian updating found: records, nothing computed, and the content of result.json."""
+"""What Bayesian updating found: records, and the content of result.json."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
+
+import numpy as np
 
 from opid.estimate import Estimate
 from opid.json_values import plain
@@ -14,7 +16,7 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import ModelClass
+from opid.updating.model_class import ModelClass, short_kind
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
@@ -58,6 +60,12 @@ class ClassPosterior:
     def log_evidence(self) -> float:
         """That of the first method."""
         return self.evidences[0].log_evidence
+
+    @property
+    def labels(self) -> list[str]:
+        """Of the parameters, on an axis."""
+        kinds = enumerate(self.model_class.kinds, start=1)
+        return [f"θ{number} ({short_kind(kind)})" for number, kind in kinds]
 
     @property
     def coefficients(self) -> dict[str, tuple[Estimate, str]]:
@@ -152,6 +160,11 @@ class BackboneBand:
     high_hz: FloatArray
     coverage: float
 
+    @property
+    def n_missing(self) -> int:
+        """At how many amplitudes there is no frequency."""
+        return int((~np.isfinite(self.frequency_hz)).sum())
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Updating(Result):
@@ -197,6 +210,22 @@ class Updating(Result):
             named += [(f"class {name!r}: {text}", f"{name}: {text}") for text in each.warnings]
         others = [of_part for of_whole, of_part in named if of_whole not in self.warnings]
         return list(dict.fromkeys([*self.warnings, *others]))
+
+    @property
+    def reached_extension(self) -> dict[int, float]:
+        """The largest extension of a joint in the tests of each mode, m, by the linear shape of the mode."""
+        system = self.system
+        reached: dict[int, float] = {}
+        for curve in self.measured:
+            if curve.mode > system.n_modes or not system.joints or curve.controlled_sensor not in system.sensors:
+                continue
+            column = system.place(curve.mode)
+            moved = abs(float(system.at_sensors[system.sensor(curve.controlled_sensor), column]))
+            if moved > 0:
+                extended = float(np.abs(system.at_joints[:, column]).max()) / moved
+                extended *= float(curve.controlled_amplitude[-1])
+                reached[curve.mode] = max(reached.get(curve.mode, 0.0), extended)
+        return reached
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the linear parameters as factors of the nominal ones, and the coefficients, the best class first."""

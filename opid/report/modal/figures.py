@@ -27,12 +27,12 @@ ABOVE_MODES = 1.15
 """Times the highest natural frequency: so far the mode indicators are shown."""
 
 
-def modal_figures(result: ModalIdentification, truth: Truth | None = None) -> Iterator[Figure]:
-    """Yield the figures that a result has something to show in.
+def figures_of(result: ModalIdentification, truth: Truth | None) -> Iterator[Figure]:
+    """Yield the figures in the order in which the model is made, those that have something to show.
 
     Args:
-        result: the identification.
-        truth: of a simulated test, if the figures will show it.
+        result: of an identification.
+        truth: of a simulated structure, drawn beside it.
     """
     yield Figure(
         "auto_mac",
@@ -162,16 +162,7 @@ def _shown(result: ModalIdentification, test: TruthTest) -> list[str]:
     names = list(test.sensors)
     moves_most = max(names, key=lambda name: float(np.abs(test.nonlinear.channel(name)).max()))
     drive = [result.drive_point] if result.drive_point in names else []
-    return list(dict.fromkeys([*drive, moves_most, worst_sensors(test)[0]]))[:N_SENSORS_SHOWN]
-
-
-def worst_sensors(test: TruthTest) -> list[str]:
-    """Return the sensors of a truth test, the one with the largest error of the nonlinear model first.
-
-    Args:
-        test: the truth test.
-    """
-    return sorted(test.sensors, key=lambda name: -test.sensors[name].nrmse_nonlinear)
+    return list(dict.fromkeys([*drive, moves_most, test.worst_sensors[0]]))[:N_SENSORS_SHOWN]
 
 
 def _true_mode(fit: ModeFit, truth: Truth | None) -> dict[str, Any] | None:

@@ -15,7 +15,7 @@ from opid.modal.result import ModalIdentification
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.report.document import Block, Column, Document, Paragraph, Table, Truth, columns, counted, warnings
 from opid.report.estimates import estimate_columns, estimate_row
-from opid.report.modal.figures import modal_figures, worst_sensors
+from opid.report.modal.figures import figures_of
 
 MOST_SENSORS = 8
 """Sensors of a truth test in the text, the worst first; all stand on the page."""
@@ -46,7 +46,7 @@ def document_of(result: ModalIdentification, truth: Truth | None = None) -> Docu
             *(_truth_table(test, first=result.drive_point) for test in result.truth_tests),
             warnings(result.all_warnings),
         ),
-        lambda: modal_figures(result, truth),
+        lambda: figures_of(result, truth),
         command_of(result),
         source="study",
         reference=PACINI,
@@ -203,7 +203,7 @@ def _truth_table(test: TruthTest, *, first: str | None) -> Table:
             f"{100 * each.nrmse_nonlinear:.3g} %",
             f"{100 * each.nrmse_linear:.3g} %",
         )
-        for name, each in ((name, test.sensors[name]) for name in sorted(worst_sensors(test), key=lambda s: s != first))
+        for name, each in ((name, test.sensors[name]) for name in sorted(test.worst_sensors, key=lambda s: s != first))
     ]
     return Table(
         columns("sensor", "peak, nonlinear", "peak, linear", "error, nonlinear", "error, linear"),

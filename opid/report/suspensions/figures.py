@@ -17,8 +17,8 @@ def figures_of(result: AnyIdentification, truth: Truth | None = None) -> Iterato
     Nothing is drawn of a fit that is refused, and no step of the paper where they cannot be taken on all runs.
 
     Args:
-        result: of one gear, by any method, or of a body on several suspensions.
-        truth: of a simulation, as in truth.json: shown beside the estimates.
+        result: of one gear, by any method, or of a body.
+        truth: of a simulated field test, drawn beside it.
     """
     if result.study.is_one_gear:
         yield from _of_gear(result, truth)

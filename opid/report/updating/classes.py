@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from opid.mechanics.laws.law import LAWS
 from opid.report.document import Document, Paragraph, Remarks, Table, Truth, columns, counted, warnings
 from opid.report.estimates import estimate_columns, estimate_row, formula
-from opid.report.updating.figures import missing_points, true_theta, updating_figures
+from opid.report.updating.figures import figures_of, true_theta
 from opid.report.updating.reduction import reduction_sentences
 from opid.updating.model_class import short_kind
 from opid.updating.result import ClassPosterior, Updating
@@ -63,7 +63,7 @@ def document_of(result: Updating, truth: Truth | None = None) -> Document:
             Remarks("Reduction", reduction_sentences(result)),
             warnings(result.all_warnings),
         ),
-        lambda: updating_figures(result, truth),
+        lambda: figures_of(result, truth),
         _command(result),
         source="study",
         reference=SONG,
@@ -223,10 +223,10 @@ def _coverage_table(result: Updating) -> Table:
         cells = [", ".join(_percent(band.coverage) for band in own if band.mode == mode) or "-" for mode in modes]
         rows.append((f"sensor {sensor}", *cells))
     gaps = "".join(
-        f" The band of mode {band.mode} has no frequency at {missing_points(band)} of its {band.amplitude.size} "
+        f" The band of mode {band.mode} has no frequency at {band.n_missing} of its {band.amplitude.size} "
         "amplitudes, where most draws of the parameters have no backbone; its figure has a gap there."
         for band in result.prediction
-        if missing_points(band)
+        if band.n_missing
     )
     return Table(
         columns("within the band", *(f"mode {mode}" for mode in modes)),

@@ -11,20 +11,19 @@ from opid import plots
 from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.report.document import Figure, Truth
 from opid.report.updating.reduction import order_sentences, reduction_sentences
-from opid.updating.model_class import short_kind
-from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 
 N_SENSORS_SHOWN = 6  # sensors of a figure of backbones, those that move most
 N_DRAWS = 200  # of the samples, for the band of a force
 N_EXTENSIONS = 200  # at which a force is drawn
 
 
-def updating_figures(result: Updating, truth: Truth | None = None) -> Iterator[Figure]:
-    """Yield the figures that a result has something to show in.
+def figures_of(result: Updating, truth: Truth | None) -> Iterator[Figure]:
+    """Yield the figures in the order of the work, those that have something to show.
 
     Args:
-        result: the updating.
-        truth: of a simulated test, if the figures will show it.
+        result: of an updating.
+        truth: of simulated backbones, drawn beside it.
     """
     for mode in sorted({curve.mode for curve in result.measured}):
         yield _measured_figure(result, mode)
@@ -110,7 +109,7 @@ def _class_figures(result: Updating, truth: Truth | None) -> Iterator[Figure]:
 
 def _figures_of_class(number: int, posterior: ClassPosterior, truth: Truth | None) -> Iterator[Figure]:
     name = posterior.model_class.name
-    labels = class_labels(posterior)
+    labels = posterior.labels
     yield Figure(
         f"class_{number}_samples",
         f"{name}, {posterior.model_class.law_in_words}: parameters",
@@ -129,7 +128,7 @@ def _figures_of_class(number: int, posterior: ClassPosterior, truth: Truth | Non
 
 
 def _predicted_figure(result: Updating, mode: int) -> Figure:
-    n_missing = sum(missing_points(band) for band in result.prediction if band.mode == mode)
+    n_missing = sum(band.n_missing for band in result.prediction if band.mode == mode)
     gap = " Where it breaks off, most draws of the parameters have no backbone." if n_missing else ""
     return Figure(
         f"predicted_mode_{mode}",
@@ -139,16 +138,6 @@ def _predicted_figure(result: Updating, mode: int) -> Figure:
         f"with the amplitude, ask for another law.{gap}",
         lambda: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
     )
-
-
-def class_labels(posterior: ClassPosterior) -> list[str]:
-    """Return the labels of the parameters of a class on an axis.
-
-    Args:
-        posterior: of the class.
-    """
-    kinds = posterior.model_class.kinds
-    return [f"θ{number} ({short_kind(kind)})" for number, kind in enumerate(kinds, start=1)]
 
 
 def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | None]:
@@ -165,36 +154,8 @@ def true_theta(posterior: ClassPosterior, truth: Truth | None) -> list[float | N
     return [law.get(kind, 0.0) / scale + 0.0 for kind, scale in zip(own.kinds, own.scales, strict=True)]
 
 
-def missing_points(band: BackboneBand) -> int:
-    """Return at how many amplitudes of a band there is no frequency.
-
-    Args:
-        band: of one mode.
-    """
-    return int((~np.isfinite(band.frequency_hz)).sum())
-
-
-def reached_extension(result: Updating) -> dict[int, float]:
-    """Return the largest extension of a joint in the tests of each mode, m, by the linear shape of the mode.
-
-    Args:
-        result: the updating.
-    """
-    system = result.system
-    reached: dict[int, float] = {}
-    for curve in result.measured:
-        if curve.mode > system.n_modes or not system.joints or curve.controlled_sensor not in system.sensors:
-            continue
-        column = system.place(curve.mode)
-        moved = abs(float(system.at_sensors[system.sensor(curve.controlled_sensor), column]))
-        if moved > 0:
-            extended = float(np.abs(system.at_joints[:, column]).max()) / moved * float(curve.controlled_amplitude[-1])
-            reached[curve.mode] = max(reached.get(curve.mode, 0.0), extended)
-    return reached
-
-
 def _draw_forces(result: Updating, truth: Truth | None) -> Any:
-    reached = reached_extension(result)
+    reached = result.reached_extension
     # joints that the tests do not extend have laws all the same
     extension = np.linspace(0, 1.1 * max(reached.values(), default=0.0) or 1e-3, N_EXTENSIONS)
     return plots.joint_forces(
