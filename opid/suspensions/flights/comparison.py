@@ -26,7 +26,8 @@ from opid.suspensions.flights.departures import (
     measured,
     scatter_between,
 )
-from opid.suspensions.flights.results import Flight, Flights, Quantity, listed
+from opid.suspensions.flights.result_file import Flight, Quantity
+from opid.suspensions.flights.results import Flights, listed
 from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
 
 SCHEMA = "opid.comparison/1"
@@ -38,8 +39,8 @@ class Change:
 
     Args:
         quantity: what changed.
-        first: place of the first of them in `Comparison.flights`.
-        last: place of the last.
+        first: index of the first of them in `Comparison.flights`.
+        last: index of the last.
         share: relative change of their mean against the flights before, with its interval; without a value where
             these are not clearly different from zero.
         departure: of the one that stands out most, standard deviations.
@@ -144,15 +145,17 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
             f"{'; '.join(_for_want_of_intervals(flights))}"
         )
     chance = -math.expm1(math.log1p(-settings.false_alarm) / n_tests)
-    scatter = _scatter(found, len(flights.flights), settings)
+    table = _table(found, len(flights.flights))
+    scatter = _scatter([each.quantity.label for each in found], *table, settings)
     series = []
     for each in found:
-        share, freedom = scatter[each.quantity.label]
-        series.append(judged(each, scatter=share, freedom=freedom, chance=chance, settings=settings))
+        fraction, freedom = scatter[each.quantity.label]
+        series.append(judged(each, scatter=fraction, freedom=freedom, chance=chance, settings=settings))
     changes = sorted(
         (change for each in series for change in _changes(each, flights, settings)), key=lambda each: each.first
     )
-    chance_of_all = _chance(found, len(flights.flights))
+    left_out = (each.sentence for each in flights.left_out)
+    warnings = _warnings(flights.flights, series, changes, chance_of_steps(*table), settings)
     return Comparison(
         flights.flights,
         flights.dated,
@@ -160,15 +163,9 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
         tuple(changes),
         settings.false_alarm,
         n_tests,
-        (*_told(flights), *_doubts(flights.flights, series, changes, chance_of_all, settings)),
+        (*left_out, *flights.notes, *warnings),
         settings,
     )
-
-
-def _told(flights: Flights) -> Iterator[str]:
-    """What was left out, and what is to be said of the order."""
-    yield from (each.sentence for each in flights.left_out)
-    yield from flights.notes
 
 
 def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
@@ -181,37 +178,31 @@ def _for_want_of_intervals(flights: Flights) -> Iterator[str]:
     yield from (each.sentence for each in flights.left_out)
 
 
-def _scatter(found: Sequence[Measured], n_flights: int, settings: FlightSettings) -> dict[str, tuple[float, float]]:
+def _scatter(
+    labels: Sequence[str], value: FloatArray, std: FloatArray, settings: FlightSettings
+) -> dict[str, tuple[float, float]]:
     """Scatter and degrees of freedom for each kind of quantity, of all gears together."""
-    alike: dict[str, list[Measured]] = {}
-    for each in found:
-        alike.setdefault(each.quantity.label, []).append(each)
     # few flights tell little of one quantity, but more of all of them
-    together = _is_narrow(found, n_flights, settings.narrow, settings)
-    below = settings.narrow_as_others if together else settings.narrow
+    below = settings.narrow_as_others if _is_narrow(value, std, settings.narrow, settings) else settings.narrow
     scatter = {}
-    for label, several in alike.items():
-        narrow = _is_narrow(several, n_flights, below, settings)
-        scatter[label] = scatter_between(*_table(several, n_flights), settings=settings) if narrow else (0.0, math.inf)
+    for label in dict.fromkeys(labels):
+        mine = np.array([each == label for each in labels])
+        narrow = _is_narrow(value[mine], std[mine], below, settings)
+        scatter[label] = scatter_between(value[mine], std[mine], settings=settings) if narrow else (0.0, math.inf)
     return scatter
 
 
-def _is_narrow(found: Sequence[Measured], n_flights: int, below: float, settings: FlightSettings) -> bool:
+def _is_narrow(value: FloatArray, std: FloatArray, below: float, settings: FlightSettings) -> bool:
     """Whether the steps between flights are enough, and larger than their intervals make them."""
-    value, _ = _table(found, n_flights)
     steps = ~np.isnan(np.diff(value)).all(axis=0)
-    return bool(steps.sum() >= settings.enough_steps and _chance(found, n_flights) < below)
-
-
-def _chance(found: Sequence[Measured], n_flights: int) -> float:
-    return chance_of_steps(*_table(found, n_flights))
+    return bool(steps.sum() >= settings.enough_steps and chance_of_steps(value, std) < below)
 
 
 def _table(found: Sequence[Measured], n_flights: int) -> tuple[FloatArray, FloatArray]:
     """Values and standard deviations, a row for each quantity and a column for each flight."""
     value, std = (np.full((len(found), n_flights), np.nan) for _ in range(2))
     for row, each in enumerate(found):
-        value[row, list(each.place)], std[row, list(each.place)] = each.value, each.std
+        value[row, each.flights], std[row, each.flights] = each.value, each.std
     return value, std
 
 
@@ -244,8 +235,7 @@ def _change(series: Series, group: Sequence[Point], flights: Flights, settings: 
     """The mean of the flagged flights against those before the first of them."""
     first = group[0]
     expected = first.expected or 0.0
-    own = np.array([point.estimate.std or 0.0 for point in group])
-    values = np.array([point.estimate.value or 0.0 for point in group])
+    values, own = np.array([(point.estimate.value or 0.0, point.estimate.std or 0.0) for point in group]).T
     variance = own**2 + (series.scatter * expected) ** 2
     # what the std of the first departure has beyond its own: that of the mean of the flights before
     before = max(0.0, (first.std or 0.0) ** 2 - variance[0])
@@ -290,18 +280,14 @@ def _statement(
 
 
 def when(flight: Flight) -> str:
-    """Return a flight by its name and date.
-
-    Args:
-        flight: one of them.
-    """
+    """Return a flight by its name and date."""
     return f"{flight.name!r}" + (f" ({flight.date})" if flight.date else "")
 
 
 # ---- what to doubt -----------------------------------------------------------------------------------
 
 
-def _doubts(
+def _warnings(
     flights: Sequence[Flight],
     series: Sequence[Series],
     changes: Sequence[Change],
@@ -331,11 +317,11 @@ def _scattered(
     series: Sequence[Series], changes: Sequence[Change], chance: float, settings: FlightSettings
 ) -> Iterator[str]:
     """Whether flights differ by more than their intervals, and what that hides."""
-    widest: dict[str, Series] = {}
+    scattered: dict[str, Series] = {}
     for each in series:
-        if each.scatter > widest.get(each.quantity.label, each).scatter or each.quantity.label not in widest:
-            widest[each.quantity.label] = each
-    scattered = {label: each for label, each in widest.items() if each.scatter > 0}
+        if each.scatter > 0:
+            # all gears have that of their kind of quantity
+            scattered.setdefault(each.quantity.label, each)
     for label, each in scattered.items():
         last = next((point for point in reversed(each.points) if point.std is not None), None)
         least = each.threshold * (last.std or 0.0) / abs(last.expected) if last and last.expected else math.nan
@@ -368,11 +354,11 @@ def _before(change: Change, series: Sequence[Series]) -> list[Point]:
 def _missing(flights: Sequence[Flight], series: Sequence[Series]) -> Iterator[str]:
     """Quantities of single flights that are not there, those of one flight in one sentence."""
     for status, words in ((Status.NO_VALUE, "have no value"), (Status.NO_INTERVAL, "have no interval")):
-        for place, flight in enumerate(flights):
+        for index, flight in enumerate(flights):
             lacking = [
                 each.quantity.label + (f" of {each.quantity.gear!r}" if each.quantity.gear else "")
                 for each in series
-                if any(point.flight == place and point.status is status for point in each.points)
+                if any(point.flight == index and point.status is status for point in each.points)
             ]
             if lacking:
                 yield f"{when(flight)}: {listed(lacking)} {words} and are not judged"

@@ -11,7 +11,7 @@ import numpy as np
 
 from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
-from opid.suspensions.flights.results import Flight, Quantity
+from opid.suspensions.flights.result_file import Flight, Quantity
 from opid.suspensions.flights.settings import DEFAULTS, FlightSettings
 
 
@@ -30,7 +30,7 @@ class Point:
     """One quantity of one flight.
 
     Args:
-        flight: its place in `Comparison.flights`.
+        flight: its index in `Comparison.flights`.
         estimate: what its result holds.
         status: what is said of it.
         expected: weighted mean of the earlier flights that were not flagged; None where it is not judged.
@@ -69,7 +69,7 @@ class Series:
     Args:
         quantity: what it is.
         points: one a flight.
-        scatter: standard deviation between flights beyond the intervals, as a share of the value; 0 where the
+        scatter: standard deviation between flights beyond the intervals, as a fraction of the value; 0 where the
             intervals explain the differences.
         threshold: departure beyond which a flight is flagged, standard deviations.
     """
@@ -91,39 +91,34 @@ class Measured:
 
     Args:
         quantity: what it is.
-        place: of each flight, (n,).
-        estimates: (n,) of them.
+        points: (n,) of the flights that have an interval, not judged yet.
         value: (n,) of them.
         std: (n,) of them.
-        others: the flights without a value or interval.
+        others: of the flights without a value or interval.
     """
 
     quantity: Quantity
-    place: tuple[int, ...]
-    estimates: tuple[Estimate, ...]
+    points: tuple[Point, ...]
     value: FloatArray
     std: FloatArray
     others: tuple[Point, ...]
 
+    @property
+    def flights(self) -> list[int]:
+        """(n,) indices of the flights."""
+        return [point.flight for point in self.points]
+
 
 def measured(flights: Sequence[Flight], quantity: Quantity) -> Measured:
-    """Return one quantity of all flights.
-
-    Args:
-        flights: the earliest first.
-        quantity: one of theirs.
-    """
-    places, others = [], []
-    for place, flight in enumerate(flights):
+    """Return one quantity of all flights."""
+    kept: list[Point] = []
+    others: list[Point] = []
+    for index, flight in enumerate(flights):
         estimate = flight.values.get(quantity, Estimate())
-        if estimate.value is None or not estimate.std:
-            others.append(Point(place, estimate, Status.NO_VALUE if estimate.value is None else Status.NO_INTERVAL))
-        else:
-            places.append(place)
-    kept = tuple(flights[place].values[quantity] for place in places)
-    value = np.array([estimate.value for estimate in kept], dtype=float)
-    std = np.array([estimate.std for estimate in kept], dtype=float)
-    return Measured(quantity, tuple(places), kept, value, std, tuple(others))
+        status = Status.NO_VALUE if estimate.value is None else Status.NO_INTERVAL if not estimate.std else Status.FIRST
+        (kept if status is Status.FIRST else others).append(Point(index, estimate, status))
+    value, std = np.array([[each.estimate.value, each.estimate.std] for each in kept], dtype=float).reshape(-1, 2).T
+    return Measured(quantity, tuple(kept), value, std, tuple(others))
 
 
 def judged(
@@ -131,13 +126,9 @@ def judged(
 ) -> Series:
     """Compare each value with the weighted mean of the earlier ones that were not flagged.
 
-    Args:
-        found: the values.
-        scatter: between flights, as a share of the value (`scatter_between`).
-        freedom: degrees of freedom of the scatter; the intervals are taken as known, so that the sum has more of them
-            (Welch 1947, Satterthwaite 1946).
-        chance: two-sided, of flagging one value by itself.
-        settings: how a flag is confirmed, and a pair judged.
+    `chance` is two-sided, that of flagging one value by itself; scatter and its degrees of freedom are those of
+    `scatter_between`. The intervals are taken as known, so that the sum has more freedom (Welch 1947, Satterthwaite
+    1946).
     """
     from scipy.special import ndtri, stdtrit
 
@@ -151,12 +142,12 @@ def judged(
     )
     points: list[Point] = []
     kept: list[int] = []
-    for i, (place, estimate) in enumerate(zip(found.place, found.estimates, strict=True)):
+    for i, point in enumerate(found.points):
         if not kept:
-            points.append(Point(place, estimate, Status.FIRST))
+            points.append(point)
             kept.append(i)
             continue
-        point = _against(Point(place, estimate, Status.AS_EXPECTED), x, variance, kept, i, far)
+        point = _against(replace(point, status=Status.AS_EXPECTED), x, variance, kept, i, far)
         before = points[-1]
         follows = before.flagged and _same_side(before, point)
         if abs(point.departure or 0.0) > (near if follows else far):
@@ -222,9 +213,7 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
     independent. Neighbouring steps share a flight, so every other step is taken, and of the two ways to do so the one
     that says less. So many of n steps are beyond the middle one (binomial): one large step is a change, no scatter.
 
-    Args:
-        value: of each quantity in each flight, (n_quantities, n_flights); NaN where it has none.
-        std: of `value`.
+    Values and standard deviations are (n_quantities, n_flights), NaN where there is none.
 
     >>> x = np.array([[100.0, 103, 98, 101, 96, 104, 99, 103]])
     >>> chance_of_steps(x, np.full(x.shape, 0.1)) < 1e-6, chance_of_steps(x, np.full(x.shape, 10.0)) > 0.5
@@ -246,18 +235,10 @@ def chance_of_steps(value: FloatArray, std: FloatArray) -> float:
 
 
 def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSettings = DEFAULTS) -> tuple[float, float]:
-    """Return the scatter between flights that the intervals do not explain, as a share of the value.
+    """Return the scatter between flights beyond their intervals as a fraction of the value, and its degrees of freedom.
 
-    It makes the median difference of neighbouring flights what it is for normal deviates.
-
-    Args:
-        value: of the same quantity of each gear in each flight, (n_gears, n_flights); NaN where it has none.
-        std: of `value`.
-        settings: how far it is looked for, and what freedom it has.
-
-    Returns:
-        The share, 0 where the intervals explain the differences; and the degrees of freedom of a standard deviation
-        that it gives.
+    It makes the median difference of neighbouring flights what it is for normal deviates, and is 0 where the intervals
+    explain the differences. Values of one quantity of each gear are (n_gears, n_flights), NaN where there is none.
 
     >>> x = np.array([[100.0, 103, 98, 101, 96, 104]])
     >>> share, freedom = scatter_between(x, np.full(x.shape, 0.1))

@@ -1,4 +1,4 @@
-"""A result.json of `opid identify` as a typed record: all that the comparison of flights knows of the file.
+"""A result.json of `opid identify` as a flight: all that the comparison of flights knows of the file.
 
 The file is checked as it is read, and everything that is wrong with it is said at once.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -27,78 +27,73 @@ ONE_GEAR = "gear"
 MOST_FAULTS = 6
 """Faults of a file that are told: a file that is something else has hundreds."""
 
+FRICTION = ("arctan_velocity", "coulomb_friction")
+"""Kinds of law whose amplitude is a friction force."""
 
-_NOTHING = Estimate()
+SINGLE_GEAR = "single gear"
+"""What the structure of a single-gear result is called; those of a body have the names of their kinds."""
 
 
 @dataclass(frozen=True)
-class GearRecord:
-    """One suspension, or several that share one estimate.
+class Quantity:
+    """What is followed from flight to flight.
 
     Args:
-        name: of the suspension; those that share an estimate are joined by commas.
-        stiffness: in N/m, or per unit of mass in 1/s^2.
-        damping: in N s/m, or per unit of mass in 1/s.
-        kinds: of the terms of its law, sorted.
-        amplitudes: {kind: Estimate}, without those of a law of which no values are told.
-        per_mass: whether all of them are per unit of mass.
-        gas: pressure times volume of the gas that carries it, N m; nothing where none does.
+        gear: the suspension that it belongs to; empty for the body.
+        name: "stiffness", "damping", "friction", "gas", "mass", or the kind of a term of the law.
+        unit: of its values.
+        kind: of the law's term whose amplitude it is; empty for the others.
+    """
+
+    gear: str
+    name: str
+    unit: str
+    kind: str = ""
+
+    @property
+    def label(self) -> str:
+        """The quantity in words, without the gear."""
+        words = {
+            "friction": f"friction force ({self.kind})",
+            "gas": "gas, pressure times volume",
+            "mass": "total mass",
+        }
+        return words.get(self.name, self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """One result.
+
+    Args:
+        name: of its study's folder.
+        path: of its file.
+        date: of the runs; None if the result has none.
+        method: "model", "classical" or "paper".
+        structure: kind of the structure.
+        laws: {gear: kinds of the terms of its law}.
+        values: {quantity: Estimate}.
+        per_mass: whether its values are per unit of mass.
+        recommended: whether its structure is; of a single gear nothing else is to be had.
+        doubt: why its values are missing, per unit of mass, or not to be believed; empty where its result does not say.
+        file: its file with the hash of what it holds.
     """
 
     name: str
-    stiffness: Estimate
-    damping: Estimate
-    kinds: tuple[str, ...]
-    amplitudes: Mapping[str, Estimate]
-    per_mass: bool
-    gas: Estimate = _NOTHING
-
-
-@dataclass(frozen=True)
-class StructureRecord:
-    """What is said of the structure of a body.
-
-    Args:
-        kind: of the structure.
-        is_recommended: whether it is recommended.
-        left_over_noise: what it leaves of the runs that it was fitted to, and of those left out, as far as it is known.
-    """
-
-    kind: str
-    is_recommended: bool
-    left_over_noise: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class ResultRecord:
-    """What a result.json holds.
-
-    Args:
-        path: of the file.
-        method: "model", "classical" or "paper".
-        date: of the runs; None if it is not known.
-        mass: of the body, kg.
-        gears: the suspensions.
-        structure: of a body; None of one gear, which is itself.
-        not_determined: why absolute values are missing; empty where they are not.
-        file: with the hash of what it holds.
-    """
-
     path: Path
-    method: str
     date: date | None
-    mass: Estimate
-    gears: tuple[GearRecord, ...]
-    structure: StructureRecord | None
-    not_determined: str
-    file: ReadFile
+    method: str
+    structure: str
+    laws: Mapping[str, tuple[str, ...]]
+    values: Mapping[Quantity, Estimate]
+    per_mass: bool = False
+    recommended: bool = True
+    doubt: str = ""
+    file: ReadFile | None = None
 
 
-def read_result(path: Path) -> ResultRecord:
-    """Read a result.json.
-
-    Args:
-        path: the file.
+def read_flight(path: Path, name: str) -> Flight:
+    """Read a result.json as the flight that is called `name`.
 
     Raises:
         InputError: it cannot be read, is no result, or lacks what every result has; everything is said at once.
@@ -114,13 +109,13 @@ def read_result(path: Path) -> ResultRecord:
         has = f"has the schema {schema!r}" if schema is not None else "has no schema"
         raise InputError(f"{path} {has} where {SCHEMA!r} is needed: give the {RESULT_FILE} of `opid identify`")
     faults: list[str] = []
-    record = _record(path, _Table(document, "", faults))
+    flight = _flight(path, name, _Table(document, "", faults))
     faults = list(dict.fromkeys(faults))
     if faults:
         more = [f"and {len(faults) - MOST_FAULTS} more"] if len(faults) > MOST_FAULTS else []
         listed = "; ".join([*faults[:MOST_FAULTS], *more])
         raise InputError(f"{path} is no sound result: {listed}: write it anew with `opid identify`")
-    return record
+    return flight
 
 
 @dataclass(frozen=True)
@@ -164,6 +159,10 @@ class _Table:
         content = self._get(key, dict, "a table", None, True)
         # what a table that is missing does not hold is no fault of its own
         return _Table(content or {}, f"{self.where}{key}.", [] if content is None else self.faults)
+
+    def optional(self, key: str) -> _Table | None:
+        """A table, or None where there is none."""
+        return None if self.content.get(key) is None else self.table(key)
 
     def tables(self, key: str, *, is_needed: bool = True) -> list[_Table]:
         """Tables in a row."""
@@ -215,45 +214,64 @@ class _Table:
         return found
 
 
-def _record(path: Path, document: _Table) -> ResultRecord:
-    has_structure = document.content.get("structure") is not None
-    structure = document.table("structure") if has_structure else None
+def _flight(path: Path, name: str, document: _Table) -> Flight:
+    structure = document.optional("structure")
     if structure is not None and structure.is_true("is_one_gear"):
         structure = None
-    return ResultRecord(
-        path=path,
-        method=document.text("method"),
-        date=document.day("date"),
-        mass=document.table("parameters").estimate("sprung_mass_kg"),
-        gears=(_one_gear(document),) if structure is None else _gears(document),
-        structure=None if structure is None else _structure(document, structure),
-        not_determined=document.text("not_determined", default=""),
-        file=read_file(path),
-    )
+    method, day = document.text("method"), document.day("date")
+    values = {Quantity("", "mass", "kg"): document.table("parameters").estimate("sprung_mass_kg")}
+    laws: dict[str, tuple[str, ...]] = {}
+    are_per_mass = []
+    for gear, kinds, per_mass, of_gear in _one_gear(document) if structure is None else _gears(document):
+        laws[gear] = tuple(sorted(kinds))
+        are_per_mass.append(per_mass)
+        values |= of_gear
+    kind, is_recommended, left = (SINGLE_GEAR, True, "") if structure is None else _of_structure(document, structure)
+    if not_determined := document.text("not_determined", default=""):
+        doubt = f"it is not determined: {not_determined}"
+    else:
+        doubt = "" if is_recommended else f"no structure was recommended for it{left}"
+    per_mass = any(are_per_mass)
+    return Flight(name, path, day, method, kind, laws, values, per_mass, is_recommended, doubt, read_file(path))
 
 
-def _one_gear(document: _Table) -> GearRecord:
+def _of_structure(document: _Table, structure: _Table) -> tuple[str, bool, str]:
+    """Kind of the structure, whether it is recommended, and what it leaves of the runs.
+
+    A structure may explain the runs that it was fitted to, and not one that was left out.
+    """
+    kind = structure.text("kind")
+    candidates = document.tables("candidates", is_needed=False)
+    left = [structure.number("residual_over_noise")]
+    left += [each.number("left_out_over_noise") for each in candidates if each.text("kind") == kind]
+    most = max((each for each in left if each is not None), default=None)
+    # null says that none is recommended; results of old say nothing
+    is_recommended = "recommended" not in structure.content or structure.content["recommended"] is not None
+    return kind, is_recommended, "" if most is None else f" ({most:.3g} times the noise)"
+
+
+_Gear = tuple[str, Iterable[str], bool, dict[Quantity, Estimate]]
+"""Name of a suspension, kinds of its law, whether its values are per unit of mass, and these."""
+
+
+def _one_gear(document: _Table) -> Iterator[_Gear]:
     law = document.table("law")
     per_mass = law.is_true("per_mass")
     if per_mass:
         ratios = document.table("ratios")
-        stiffness, damping = ratios.estimate("stiffness_per_mass"), ratios.estimate("damping_per_mass")
+        linear = ratios.estimate("stiffness_per_mass"), ratios.estimate("damping_per_mass")
     else:
         parameters = document.table("parameters")
-        stiffness = parameters.estimate("suspension_stiffness_n_per_m")
-        damping = parameters.estimate("suspension_damping_n_s_per_m")
+        linear = (
+            parameters.estimate("suspension_stiffness_n_per_m"),
+            parameters.estimate("suspension_damping_n_s_per_m"),
+        )
     kinds = {part for part in law.text("name").split("+") if part and part != "linear"}
     gas = next((_gas(each) for each in document.tables("interfaces", is_needed=False)), Estimate())
-    return GearRecord(ONE_GEAR, stiffness, damping, tuple(sorted(kinds)), law.amplitudes("parameters"), per_mass, gas)
+    yield ONE_GEAR, kinds, per_mass, _values(ONE_GEAR, *linear, law.amplitudes("parameters"), gas, per_mass)
 
 
-def _gas(interface: _Table) -> Estimate:
-    has_gas = interface.content.get("gas") is not None
-    return interface.table("gas").estimate("content_n_m") if has_gas else Estimate()
-
-
-def _gears(document: _Table) -> tuple[GearRecord, ...]:
-    gears: list[GearRecord] = []
+def _gears(document: _Table) -> Iterator[_Gear]:
     seen: set[str] = set()
     for interface in document.tables("interfaces"):
         name = interface.text("name")
@@ -263,18 +281,28 @@ def _gears(document: _Table) -> tuple[GearRecord, ...]:
         alike = [name, *(other for other in interface.texts("shared_with") if other != name)]
         seen.update(alike)
         per_mass = interface.table("stiffness").text("unit") != "N/m"
-        stiffness, damping = interface.estimate("stiffness"), interface.estimate("damping")
-        amplitudes = interface.amplitudes("law")
-        own = (stiffness, damping, tuple(sorted(amplitudes)), amplitudes, per_mass, _gas(interface))
-        gears.append(GearRecord(", ".join(alike), *own))
-    return tuple(gears)
+        linear = interface.estimate("stiffness"), interface.estimate("damping")
+        amplitudes, gear = interface.amplitudes("law"), ", ".join(alike)
+        yield gear, amplitudes, per_mass, _values(gear, *linear, amplitudes, _gas(interface), per_mass)
 
 
-def _structure(document: _Table, structure: _Table) -> StructureRecord:
-    kind = structure.text("kind")
-    candidates = document.tables("candidates", is_needed=False)
-    left = [structure.number("residual_over_noise")]
-    left += [each.number("left_out_over_noise") for each in candidates if each.text("kind") == kind]
-    # null says that none is recommended; results of old say nothing
-    is_recommended = "recommended" not in structure.content or structure.content["recommended"] is not None
-    return StructureRecord(kind, is_recommended, tuple(each for each in left if each is not None))
+def _gas(interface: _Table) -> Estimate:
+    gas = interface.optional("gas")
+    return Estimate() if gas is None else gas.estimate("content_n_m")
+
+
+def _values(
+    gear: str, stiffness: Estimate, damping: Estimate, amplitudes: Mapping[str, Estimate], gas: Estimate, per_mass: bool
+) -> dict[Quantity, Estimate]:
+    """What is followed of a suspension; `gas` is pressure times volume of the gas that carries it."""
+    has_gas, (of_spring, of_damper) = gas.value is not None, ("1/s^2", "1/s") if per_mass else ("N/m", "N s/m")
+    # as stiff as it is under the weight of the flight: what belongs to a strut is how much gas there is
+    first = (Quantity(gear, "gas", "N m"), gas) if has_gas else (Quantity(gear, "stiffness", of_spring), stiffness)
+    values = dict([first, (Quantity(gear, "damping", of_damper), damping)])
+    for kind, amplitude in amplitudes.items():
+        if has_gas and kind in LAWS and LAWS[kind].quasi_static:
+            continue  # the weight, which is told as the mass
+        unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
+        what = "friction" if kind in FRICTION else kind
+        values[Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind)] = amplitude
+    return values

@@ -4,83 +4,16 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 from opid.errors import InputError, NotDeterminedError
-from opid.estimate import Estimate
-from opid.mechanics.laws.law import LAWS
-from opid.provenance import ReadFile
-from opid.suspensions.flights.result_file import RESULT_FILE, GearRecord, ResultRecord, read_result
+from opid.suspensions.flights.result_file import RESULT_FILE, Flight, read_flight
 
 STUDY_FILE = "study.toml"
-
-FRICTION = ("arctan_velocity", "coulomb_friction")
-"""Kinds of law whose amplitude is a friction force."""
-
-SINGLE_GEAR = "single gear"
-"""What the structure of a single-gear result is called; those of a body have the names of their kinds."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What is followed from flight to flight.
-
-    Args:
-        gear: the suspension that it belongs to; empty for the body.
-        name: "stiffness", "damping", "friction", "gas", "mass", or the kind of a term of the law.
-        unit: of its values.
-        kind: of the law's term whose amplitude it is; empty for the others.
-    """
-
-    gear: str
-    name: str
-    unit: str
-    kind: str = ""
-
-    @property
-    def label(self) -> str:
-        """The quantity in words, without the gear."""
-        words = {
-            "friction": f"friction force ({self.kind})",
-            "gas": "gas, pressure times volume",
-            "mass": "total mass",
-        }
-        return words.get(self.name, self.name)
-
-
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """One result.
-
-    Args:
-        name: of its study's folder.
-        path: of its file.
-        date: of the runs; None if the result has none.
-        method: "model", "classical" or "paper".
-        structure: kind of the structure.
-        laws: {gear: kinds of the terms of its law}.
-        values: {quantity: Estimate}.
-        per_mass: whether its values are per unit of mass.
-        recommended: whether its structure is; of a single gear nothing else is to be had.
-        doubt: why its values are missing, per unit of mass, or not to be believed; empty where its result does not say.
-        file: its file with the hash of what it holds.
-    """
-
-    name: str
-    path: Path
-    date: date | None
-    method: str
-    structure: str
-    laws: Mapping[str, tuple[str, ...]]
-    values: Mapping[Quantity, Estimate]
-    per_mass: bool = False
-    recommended: bool = True
-    doubt: str = ""
-    file: ReadFile | None = None
 
 
 @dataclass(frozen=True)
@@ -144,7 +77,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
     if len(files) < 2:
         others = "".join(f"; {each.sentence}" for each in without_result)
         raise InputError(f"{len(files)} result is given ({listed(files)}): give two or more to compare{others}")
-    flights = [_flight(read_result(file), name) for file, name in zip(files, names, strict=True)]
+    flights = [read_flight(file, name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
     kept, left_out = _comparable(flights)
     _refuse_unlike(kept)
@@ -152,11 +85,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
 
 
 def in_order(flights: Sequence[Flight]) -> Flights:
-    """Return flights in the order of their dates, or as they are given where a date is missing.
-
-    Args:
-        flights: in any order.
-    """
+    """Return flights in the order of their dates, or as they are given where a date is missing."""
     without = [flight.name for flight in flights if flight.date is None]
     if without:
         note = (
@@ -177,10 +106,6 @@ def in_order(flights: Sequence[Flight]) -> Flights:
 
 def listed(names: Sequence[Any] | Mapping[str, Any], most: int = 6) -> str:
     """Return names in a sentence, of many only the first.
-
-    Args:
-        names: of anything.
-        most: that are named.
 
     >>> listed(["a", "b", "c"], most=2)
     'a, b and 1 more'
@@ -228,55 +153,6 @@ def _names(files: Sequence[Path]) -> list[str]:
         name = file.stem if file.name != RESULT_FILE else above[-1]
         names.append(name.removesuffix("_result") or name)
     return [str(file) if names.count(name) > 1 else name for file, name in zip(files, names, strict=True)]
-
-
-# ---- what a result says ----------------------------------------------------------------------------
-
-
-def _flight(record: ResultRecord, name: str) -> Flight:
-    values = {Quantity("", "mass", "kg"): record.mass}
-    for gear in record.gears:
-        stiffness, damping = ("1/s^2", "1/s") if gear.per_mass else ("N/m", "N s/m")
-        if gear.gas.value is None:
-            values[Quantity(gear.name, "stiffness", stiffness)] = gear.stiffness
-        else:
-            # as stiff as it is under the weight of the flight: what belongs to the strut is how much gas there is
-            values[Quantity(gear.name, "gas", "N m")] = gear.gas
-        values[Quantity(gear.name, "damping", damping)] = gear.damping
-        values |= dict(_amplitudes(gear))
-    return Flight(
-        name=name,
-        path=record.path,
-        date=record.date,
-        method=record.method,
-        structure=SINGLE_GEAR if record.structure is None else record.structure.kind,
-        laws={gear.name: gear.kinds for gear in record.gears},
-        values=values,
-        per_mass=any(gear.per_mass for gear in record.gears),
-        recommended=record.structure is None or record.structure.is_recommended,
-        doubt=_doubt(record),
-        file=record.file,
-    )
-
-
-def _amplitudes(gear: GearRecord) -> Iterator[tuple[Quantity, Estimate]]:
-    for kind, amplitude in gear.amplitudes.items():
-        if gear.gas.value is not None and kind in LAWS and LAWS[kind].quasi_static:
-            continue  # the weight, which is told as the mass
-        unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
-        what = "friction" if kind in FRICTION else kind
-        yield Quantity(gear.name, what, f"{unit}/kg" if gear.per_mass else unit, kind), amplitude
-
-
-def _doubt(record: ResultRecord) -> str:
-    """Why a result has no values, none but ratios, or no intervals: its own sentence."""
-    if record.not_determined:
-        return f"it is not determined: {record.not_determined}"
-    if record.structure is not None and not record.structure.is_recommended:
-        # a structure may explain the runs that it was fitted to, and not one that was left out
-        left = record.structure.left_over_noise
-        return f"no structure was recommended for it{f' ({max(left):.3g} times the noise)' if left else ''}"
-    return ""
 
 
 # ---- what cannot be compared -----------------------------------------------------------------------
