@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.signals.health.channel import MUTE_VALUES
 from opid.signals.health.chunks import LARGEST
+from opid.signals.health.lines import SHARED_BY_LINES
 from opid.signals.health.result import Finding, PairHealth
-from opid.signals.health.spectrum import HIGH_FREQUENCY_HZ
+from opid.signals.health.spectrum import HIGH_FREQUENCY_HZ, hann
 from opid.signals.health.spikes import without_spikes
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import ComplexArray
@@ -73,8 +74,6 @@ GAIN_TOLERANCE = 1.25
 
 LAG_SIGMA, LAG_SAMPLES = 4.0, 0.1
 """A lag is told when it exceeds so many standard deviations and so much of a sample."""
-
-_SHARED_BY_LINES = 1.94  # neighbouring lines under a Hann window: 1 + 2 ((2/3)^2 + (1/6)^2)
 
 
 def pairs_of(
@@ -200,7 +199,7 @@ def _lag(
     if np.abs(parts).max() > PHASE_TOLERANCE:
         return np.nan, np.nan
     scatter = max(1.0, float(weight @ phase**2) / f.size)
-    return float(lag_s), float(np.sqrt(_SHARED_BY_LINES * scatter / leverage) / (2 * np.pi))
+    return float(lag_s), float(np.sqrt(SHARED_BY_LINES * scatter / leverage) / (2 * np.pi))
 
 
 def _moves_alike(
@@ -261,10 +260,12 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
             raise InputError(
                 f"the channel {name!r} reaches {np.abs(samples).max():.3g} m/s^2: check its unit and scale"
             )
-    mistake = _units_told_apart(lower, upper, fs=fs, names=names)
+    pair = (lower, upper)
+    below, above = (np.fft.rfft((samples - samples.mean()) * hann(samples.size)) for samples in pair)
+    frequency_hz = np.asarray(np.fft.rfftfreq(lower.size, 1 / fs), dtype=np.float64)
+    mistake = _units_told_apart(frequency_hz, below, above, names)
     if mistake:
         raise InputError(mistake)
-    pair = (lower, upper)
     rms = [float(np.std(samples)) for samples in pair]
     for name, samples, own, other in zip(names, pair, rms, rms[::-1], strict=True):
         if _is_mute(samples) or own < MUTE_RATIO * other:
@@ -280,7 +281,7 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         )
         findings.append(Finding("warning", names[quiet], message))
     high = [_rms_above(without_spikes(samples, fs=fs)[0], fs, HIGH_FREQUENCY_HZ) for samples in pair]
-    if high[0] < SWAP_RATIO * high[1] and not _lags_behind(lower, upper, fs=fs):
+    if high[0] < SWAP_RATIO * high[1] and not _lags_behind(frequency_hz, below, above):
         message = (
             f"the spindle ({names[0]!r}, {high[0]:.3g} m/s^2 rms above {HIGH_FREQUENCY_HZ:g} Hz) is quieter "
             f"than the airframe ({names[1]!r}, {high[1]:.3g}): if swapped, exchange sprung and unsprung"
@@ -289,14 +290,11 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
     return tuple(findings)
 
 
-def _lags_behind(lower: FloatArray, upper: FloatArray, *, fs: float) -> bool:
+def _lags_behind(frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray) -> bool:
     """Return whether the upper side lags behind the lower one, as a body on a damper does at every frequency.
 
     With H = (k + i w c)/(k - m w^2 + i w c) from below to above, Im H = -m w^3 c/|k - m w^2 + i w c|^2 < 0.
     """
-    window = np.hanning(lower.size + 1)[:-1]
-    below, above = (np.fft.rfft((samples - samples.mean()) * window) for samples in (lower, upper))
-    frequency_hz = np.fft.rfftfreq(lower.size, 1 / fs)
     inside = (frequency_hz >= LAG_HZ[0]) & (frequency_hz <= LAG_HZ[1])
     cross = complex(np.vdot(below[inside], above[inside]))
     size = float(np.linalg.norm(below[inside]) * np.linalg.norm(above[inside]))
@@ -323,11 +321,11 @@ def units_apart(ratios: Iterable[float]) -> tuple[str, str, float] | None:
     return None
 
 
-def _units_told_apart(lower: FloatArray, upper: FloatArray, *, fs: float, names: tuple[str, str]) -> str | None:
+def _units_told_apart(
+    frequency_hz: FloatArray, below: ComplexArray, above: ComplexArray, names: tuple[str, str]
+) -> str | None:
     """What tells that one of two channels is in another unit: slow motion is the same above and below a suspension."""
-    window = np.hanning(lower.size + 1)[:-1]
-    below, above = (np.fft.rfft((samples - samples.mean()) * window) for samples in (lower, upper))
-    frequency_hz, gains, n_lines = np.fft.rfftfreq(lower.size, 1 / fs), [], 0
+    gains, n_lines = [], 0
     for low_hz, high_hz in CARRIED_HZ:
         inside = (frequency_hz >= low_hz) & (frequency_hz < high_hz)
         cross = complex(np.vdot(below[inside], above[inside]))
@@ -387,7 +385,7 @@ def _is_mute(samples: FloatArray) -> bool:
 
 def _rms_above(samples: FloatArray, fs: float, frequency_hz: float) -> float:
     """Return the rms above a frequency, by Parseval under a Hann window (the whole rms if fs is too low)."""
-    window = np.hanning(samples.size + 1)[:-1] if samples.size > 2 else np.ones(samples.size)
+    window = hann(samples.size)
     spectrum = np.fft.rfft((samples - samples.mean()) * window)
     first = int(np.ceil(frequency_hz * samples.size / fs)) if frequency_hz < 0.5 * fs else 1
     power = 2 * np.sum(np.abs(spectrum[first:]) ** 2)

@@ -16,7 +16,7 @@ from opid.signals.clock import (
     resolution_of,
 )
 from opid.signals.health.chunks import LARGEST
-from opid.signals.health.result import ClockHealth, Finding, Stretch
+from opid.signals.health.result import ClockHealth, Finding, Severity, Stretch
 from opid.signals.recording import FloatArray
 
 CROWDED = 0.05
@@ -261,72 +261,69 @@ class ClockCheck:
 
 def clock_findings(check: ClockCheck, health: ClockHealth) -> Iterator[Finding]:
     """Yield what is wrong with a clock and what to do about it."""
+    for severity, message in _sentences(check, health):
+        yield Finding(severity, "", message)
+
+
+def _sentences(check: ClockCheck, health: ClockHealth) -> Iterator[tuple[Severity, str]]:
     of_track = f" of {health.track!r}" if health.track else ""
     if not LEAST_FS <= health.fs <= MOST_FS:
         cause = "check the stated rate (fs_hz in [log])" if health.stated else "check their unit (time_unit in [log])"
         source = "is stated" if health.stated else "follows from the time stamps"
-        yield Finding("warning", "", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}")
+        yield "warning", f"a rate of {health.fs:.6g} Hz{of_track} {source}: {cause}"
     if check.unreadable:
-        yield Finding("fault", "", f"{check.unreadable} time stamp(s){of_track} are no number: mend the log there")
+        yield "fault", f"{check.unreadable} time stamp(s){of_track} are no number: mend the log there"
     if check.backward:
-        yield Finding(
+        yield (
             "fault",
-            "",
             f"the time{of_track} goes back {check.backward} time(s), the first to {check.first_backward_s:.9g} s: "
             "put the samples in order, or split the log there if two were joined",
         )
     if check.reconstruct and not health.stated:
-        yield Finding(
+        yield (
             "note",
-            "",
             f"the rows{of_track} are taken to be equally spaced at {health.fs:.6g} Hz, the stamps lie up to "
             f"{check.stray_s:.2g} s off: nothing to do unless samples were lost",
         )
     elif health.repeated == health.n_samples - 1 and health.n_samples > 1:
-        yield Finding(
+        yield (
             "fault",
-            "",
             f"all {health.n_samples} time stamps{of_track} are {health.start_s:.9g} s, which is no clock: state the "
             "rate (fs_hz in [log])",
         )
     elif check.crowded:
         rows = health.n_samples / (health.n_samples - health.repeated)
-        yield Finding(
+        yield (
             "fault",
-            "",
             f"about {rows:.1f} rows{of_track} share a time stamp, as where a host empties a buffer or rounds: "
             f'write `clock = "reconstructed"` in [log], which takes the rows as equally spaced at {health.fs:.6g} Hz',
         )
     elif check.repeated:
-        yield Finding(
+        yield (
             "fault",
-            "",
             f"{check.repeated} time stamp(s){of_track} stand twice in a row, the first at "
             f"{check.first_repeated_s:.9g} s: remove the repeated samples, write the time with more digits, or write "
             '`clock = "reconstructed"` in [log] if the rows are equally spaced',
         )
     if stalls := check.stalls():
         _, begin, end = max(stalls, key=lambda each: each[2] - each[1])
-        yield Finding(
+        yield (
             "note",
-            "",
             f"the stamps{of_track} stand still {len(stalls)} time(s), the longest for {end - begin:.3g} s "
             f"at {begin:.6g} s, and the rows catch up behind it: the host stalled, no sample is taken for lost",
         )
     if health.n_gaps:
         gap = health.gaps[0]
-        yield Finding(
+        yield (
             "warning",
-            "",
             f"the time{of_track} jumps from {gap.start_s:.9g} s to {gap.stop_s:.9g} s where steps of "
             f"{1 / health.fs:.6g} s are usual ({health.n_gaps} gap(s), about {health.n_lost} sample(s) lost): choose a "
             "stretch without gaps (start_s, stop_s); `identify` leaves them out by itself",
         )
     usual = max(0.02, 0.5 * health.resolution_s * health.fs)
     if not (check.crowded or check.reconstruct or health.n_gaps or check.backward) and health.jitter > usual:
-        yield Finding(
+        yield (
             "warning",
-            "",
             f"the steps between time stamps{of_track} scatter by {health.jitter:.0%} of the period: if the recorder "
             'samples at equal steps and only stamps late, write `clock = "reconstructed"` in [log]',
         )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.signals.health.across_channels import pair_findings, pairs_of
 from opid.signals.health.channel import LevelCheck, RunCheck
-from opid.signals.health.clock import MOST_SHOWN, ClockCheck
+from opid.signals.health.clock import MOST_SHOWN, ClockCheck, clock_findings
 from opid.signals.health.findings import COARSE_STEPS, NoUnit, Places
 from opid.signals.health.lines import lines_of
 from opid.signals.health.result import (
@@ -50,20 +49,18 @@ class TrackFigures:
 
     Args:
         clock: its figures.
-        clock_check: that found them.
         channels: figures of each.
         places: where something is wrong, by the channel's name.
         pairs: accelerations beside each other.
-        pair_findings: what is wrong between them.
+        findings: what is wrong with the clock and between channels.
         levels: second by second.
     """
 
     clock: ClockHealth
-    clock_check: ClockCheck
     channels: tuple[ChannelHealth, ...]
     places: dict[str, Places]
     pairs: tuple[PairHealth, ...]
-    pair_findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     levels: Levels
 
 
@@ -115,16 +112,15 @@ def track_figures(checks: Checks) -> TrackFigures:
     clock = checks.clock.result(checks.track, checks.names)
     joined, n, mean, rms = checks.levels.bins()
     bins = _Bins(joined * checks.bin_rows, n, mean, rms)
-    frequency_hz, psd, averages = checks.spectra.psd(clock.fs)
-    long_hz, long_psd, long_averages = checks.long_blocks.psd(clock.fs)
+    short, long = checks.spectra.mean, checks.long_blocks.mean
+    frequency_hz, psd, averages = short.psd(clock.fs)
+    long_hz, long_psd, long_averages = long.psd(clock.fs)
     channels, places, sound, complete = [], {}, [], []
     for i, name in enumerate(checks.names):
+        is_long = long_averages[i] >= LEAST_LONG_AVERAGES
+        blocks, at_hz, density = (long, long_hz, long_psd) if is_long else (short, frequency_hz, psd)
+        lines = () if checks.runs[i].mute else lines_of(at_hz, density[i], blocks.line_averages(i), fs=clock.fs)
         usual = (frequency_hz, psd[i], float(averages[i]))
-        long = (long_hz, long_psd[i], float(long_averages[i]))
-        looked_at, (at_hz, density, _) = (
-            (checks.long_blocks, long) if long[2] >= LEAST_LONG_AVERAGES else (checks.spectra, usual)
-        )
-        lines = () if checks.runs[i].mute else lines_of(at_hz, density, looked_at.line_averages(i), fs=clock.fs)
         channel, place, good, whole = _channel(checks, i, clock.fs, bins, usual, lines)
         channels.append(channel)
         places[name] = place
@@ -141,7 +137,8 @@ def track_figures(checks: Checks) -> TrackFigures:
         complete=np.stack(complete, axis=1) & steady[:, np.newaxis],
     )
     pairs, findings = _pairs(checks, clock.fs)
-    return TrackFigures(clock, checks.clock, tuple(channels), places, pairs, findings, levels)
+    findings = (*clock_findings(checks.clock, clock), *findings)
+    return TrackFigures(clock, tuple(channels), places, pairs, findings, levels)
 
 
 def _channel(
@@ -168,7 +165,6 @@ def _channel(
         ("flat", flat),
         ("spike", np.stack([spikes, spikes + 1], axis=1)),
     )
-    shown = [_stretches(kind, rows, checks.clock) for kind, rows in kinds]
     channel = ChannelHealth(
         name=checks.names[i],
         unit=checks.units[i],
@@ -186,16 +182,13 @@ def _channel(
         drift=drift,
         noise_floor=0.0 if run.mute else floor_of(frequency_hz, psd, spectrum[2], fs=fs),
         lines=lines,
-        stretches=tuple(stretch for kind in shown for stretch in kind),
+        stretches=tuple(stretch for kind, rows in kinds for stretch in _stretches(kind, rows, checks.clock)),
     )
     longest = flat[np.argmax(flat[:, 1] - flat[:, 0])] if flat.size else None
     place = Places(
         clipped_at=tuple(clipped_at),
-        clipped_s=_first(shown[1]),
         held_s=0.0 if longest is None else (longest[1] - longest[0] - 1) / fs,
         held_from_s=np.nan if longest is None else float(checks.clock.seconds(longest[:1])[0]),
-        spike_s=_first(shown[3]),
-        missing_s=_first(shown[0]),
         drift_part_s=part_s,
         without_unit=checks.without_unit[i],
     )
@@ -268,10 +261,6 @@ def _stretches(kind: Kind, rows: np.ndarray, clock: ClockCheck) -> tuple[Stretch
     shown = rows[:MOST_SHOWN]
     starts, stops = clock.seconds(shown[:, 0]), clock.seconds(shown[:, 1])
     return tuple(Stretch(kind, float(a), float(b)) for a, b in zip(starts, stops, strict=True))
-
-
-def _first(stretches: Sequence[Stretch]) -> float:
-    return stretches[0].start_s if stretches else np.nan
 
 
 def _with_overviews(

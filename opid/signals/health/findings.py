@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from opid.signals.health.result import ChannelHealth, Finding, Severity, SpectralLine
+from opid.signals.health.result import ChannelHealth, Finding, Kind, Severity, SpectralLine
 from opid.signals.units import STANDARD_GRAVITY
 
 COARSE_STEPS = 5.0
@@ -48,27 +48,25 @@ class Places:
 
     Args:
         clipped_at: the extreme values that are held.
-        clipped_s: time of the first of them, s.
         held_s: length of the longest held value beside motion, s, or 0.
         held_from_s: its time, s.
-        spike_s: time of the first spike, s.
-        missing_s: time of the first missing value, s.
         drift_part_s: length of the stretches whose means the drift is taken of, s.
         without_unit: why no unit is known; None where one is.
     """
 
     clipped_at: tuple[float, ...] = ()
-    clipped_s: float = np.nan
     held_s: float = 0.0
     held_from_s: float = np.nan
-    spike_s: float = np.nan
-    missing_s: float = np.nan
     drift_part_s: float = 0.0
     without_unit: NoUnit | None = None
 
 
 def _with_unit(value: str, unit: str) -> str:
     return value if unit == "?" else f"{value} {unit}"
+
+
+def _first_s(channel: ChannelHealth, kind: Kind) -> float:
+    return next((stretch.start_s for stretch in channel.stretches if stretch.kind == kind), np.nan)
 
 
 def channel_findings(channel: ChannelHealth, places: Places) -> Iterator[Finding]:
@@ -112,8 +110,8 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
     if channel.missing:
         yield (
             "warning",
-            f"{channel.missing} value(s) are missing, the first at {places.missing_s:.4f} s: choose a stretch without "
-            "them (start_s, stop_s); `identify` leaves them out by itself",
+            f"{channel.missing} value(s) are missing, the first at {_first_s(channel, 'missing'):.4f} s: choose a "
+            "stretch without them (start_s, stop_s); `identify` leaves them out by itself",
         )
     if channel.mute:
         yield from _mute(channel)
@@ -123,7 +121,7 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
         yield (
             "warning",
             f"{channel.clipped_fraction:.2%} of the samples are clipped at {_with_unit(ends, channel.unit)}, the "
-            f"first at {places.clipped_s:.3f} s: measure again with a larger range",
+            f"first at {_first_s(channel, 'clipped'):.3f} s: measure again with a larger range",
         )
     elif places.held_s:
         yield (
@@ -134,8 +132,8 @@ def _sentences(channel: ChannelHealth, places: Places) -> Iterator[tuple[Severit
     if channel.spikes:
         yield (
             "warning",
-            f"{channel.spikes} spike(s) of one sample, the first at {places.spike_s:.4f} s: check the cable, or leave "
-            "them out with start_s and stop_s",
+            f"{channel.spikes} spike(s) of one sample, the first at {_first_s(channel, 'spike'):.4f} s: check the "
+            "cable, or leave them out with start_s and stop_s",
         )
     step = channel.quantisation_step
     if step is not None and channel.rms < COARSE_STEPS * step:

@@ -12,7 +12,7 @@ from opid.errors import InputError
 from opid.signals.health.across_channels import MOST_CROSSED, check_levels, check_pair, looks_unsprung
 from opid.signals.health.channel import FLAT_S, LevelCheck, RunCheck
 from opid.signals.health.chunks import Chunk, ChunkMaker, chunk_rows, rows_of_a_bin, same_sized
-from opid.signals.health.clock import USUAL_STAMPS, ClockCheck, clock_findings
+from opid.signals.health.clock import USUAL_STAMPS, ClockCheck
 from opid.signals.health.figures import Checks, TrackFigures, track_figures
 from opid.signals.health.findings import NoUnit, channel_findings, unit_findings
 from opid.signals.health.result import ChannelHealth, Finding, Health, Severity
@@ -220,10 +220,7 @@ def _together(results: Sequence[TrackFigures], *, order: Sequence[str], numbers:
     """The health of all clocks."""
     found = [channel for result in results for channel in result.channels]
     channels = {channel.name: replace(channel, number=numbers[channel.name]) for channel in found}
-    findings: list[Finding] = []
-    for result in results:
-        findings += clock_findings(result.clock_check, result.clock)
-        findings += result.pair_findings
+    findings = [finding for result in results for finding in result.findings]
     places = {name: place for result in results for name, place in result.places.items()}
     for name in order:
         findings += channel_findings(channels[name], places[name])

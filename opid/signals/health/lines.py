@@ -39,7 +39,7 @@ MAINS_TOLERANCE, AIRCRAFT_TOLERANCE = 0.004, 0.02
 MAINS_WANDER_HZ = 0.5
 MOST_HARMONIC = 13
 
-_SHARED_BY_LINES = 1.94  # neighbouring lines under a Hann window: 1 + 2 ((2/3)^2 + (1/6)^2)
+SHARED_BY_LINES = 1.94  # neighbouring lines under a Hann window: 1 + 2 ((2/3)^2 + (1/6)^2)
 
 
 def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *, fs: float) -> tuple[SpectralLine, ...]:
@@ -67,7 +67,7 @@ def lines_of(frequency_hz: FloatArray, psd: FloatArray, averages: FloatArray, *,
     ends = np.append(edges, psd.size)
     found = []
     for k in _narrow_peaks(
-        level, usual, near, np.maximum(averages[edges], 1.0) * np.maximum(1.0, sizes / _SHARED_BY_LINES)
+        level, usual, near, np.maximum(averages[edges], 1.0) * np.maximum(1.0, sizes / SHARED_BY_LINES)
     ):
         inside = slice(ends[k - 2], ends[k + 3])
         around = np.maximum(psd[inside] - usual[k], 0.0)
@@ -109,7 +109,7 @@ def _narrow_peaks(level: FloatArray, usual: FloatArray, near: FloatArray, averag
         own > np.maximum(LINE_RATIO, chance) * np.maximum(base, near[inner])
     )
     beside = np.convolve(level, np.full(3, 1 / 3), mode="valid")
-    scatter = 1 + 3 * np.sqrt(_SHARED_BY_LINES / (3 * n))
+    scatter = 1 + 3 * np.sqrt(SHARED_BY_LINES / (3 * n))
     narrow = np.maximum(beside[: own.size], beside[8 : 8 + own.size]) < own / LINE_WIDTH + scatter * base
     return np.flatnonzero(peak & narrow) + 5
 

@@ -117,10 +117,6 @@ class RowStretches:
             self._parts = [self.rows()]
             self._n = self._parts[0].shape[0]
 
-    def clear(self) -> None:
-        """Forget all of them."""
-        self._parts, self._n = [], 0
-
     def rows(self) -> np.ndarray:
         """Return (n, 2): first row, and the row after the last one, of each stretch."""
         if not self._parts:
