@@ -1,5 +1,6 @@
 """The pages against the code: numbers that come from it, commands that it takes, and the README run as written."""
 
+import json
 import os
 import re
 import subprocess
@@ -114,6 +115,24 @@ def test_the_readme_runs_as_written(newly_cloned):
 
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= MOST_WORDS
+
+
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+LARGEST_NOTEBOOK = 500_000
+"""Bytes."""
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_stored_with_their_outputs(path):
+    """As docs/notebooks.py stores them: that they run is a test of its own."""
+    text = path.read_text(encoding="utf-8")
+    code = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    outputs = [each for cell in code for each in cell["outputs"]]
+    assert any("image/png" in each.get("data", {}) for each in outputs)
+    assert {each["output_type"] for each in outputs} <= {"stream", "display_data", "execute_result"}
+    assert {each["name"] for each in outputs if each["output_type"] == "stream"} <= {"stdout"}
+    assert {cell["execution_count"] for cell in code} == {None}
+    assert len(text.encode()) < LARGEST_NOTEBOOK
 
 
 def test_the_citation_is_of_this_version():

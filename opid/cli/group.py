@@ -274,7 +274,7 @@ def progress(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     def draw() -> None:
         while not ended.is_set():
             minutes, seconds = divmod(int(time.monotonic() - start), 60)
-            click.echo(f"\r{f'{step} ({minutes:02}:{seconds:02})'[:room].ljust(room)}", err=True, nl=False)
+            click.echo(f"\r{f'{step} ({minutes:02}:{seconds:02})'.strip()[:room].ljust(room)}", err=True, nl=False)
             stirred.wait(1.0)
             stirred.clear()
         click.echo(f"\r{'':{room}}\r", err=True, nl=False)
