@@ -37,9 +37,8 @@ from opid.modal.resonance.appropriation import appropriate_force, levels_for, mo
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Recording
 from opid.signals.units import STANDARD_GRAVITY
-from opid.virtual.modal_tests.case_studies import case_study_2
-from opid.virtual.modal_tests.cases import virtual_series
-from opid.virtual.modal_tests.series import virtual_study
+from opid.virtual.modal_tests.bolted_structures import case_study_2
+from opid.virtual.modal_tests.series import virtual_series, virtual_study
 
 FREQUENCY_HZ, ZETA, TOP, FS = 120.0, 0.004, 1e-3, 4096.0
 OMEGA = 2 * np.pi * FREQUENCY_HZ

@@ -12,8 +12,7 @@ from opid.mechanics.structure import Joint, Structure
 from opid.modal.linear.modes import LinearModes, modes_of_structure
 from opid.modal.resonance.appropriation import appropriate_force, levels_for
 from opid.modal.resonance.phase_lock import PhaseLock
-from opid.virtual.modal_tests.bolted_structures import level_dependence
-from opid.virtual.modal_tests.case_studies import case_study_1
+from opid.virtual.modal_tests.bolted_structures import case_study_1, level_dependence
 
 HZ, ZETA, KG = 120.0, 0.004, 2.0
 OMEGA = 2.0 * np.pi * HZ

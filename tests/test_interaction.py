@@ -11,7 +11,7 @@ from opid.mechanics.structure import Joint, Structure
 from opid.modal.linear.modes import LinearModes, modes_of_structure
 from opid.modal.resonance.appropriation import appropriate_force, modal_interaction
 from opid.modal.resonance.phase_lock import PhaseLock
-from opid.virtual.modal_tests.case_studies import case_study_2
+from opid.virtual.modal_tests.bolted_structures import case_study_2
 
 LOW_HZ, HIGH_HZ = 100.0, 204.0
 SHAPES = np.array([[0.8, 0.05], [-0.5, 0.7], [0.3, -0.6]])

@@ -24,7 +24,7 @@ from opid.modal.power_laws import power_law
 from opid.modal.study import ModalStudy, StudyTest
 from opid.signals.recording import Channel, Recording
 from opid.signals.resampling import resampled
-from opid.virtual.modal_tests.case_studies import case_study_2
+from opid.virtual.modal_tests.bolted_structures import case_study_2
 
 LEVELS = (5.0, 16.0, 33.0, 55.0)
 ORDERS = {"stiffness_order": 3, "damping_order": 3}

@@ -7,9 +7,8 @@ import pytest
 
 from opid.errors import InputError
 from opid.signals.units import STANDARD_GRAVITY
-from opid.virtual.modal_tests.case_studies import CASE_SHAKER
-from opid.virtual.modal_tests.cases import CUBIC_TOP, virtual_series
-from opid.virtual.modal_tests.series import stated_modes, top_displacement, virtual_study
+from opid.virtual.modal_tests.bolted_structures import CASE_SHAKER
+from opid.virtual.modal_tests.series import CUBIC_TOP, stated_modes, top_displacement, virtual_series, virtual_study
 
 
 @pytest.fixture(scope="module")

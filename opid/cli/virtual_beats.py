@@ -48,8 +48,7 @@ def sine_beats(
 
     from opid.virtual.files.modal import modal_truth
     from opid.virtual.files.truth import write_field_test
-    from opid.virtual.modal_tests.cases import virtual_series
-    from opid.virtual.modal_tests.series import stated_modes, virtual_study
+    from opid.virtual.modal_tests.series import stated_modes, virtual_series, virtual_study
 
     free_directory(out, ("modes.npz", *STUDY_FILES), overwrite=overwrite)
     settings = {"case": case, "seed": seed, "noise": noise, "shaker": shaker}

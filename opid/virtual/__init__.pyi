@@ -12,20 +12,18 @@ from .backbone_tests.wing_engine import (
 )
 from .files.taxi import taxi_truth as taxi_truth
 from .modal_tests.bolted_structures import (
+    case_study_1 as case_study_1,
+    case_study_2 as case_study_2,
     component_assembly as component_assembly,
     fixture_and_plate as fixture_and_plate,
     level_dependence as level_dependence,
 )
-from .modal_tests.case_studies import (
-    case_study_1 as case_study_1,
-    case_study_2 as case_study_2,
-)
-from .modal_tests.cases import (
+from .modal_tests.series import (
     CUBIC_DAMPING as CUBIC_DAMPING,
     CUBIC_STIFFNESS as CUBIC_STIFFNESS,
     virtual_series as virtual_series,
+    virtual_study as virtual_study,
 )
-from .modal_tests.series import virtual_study as virtual_study
 from .taxi_tests.aircraft import (
     default_aircraft as default_aircraft,
     random_aircraft as random_aircraft,

@@ -11,11 +11,11 @@ from matplotlib.ticker import MaxNLocator
 
 from opid.modal.linear.frequency_response import FrequencyResponse
 from opid.modal.resonance.appropriation import Appropriation, Interaction
+from opid.plots.modal.shapes import number_modes
 from opid.plots.style import BLUE, GREY, INK, RUN_COLORS, VERMILION, house_style, panels, thick
 
 __all__ = ["backbone", "drive_point_response", "harmonic_shape", "modal_harmonics", "sensor_harmonics"]
 
-_LEVEL = "excitation index"
 # curves of modal harmonics at most
 N_SHOWN = 6
 
@@ -31,19 +31,21 @@ def backbone(appropriation: Appropriation, axes: Any = None) -> np.ndarray:
         (1, 2) Axes.
     """
     amplitude = 1e6 * appropriation.amplitude
-    place = appropriation.modes.index(appropriation.mode)
-    linear = (appropriation.modes.frequency_hz[place], 100 * appropriation.modes.damping_ratio[place])
-    found = (appropriation.frequency_hz, 100 * appropriation.damping_ratio)
+    index = appropriation.modes.index(appropriation.mode)
+    linear = (appropriation.modes.frequency_hz[index], 100 * appropriation.modes.damping_ratio[index])
+    found, locked = (appropriation.frequency_hz, 100 * appropriation.damping_ratio), appropriation.locked
+    dots: dict[str, Any] = {"color": VERMILION, "linestyle": "none", "marker": "o", "markersize": 4}
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.3)
         labels = ("frequency at phase resonance [Hz]", "damping ratio [%]")
         for ax, values, low, label in zip(grid[0], found, linear, labels, strict=True):
             ax.axhline(low, color=BLUE, linestyle="--", linewidth=1.1, label="linear")
-            _dots(ax, amplitude, values, appropriation.locked)
+            for word, shown, face in (("locked", locked, VERMILION), ("not locked", ~locked, "white")):
+                if shown.any() or shown is locked:
+                    ax.plot(amplitude[shown], values[shown], **dots, markerfacecolor=face, label=word)
             ax.set_xlabel("amplitude of q [µm √kg]")
             ax.set_ylabel(label)
-        n_locked = int(appropriation.locked.sum())
-        grid[0, 0].set_title(f"Mode {appropriation.mode}: {n_locked} of {len(appropriation.levels)} levels locked")
+        grid[0, 0].set_title(f"Mode {appropriation.mode}: {int(locked.sum())} of {locked.size} levels locked")
         thick(grid[0, 0].legend(loc="best"))
     return grid
 
@@ -65,7 +67,7 @@ def sensor_harmonics(appropriation: Appropriation, sensor: str, ax: Any = None) 
         ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
         for harmonic, (color, values) in enumerate(zip(RUN_COLORS, heights.T, strict=False), start=1):
             style = "--" if harmonic % 2 == 0 else "-"
-            ax.plot(_index(appropriation), values, color=color, linestyle=style, label=f"harmonic {harmonic}")
+            ax.plot(np.arange(1, len(heights) + 1), values, color=color, linestyle=style, label=f"harmonic {harmonic}")
         ax.set_yscale("log")
         ax.set_ylim(bottom=max(1e-6 * float(heights.max()), 0.5 * float(heights[heights > 0].min())))
         _over_levels(ax)
@@ -86,12 +88,12 @@ def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
     shares[:, interaction.target - 1, 0] = 0.0
     largest = shares.max(axis=0)
     order = np.argsort(-largest, axis=None)[:N_SHOWN]
-    places = [np.unravel_index(each, largest.shape) for each in order]
+    highest = list(zip(*np.unravel_index(order, largest.shape), strict=True))
     index = np.arange(1, len(shares) + 1)
     with house_style():
         ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
         ax.axhline(1.0, color=INK, linewidth=1.4, label=f"mode {interaction.target}, harmonic 1")
-        shown = [place for place in places if largest[place] > interaction.least_share] or places[:1]
+        shown = [each for each in highest if largest[each] > interaction.least_share] or highest[:1]
         for color, (mode, harmonic) in zip(RUN_COLORS, shown, strict=False):
             label = f"mode {mode + 1}, harmonic {harmonic + 1}"
             ax.plot(index, shares[:, mode, harmonic], color=color, label=label)
@@ -137,12 +139,7 @@ def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float
     with house_style():
         ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
         ax.plot(response.frequency_hz, imaginary, color=BLUE, linewidth=1.1)
-        for number, place in marked.items():
-            ax.axvline(place, color=GREY, linestyle="--", linewidth=0.9, zorder=0)
-            ax.annotate(
-                str(number), (place, 1), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-                ha="center", fontsize=8, color=GREY,
-            )  # fmt: skip
+        number_modes(ax, marked, zorder=0)
         ax.set_xlim(float(response.frequency_hz[0]), float(response.frequency_hz[-1]))
         ax.set_xlabel("frequency [Hz]")
         ax.set_ylabel("imaginary part [m/s²/N]")
@@ -152,16 +149,5 @@ def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float
 
 def _over_levels(ax: Axes) -> None:
     """Levels are counted: no ticks between them."""
-    ax.set_xlabel(_LEVEL)
+    ax.set_xlabel("excitation index")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def _index(appropriation: Appropriation) -> np.ndarray:
-    return np.arange(1, len(appropriation.levels) + 1)
-
-
-def _dots(ax: Axes, x: np.ndarray, y: np.ndarray, full: np.ndarray) -> None:
-    settings: dict[str, Any] = {"color": VERMILION, "linestyle": "none", "marker": "o", "markersize": 4}
-    ax.plot(x[full], y[full], label="locked", **settings)
-    if not full.all():
-        ax.plot(x[~full], y[~full], markerfacecolor="white", label="not locked", **settings)

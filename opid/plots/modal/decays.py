@@ -78,10 +78,10 @@ def _panel(
     scale = 100.0 if percent else 1.0
     known = _known(values, std)
     below, above = scale * (values - 1.96 * std), scale * (values + 1.96 * std)
-    place = factor * amplitude
-    ax.fill_between(place, below, above, color=VERMILION, alpha=0.25, linewidth=0, label="95 %")
-    ax.plot(place, scale * values, color=VERMILION, linewidth=0.7, alpha=0.4)
-    ax.plot(place, np.where(known, scale * values, np.nan), color=VERMILION, linewidth=1.6, label="measured")
+    at = factor * amplitude
+    ax.fill_between(at, below, above, color=VERMILION, alpha=0.25, linewidth=0, label="95 %")
+    ax.plot(at, scale * values, color=VERMILION, linewidth=0.7, alpha=0.4)
+    ax.plot(at, np.where(known, scale * values, np.nan), color=VERMILION, linewidth=1.6, label="measured")
     if law is not None:
         ax.plot(factor * law[0], scale * law[1], color=INK, linewidth=1.0, label="law")
     ends = [*below[known], *above[known]]

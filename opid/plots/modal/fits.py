@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
-from opid.modal.linear.modes import ModalTest
 from opid.modal.result import ModalIdentification
-from opid.plots.style import BLUE, GREEN, GREY, INK, PALE, SKY, VERMILION, house_style, panels, plain_numbers, thick
+from opid.plots.modal.shapes import number_modes
+from opid.plots.style import BLUE, GREEN, INK, PALE, SKY, VERMILION, house_style, panels, plain_numbers, thick
 
 __all__ = ["fourier_amplitude", "modal_orders", "mode_restoring_force", "sine_beats"]
 
@@ -32,25 +32,20 @@ def sine_beats(result: ModalIdentification, mode: int, axes: Any = None) -> np.n
     fit = next(fit for fit in result.fits if fit.mode == mode)
     tests = [test for test in result.tests if test.name in fit.tests]
     # the highest level lies below the others
-    tests.sort(key=lambda test: -float(np.abs(_of_mode(test, mode)).max()))
+    tests.sort(key=lambda test: -float(np.abs(test.modal_acceleration(mode)).max()))
     with house_style():
         grid = panels(axes, 1, 2, height_in=3.3, width_in=7.4)
         over_time, over_frequency = grid[0]
         low, high = _around(result, fit)
         for color, test in zip(_levels(len(tests)), tests, strict=True):
-            motion = _of_mode(test, mode)
+            motion = test.modal_acceleration(mode)
             over_time.plot(np.arange(motion.size) / test.fs, motion, color=color, linewidth=0.7, label=test.name)
             frequency, amplitude = fourier_amplitude(motion, test.fs)
             seen = (frequency >= low) & (frequency <= high)
             over_frequency.plot(frequency[seen], amplitude[seen], color=color, linewidth=1.1, label=test.name)
         over_frequency.axvspan(*fit.band_hz, color=PALE, alpha=0.35, linewidth=0, zorder=0, label="fitted band")
-        for number, place in _neighbours(result, low, high):
-            own = number == mode
-            over_frequency.axvline(place, color=INK if own else GREY, linestyle="-" if own else "--", linewidth=0.9)
-            over_frequency.annotate(
-                str(number), (place, 1), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-                ha="center", fontsize=8, color=INK if own else GREY,
-            )  # fmt: skip
+        every = enumerate(result.modes.frequency_hz, start=1)
+        number_modes(over_frequency, {n: hz for n, hz in every if max(low, 1e-9) <= hz <= high}, own=mode)
         over_frequency.set_yscale("log")
         over_frequency.set_xlim(low, high)
         top = over_frequency.get_ylim()[1]
@@ -85,19 +80,18 @@ def mode_restoring_force(
         _force_row(grid[0], fit.stiffness_curve, f"q [{{}}m {_AMPLITUDE}]", "stiffness force", "k₀ q")
         _force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′")
         factor, prefix = _prefix(amplitude)
-        for ax, values, linear, label in (
-            (grid[0, 2], fit.frequency_at_hz, fit.frequency_hz, "natural frequency [Hz]"),
-            (grid[1, 2], 100 * fit.damping_at, 100 * fit.damping_ratio, "damping ratio [%]"),
+        for ax, name, scale, values, label in (
+            (grid[0, 2], "frequency_hz", 1, fit.frequency_at_hz, "natural frequency [Hz]"),
+            (grid[1, 2], "damping_ratio", 100, fit.damping_at, "damping ratio [%]"),
         ):
+            linear = scale * getattr(fit, name)
             ax.axhline(linear, color=BLUE, linestyle="--", linewidth=1.1, label="linear, as given")
-            ax.plot(factor * amplitude, values, color=VERMILION, linewidth=2.0, label="over amplitude")
+            ax.plot(factor * amplitude, scale * values, color=VERMILION, linewidth=2.0, label="over amplitude")
             if truth is not None:
-                known = np.asarray(truth["frequency_hz"] if values is fit.frequency_at_hz else truth["damping_ratio"])
-                known = known if values is fit.frequency_at_hz else 100 * known
-                shown = np.asarray(truth["amplitude"]) <= 1.02 * amplitude[-1]
-                place = factor * np.asarray(truth["amplitude"])
+                at, known = np.asarray(truth["amplitude"]), scale * np.asarray(truth[name])
+                shown = at <= 1.02 * amplitude[-1]
                 dots = {"color": GREEN, "linewidth": 0, "marker": ".", "markersize": 6}
-                ax.plot(place[shown], known[shown], **dots, label="truth, other modes at rest")
+                ax.plot(factor * at[shown], known[shown], **dots, label="truth, other modes at rest")
             ax.set_xlabel(f"amplitude of q [{prefix}m {_AMPLITUDE}]")
             ax.set_ylabel(label)
             thick(ax.legend(loc="best", fontsize=7.5))
@@ -151,7 +145,7 @@ def fourier_amplitude(samples: np.ndarray, fs: float) -> tuple[np.ndarray, np.nd
     return np.fft.rfftfreq(samples.size, 1 / fs), np.abs(np.fft.rfft(samples)) / fs
 
 
-def _force_row(row: np.ndarray, curve: ForceCurve, place: str, name: str, symbol: str) -> None:
+def _force_row(row: np.ndarray, curve: ForceCurve, along: str, name: str, symbol: str) -> None:
     """The whole force beside the linear one, and the nonlinear part alone, with their band."""
     factor, prefix = _prefix(curve.position)
     x = factor * curve.position
@@ -160,13 +154,9 @@ def _force_row(row: np.ndarray, curve: ForceCurve, place: str, name: str, symbol
         ax.fill_between(x, base + curve.low, base + curve.high, color=VERMILION, alpha=0.25, linewidth=0)
         ax.plot(x, base, color=BLUE, linestyle="--", linewidth=1.1, label=f"linear, {symbol}")
         ax.plot(x, base + curve.force, color=VERMILION, linewidth=1.8, label="with nonlinear part")
-        ax.set_xlabel(place.format(prefix))
+        ax.set_xlabel(along.format(prefix))
     whole.set_ylabel(f"{name} [N/{_AMPLITUDE}]")
     thick(whole.legend(loc="upper left", fontsize=7.5))
-
-
-def _of_mode(test: ModalTest, mode: int) -> np.ndarray:
-    return test.acceleration[:, test.modes.index(mode)]
 
 
 def _levels(n: int) -> list[Any]:
@@ -175,24 +165,17 @@ def _levels(n: int) -> list[Any]:
         return [SKY, BLUE, INK][:n]
     from matplotlib import colormaps
 
-    return [colormaps["viridis"](0.85 * (1 - place / (n - 1))) for place in range(n)]
+    return [colormaps["viridis"](0.85 * (1 - level / (n - 1))) for level in range(n)]
 
 
 def _around(result: ModalIdentification, fit: ModeFit) -> tuple[float, float]:
     """A range of frequency with the fitted band and both neighbours in it."""
-    places = result.modes.frequency_hz[result.modes.elastic]
-    below, above = places[places < fit.frequency_hz], places[places > fit.frequency_hz]
+    below, above = result.modes.neighbours_hz(fit.mode)
     width = fit.band_hz[1] - fit.band_hz[0]
-    low = max(below.max(), fit.frequency_hz - 4 * width) if below.size else fit.band_hz[0]
-    high = min(above.min(), fit.frequency_hz + 4 * width) if above.size else fit.band_hz[1]
+    low = max(below, fit.frequency_hz - 4 * width) if below else fit.band_hz[0]
+    high = min(above, fit.frequency_hz + 4 * width) if np.isfinite(above) else fit.band_hz[1]
     room = 0.15 * (max(high, fit.band_hz[1]) - min(low, fit.band_hz[0]))
     return max(min(low, fit.band_hz[0]) - room, 0.0), max(high, fit.band_hz[1]) + room
-
-
-def _neighbours(result: ModalIdentification, low: float, high: float) -> list[tuple[int, float]]:
-    """Numbers and frequencies of the modes in a range."""
-    places = enumerate(result.modes.frequency_hz, start=1)
-    return [(number, float(place)) for number, place in places if max(low, 1e-9) <= place <= high]
 
 
 def _prefix(values: np.ndarray) -> tuple[float, str]:

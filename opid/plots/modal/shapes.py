@@ -46,9 +46,9 @@ def auto_mac(result: ModalIdentification, ax: Any = None) -> Axes:
             result.auto_mac, origin="lower", vmin=0, vmax=1, cmap=COUNT_MAP, extent=(*edges, *edges), aspect="equal"
         )
         ax.get_figure().colorbar(image, ax=ax, label="MAC", shrink=0.85)
-        places = np.arange(1, n + 1) if n <= 30 else np.arange(1, n + 1, 5)
+        ticks = np.arange(1, n + 1, 1 if n <= 30 else 5)
         for axis in (ax.xaxis, ax.yaxis):
-            axis.set_ticks(places, [str(place) for place in places])
+            axis.set_ticks(ticks, [str(mode) for mode in ticks])
             axis.set_tick_params(labelsize=8.5 if n <= 14 else 7)
         for label in (*ax.get_xticklabels(), *ax.get_yticklabels()):
             if int(label.get_text()) in result.model.laws:
@@ -82,28 +82,16 @@ def mode_indicators(
     """
     marked = dict(marked or {})
     with house_style():
-        axes_given = axes if axes is not None else _places(len(zoomed))
-        flat = np.atleast_1d(np.asarray(axes_given, dtype=object)).ravel()
+        flat = np.atleast_1d(np.asarray(_panels(len(zoomed)) if axes is None else axes, dtype=object)).ravel()
         top = float(np.nanmax(resynthesised.value[:, 0]))
         for ax in flat:
             for color, (name, indicator) in zip(_shades(len(measured)), measured.items(), strict=True):
                 ax.plot(indicator.frequency_hz, indicator.value[:, 0], color=color, linewidth=0.9, label=name)
-            ax.plot(
-                resynthesised.frequency_hz,
-                resynthesised.value[:, 0],
-                color=INK,
-                linestyle="--",
-                linewidth=1.0,
-                label="linear modes",
-            )
+            dashed = {"color": INK, "linestyle": "--", "linewidth": 1.0}
+            ax.plot(resynthesised.frequency_hz, resynthesised.value[:, 0], label="linear modes", **dashed)
             ax.set_yscale("log")
         whole = flat[0]
-        for number, place in marked.items():
-            whole.axvline(place, color=GREY, linestyle=":", linewidth=0.9, zorder=0)
-            whole.annotate(
-                str(number), (place, 1), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-                ha="center", fontsize=8, color=GREY,
-            )  # fmt: skip
+        number_modes(whole, marked, linestyle=":", zorder=0)
         whole.set_xlim(float(resynthesised.frequency_hz[0]), float(resynthesised.frequency_hz[-1]))
         least = 0.3 * float(np.nanmin(resynthesised.value[:, 0]))
         whole.set_ylim(max(top * 10.0**-DECADES_SHOWN, least), 3 * top)
@@ -135,18 +123,16 @@ def level_shift_figures(
     Returns:
         (2, 1) Axes: frequency above, damping below.
     """
-    place = np.arange(len(shifts))
     with house_style():
         grid = panels(axes, 2, height_in=4.2, sharex=True)
         thresholds = (frequency_threshold, damping_threshold)
         for ax, name, threshold in zip(grid[:, 0], ("frequency", "damping"), thresholds, strict=True):
             ax.axhline(0, color=INK, linewidth=0.8)
-            for sign in (1, -1) if threshold is not None else ():
-                label = f"threshold ±{100 * (threshold or 0):.3g} %" if sign > 0 else None
-                ax.axhline(sign * 100 * (threshold or 0), color=GREY, linestyle="--", linewidth=0.9, label=label)
             if threshold is not None:
+                for sign, label in ((1, f"threshold ±{100 * threshold:.3g} %"), (-1, None)):
+                    ax.axhline(sign * 100 * threshold, color=GREY, linestyle="--", linewidth=0.9, label=label)
                 ax.legend(loc="best", fontsize=7.5)
-            for x, shift in zip(place, shifts, strict=True):
+            for x, shift in enumerate(shifts):
                 estimate = shift.frequency_shift if name == "frequency" else shift.damping_shift
                 if estimate.value is None:
                     continue
@@ -157,36 +143,51 @@ def level_shift_figures(
                 ax.plot([x], [100 * estimate.value], marker="o", markersize=5.5, color=color, markerfacecolor=face)
             ax.set_ylabel(f"{name} shift [%]")
             ax.grid(False, axis="x")
-        grid[1, 0].set_xticks(place, [str(shift.mode) for shift in shifts])
+        grid[1, 0].set_xticks(range(len(shifts)), [str(shift.mode) for shift in shifts])
         grid[1, 0].set_xlim(-0.5, len(shifts) - 0.5)
         grid[1, 0].set_xlabel("mode")
         grid[0, 0].set_title("Nonlinear modes in red, hollow where the levels cannot tell")
     return grid
 
 
-def _zoom(ax: Axes, place: float, measured: Mapping[str, ModeIndicator], made: ModeIndicator) -> None:
+def number_modes(ax: Axes, marked: Mapping[int, float], *, own: int | None = None, **line: Any) -> None:
+    """Draw a line at the frequency of some modes, with the number of the mode above.
+
+    Args:
+        ax: the Axes.
+        marked: frequency of modes, Hz, by their number.
+        own: the mode whose line is dark and whole.
+        line: further settings of the lines.
+    """
+    for number, hz in marked.items():
+        color, style = (INK, "-") if number == own else (GREY, "--")
+        ax.axvline(hz, **{"color": color, "linestyle": style, "linewidth": 0.9, **line})
+        ax.annotate(
+            str(number), (hz, 1), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+            ha="center", fontsize=8, color=color,
+        )  # fmt: skip
+
+
+def _zoom(ax: Axes, centre_hz: float, measured: Mapping[str, ModeIndicator], made: ModeIndicator) -> None:
     """Show the lines around a mode only."""
-    low, high = 0.95 * place, 1.03 * place
+    low, high = 0.95 * centre_hz, 1.03 * centre_hz
     ax.set_xlim(low, high)
-    heights = []
-    for each in (*measured.values(), made):
-        inside = (each.frequency_hz >= low) & (each.frequency_hz <= high)
-        heights.append(each.value[inside, 0])
-    height = np.concatenate(heights)
+    every = (*measured.values(), made)
+    height = np.concatenate([each.value[(each.frequency_hz >= low) & (each.frequency_hz <= high), 0] for each in every])
     ax.set_ylim(0.7 * float(np.nanquantile(height, 0.02)), 1.5 * float(np.nanmax(height)))
     plain_numbers(ax.yaxis)
     ax.tick_params(labelsize=7.5)
     ax.locator_params(axis="x", nbins=4)
 
 
-def _places(n_zoomed: int) -> list[Any]:
+def _panels(n_zoomed: int) -> list[Any]:
     """Axes of a new figure: one wide panel, and small ones below."""
     from matplotlib.figure import Figure
 
     columns = max(n_zoomed, 1)
     figure = Figure(figsize=(7.4, 3.4 + 2.0 * (n_zoomed > 0)), layout="constrained")
     grid = figure.add_gridspec(1 + (n_zoomed > 0), columns, height_ratios=[1.6, 1][: 1 + (n_zoomed > 0)])
-    return [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, place]) for place in range(n_zoomed))]
+    return [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(n_zoomed))]
 
 
 def _shades(n: int) -> list[str]:

@@ -48,16 +48,10 @@ def truth_test(
             row[0].set_ylabel("acceleration [m/s²]")
             row[0].set_title(sensor)
             figures = test.sensors[sensor]
-            row[1].set_title(
-                f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}",
-                fontweight="normal",
-                fontsize=9,
-            )
-            row[2].set_title(
-                f"error {100 * figures.nrmse_nonlinear:.3g} %, linear {100 * figures.nrmse_linear:.3g} %",
-                fontweight="normal",
-                fontsize=9,
-            )
+            peak = f"peak ×{figures.peak_ratio_nonlinear:.2f}, linear ×{figures.peak_ratio_linear:.2f}"
+            error = f"error {100 * figures.nrmse_nonlinear:.3g} %, linear {100 * figures.nrmse_linear:.3g} %"
+            for ax, title in ((row[1], peak), (row[2], error)):
+                ax.set_title(title, fontweight="normal", fontsize=9)
         thick(grid[0, 0].legend(loc="upper right", fontsize=7.5))
         for ax, label in zip(grid[-1], ("time [s]", "time [s], at the peak", "frequency [Hz]"), strict=True):
             ax.set_xlabel(label)
@@ -72,17 +66,18 @@ def truth_test_figures(test: TruthTest, ax: Any = None) -> Axes:
         ax: one Axes, or None for a new figure.
     """
     names = list(test.sensors)
-    place = np.arange(len(names))
     with house_style():
         ax = panels(ax, 1, height_in=3.0)[0, 0]
         for color, marker, label, values in (
             (BLUE, "s", "linear model", [100 * test.sensors[name].nrmse_linear for name in names]),
             (VERMILION, "o", "nonlinear model", [100 * test.sensors[name].nrmse_nonlinear for name in names]),
         ):
-            ax.plot(place, values, color=color, marker=marker, markersize=5, linestyle="none", label=label)
+            ax.plot(range(len(names)), values, color=color, marker=marker, markersize=5, linestyle="none", label=label)
         ax.set_yscale("log")
         plain_numbers(ax.yaxis)
-        ax.set_xticks(place, names, rotation=90 if len(names) > 8 else 0, fontsize=8 if len(names) <= 30 else 6)
+        ax.set_xticks(
+            range(len(names)), names, rotation=90 if len(names) > 8 else 0, fontsize=8 if len(names) <= 30 else 6
+        )
         ax.set_xlabel("sensor")
         ax.set_ylabel("rms error [% of measured rms]")
         ax.set_title(f"Truth test {test.name!r}")
@@ -106,7 +101,7 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
     reach = _reach(measured, peak)
     close = slice(max(peak - reach, 0), peak + reach + 1)
     for values, color, label, order in series:
-        settings = {"color": color, "label": label, "zorder": order}
+        settings: dict[str, Any] = {"color": color, "label": label, "zorder": order}
         # two curves that agree are told apart as a thin line on a broad one
         broad = label == "measured"
         _whole(whole, time, values, 2 * reach // N_PERIODS, settings)
@@ -119,8 +114,8 @@ def _sensor(row: np.ndarray, test: TruthTest, sensor: str, nonlinear_hz: Sequenc
             alpha=0.5 if broad else 1,
             **settings,
         )
-    for place in nonlinear_hz:
-        spectrum.axvline(place, color=GREY, linestyle="--", linewidth=0.8, zorder=0)
+    for hz in nonlinear_hz:
+        spectrum.axvline(hz, color=GREY, linestyle="--", linewidth=0.8, zorder=0)
     spectrum.set_yscale("log")
     top = float(fourier_amplitude(measured - measured.mean(), fs)[1].max())
     spectrum.set_ylim(LEAST_SHOWN * top, 4 * top)
@@ -154,8 +149,8 @@ def _crests(frequency: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.n
     if size < 2:
         return frequency, height
     blocks = height[: size * N_CRESTS].reshape(N_CRESTS, size)
-    places = size * np.arange(N_CRESTS) + blocks.argmax(axis=1)
-    return frequency[places], height[places]
+    crests = size * np.arange(N_CRESTS) + blocks.argmax(axis=1)
+    return frequency[crests], height[crests]
 
 
 def _reach(measured: np.ndarray, peak: int) -> int:

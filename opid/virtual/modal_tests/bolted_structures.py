@@ -1,4 +1,4 @@
-"""Two bolted structures with known truth: a case with components, and a plate on a fixture (Pacini, section 4).
+"""Two bolted structures with known truth, a case with components and a plate on a fixture (Pacini, section 4), on rigs.
 
 Their joints slip (Iwan), a kind of law that no polynomial in displacement and velocity holds.
 """
@@ -15,7 +15,10 @@ from scipy import linalg
 from opid.errors import InputError
 from opid.mechanics.hysteresis import force_of, iwan
 from opid.mechanics.laws.law import FloatArray, law
+from opid.mechanics.rig import Rig
+from opid.mechanics.shaker import Shaker
 from opid.mechanics.structure import Joint, Structure, natural_frequencies
+from opid.modal.linear.modes import LinearModes, modes_of_structure
 
 _AXES = ("x", "y", "z")
 
@@ -54,6 +57,30 @@ _SHEAR_SLIDERS_SHARE, _SHEAR_SLIP_N, _SHEAR_CUBIC_SHARE = 0.14, 900.0, 0.004
 _NOMINAL_COUPLING_N_PER_M2 = 7e8
 
 
+CASE_SHAKER = Shaker(second_harmonic=0.01)
+PLATE_SHAKER = Shaker(armature_kg=0.15, back_emf_n_s_per_m=100.0, second_harmonic=0.02, full_voltage_v=70.0)
+"""A light armature: at 300 g one of 0.45 kg would take 1300 N to move itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class CaseStudy:
+    """A rig, and what a modal test of low level would say of it.
+
+    Args:
+        rig: the structure with its sensors and its shaker.
+        modes: its linear modes at the sensors, without the shaker.
+        drive_point: the sensor at the drive point.
+        nonlinear_modes: modes that shift with the level, counted from 1.
+        text: what it is, in one sentence.
+    """
+
+    rig: Rig
+    modes: LinearModes
+    drive_point: str
+    nonlinear_modes: tuple[int, ...]
+    text: str
+
+
 @dataclass(frozen=True, eq=False)
 class BoltedStructure:
     """A structure for a virtual modal test, with what is known of it.
@@ -78,6 +105,13 @@ class BoltedStructure:
     def condition_number(self) -> float:
         """Of the mode shapes at the sensors."""
         return float(np.linalg.cond(self.sensors @ natural_frequencies(self.structure).shapes))
+
+    def on_rig(self, shaker: Shaker | None) -> CaseStudy:
+        """The structure with a shaker at its drive point, or with the force itself given."""
+        row = self.sensors[self.sensor_names.index(self.drive_point)]
+        rig = Rig(self.structure, row, self.sensors, self.sensor_names, shaker)
+        modes = modes_of_structure(self.structure, self.sensors, self.sensor_names)
+        return CaseStudy(rig, modes, self.drive_point, self.nonlinear_modes, self.text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +228,40 @@ def fixture_and_plate(*, ratio: float = 2.02, coupling_n_per_m2: float = _NOMINA
         text=f"a plate on a fixture whose joint slips in mode 10 at 400 Hz; mode 18 at {ratio:g} times that "
         + ("is driven by the joint" if coupling_n_per_m2 else "is not coupled"),
     )
+
+
+def case_study_1(*, shaker: Shaker | None = CASE_SHAKER) -> CaseStudy:
+    """Return the case with four components: 18 modes, of which 7, 11, 12, 13 and 15 are nonlinear.
+
+    Args:
+        shaker: at the drive point; None where the force itself is given.
+
+    >>> study = case_study_1()
+    >>> study.modes.n_modes, study.nonlinear_modes
+    (18, (7, 11, 12, 13, 15))
+    """
+    return component_assembly().on_rig(shaker)
+
+
+def case_study_2(
+    *, ratio: float = 2.02, coupling_n_per_m2: float | None = None, shaker: Shaker | None = PLATE_SHAKER
+) -> CaseStudy:
+    """Return the plate on its fixture: 26 modes, of which 10 is nonlinear and works on mode 18.
+
+    Args:
+        ratio: as in `fixture_and_plate`.
+        coupling_n_per_m2: likewise.
+        shaker: at the drive point; None where the force itself is given.
+
+    Raises:
+        InputError: as `fixture_and_plate`.
+
+    >>> study = case_study_2(ratio=2.2)
+    >>> study.modes.frequency_hz[[9, 17]].round(1).tolist()
+    [400.0, 880.0]
+    """
+    coupling = _NOMINAL_COUPLING_N_PER_M2 if coupling_n_per_m2 is None else coupling_n_per_m2
+    return fixture_and_plate(ratio=ratio, coupling_n_per_m2=coupling).on_rig(shaker)
 
 
 def level_dependence(structure: Structure, *, mode: int, amplitude: ArrayLike, n_phases: int = 256) -> LevelDependence:

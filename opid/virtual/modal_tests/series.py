@@ -1,15 +1,18 @@
-"""A virtual test series on a rig: impacts and sine beats at several levels, and a truth test (Pacini, section 4)."""
+"""A virtual test series on a rig: impacts and sine beats at several levels, and a truth test (Pacini, section 4).
+
+Three structures have one: a mode with a known law, and the paper's two case studies.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from opid.errors import InputError
-from opid.mechanics.rig import FORCE, RigRun, impact, rig_run
+from opid.mechanics.rig import FORCE, Rig, RigRun, impact, rig_run
 from opid.modal.forced.excitation import (
     SineBeat,
     beat_between_neighbours,
@@ -19,9 +22,12 @@ from opid.modal.forced.excitation import (
     sine_beat_voltage,
 )
 from opid.modal.linear.modes import LinearModes, force_projection, modal_filter, modal_test
+from opid.modal.model import NonlinearModalModel
+from opid.modal.power_laws import power_law
 from opid.modal.study import ModalStudy, StudyTest, Use
-from opid.signals.recording import FloatArray, Recording
-from opid.virtual.modal_tests.case_studies import CaseStudy
+from opid.signals.recording import FloatArray
+from opid.signals.units import STANDARD_GRAVITY
+from opid.virtual.modal_tests.bolted_structures import CASE_SHAKER, CaseStudy, case_study_1, case_study_2
 
 Say = Callable[[str], None]
 Truth = Literal["sweep", "beat"]
@@ -35,6 +41,17 @@ NEAR_ENOUGH, MOST_TRIES = 0.05, 10
 
 SMALL = 1e-3
 """Amplitude of the run from which the others are guessed, V or N."""
+
+CASES = ("cubic", "1", "2")
+
+CUBIC_MODE, CUBIC_STIFFNESS, CUBIC_DAMPING = 3, {3: -1.8e11}, {2: 20.0}
+"""The nonlinear mode of case "cubic": at its top level it loses 3 % of frequency, and damps twice as much."""
+
+CUBIC_TOP = 5e-4
+"""Its largest displacement, m kg^1/2."""
+
+LEVELS_2 = (0.1, 0.25, 0.45, 0.65, 0.85, 1.0)
+"""Of case 2, whose highest beat is the truth test: the fit ends at 0.85 of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +90,46 @@ class VirtualSeries:
             raise InputError(f"sweep_octaves_per_s is {self.sweep_octaves_per_s}: give a positive rate")
         if max(self.levels) != 1.0 or min(self.levels) <= 0:
             raise InputError(f"levels are {self.levels}: give shares of the highest one, which is 1")
+
+
+def virtual_series(case: str, *, shaker: bool | None = None) -> VirtualSeries:
+    """Return the test series of a case.
+
+    Args:
+        case: "cubic" for four modes, one of which softens and damps by powers that are known; "1" for a case that
+            carries components, five of its modes nonlinear, to 20 g at the components; "2" for a plate bolted to a
+            fixture, to 300 g at the drive point.
+        shaker: whether the force comes from a shaker and its amplifier, or is given as it is; where left out, it comes
+            from one in cases "1" and "2".
+
+    Raises:
+        InputError: no such case.
+
+    >>> series = virtual_series("cubic")
+    >>> series.case.nonlinear_modes, series.truth
+    ((3,), 'sweep')
+    """
+    if case == "cubic":
+        found = _cubic(bool(shaker))
+        shape = found.modes.shapes[:, CUBIC_MODE - 1]
+        top = CUBIC_TOP * float(found.modes.stiffness()[CUBIC_MODE - 1] * np.abs(shape).max())
+        return VirtualSeries(found, top, 1024.0, "A mode with cubic softening and quadratic damping")
+    given: dict[str, Any] = {"shaker": None} if shaker is False else {}
+    if case == "1":
+        return VirtualSeries(case_study_1(**given), 20 * STANDARD_GRAVITY, 2048.0, "Components on bolted mounts")
+    if case == "2":
+        found = case_study_2(**given)
+        return VirtualSeries(
+            found,
+            300 * STANDARD_GRAVITY,
+            4096.0,
+            "A plate bolted to a fixture",
+            top_sensor=found.drive_point,
+            rule="drive point",
+            levels=LEVELS_2,
+            truth="beat",
+        )
+    raise InputError(f"there is no case {case!r}: give one of {', '.join(CASES)}")
 
 
 def virtual_study(
@@ -203,7 +260,8 @@ def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
 def _peaks(series: VirtualSeries, voltage: FloatArray, wanted: Sequence[int]) -> list[float]:
     """Peak modal accelerations of a run without noise, over those of the top."""
     run = rig_run(series.case.rig, voltage, fs=series.fs, rng=np.random.default_rng(0), noise_share=0.0)
-    motion = _sensors(run.clean, series.case.modes) @ modal_filter(series.case.modes).T
+    readings = run.clean.samples[:, [run.clean.index(sensor) for sensor in series.case.modes.sensors]]
+    motion = readings @ modal_filter(series.case.modes).T
     return [float(np.abs(motion[:, mode - 1]).max()) / _top(series, mode) for mode in wanted]
 
 
@@ -241,5 +299,25 @@ def _impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise
     )
 
 
-def _sensors(recording: Recording, modes: LinearModes) -> FloatArray:
-    return recording.samples[:, [recording.index(sensor) for sensor in modes.sensors]]
+def _cubic(shaker: bool) -> CaseStudy:
+    """A rigid-body mode and three elastic ones at six sensors."""
+    shapes = np.array(
+        [
+            [0.35, 0.30, 0.28, -0.22],
+            [0.35, 0.22, -0.30, 0.31],
+            [0.35, -0.05, -0.45, -0.25],
+            [0.35, -0.28, -0.12, 0.38],
+            [0.35, -0.40, 0.25, 0.10],
+            [0.35, 0.12, 0.40, 0.42],
+        ]
+    )
+    sensors = ("case_x", "case_y", "lid_x", "lid_y", "board_x", "board_y")
+    modes = LinearModes(np.array([0.0, 90.0, 120.0, 158.0]), np.array([0.0, 0.005, 0.004, 0.006]), shapes, sensors)
+    model = NonlinearModalModel(modes, {CUBIC_MODE: power_law(CUBIC_STIFFNESS, CUBIC_DAMPING)})
+    return CaseStudy(
+        rig=Rig(model.structure(), modes.row("case_x"), shapes, sensors, CASE_SHAKER if shaker else None),
+        modes=modes,
+        drive_point="case_x",
+        nonlinear_modes=(CUBIC_MODE,),
+        text=f"four modes at six sensors, of which mode {CUBIC_MODE} has k3 q^3 and c2 q'|q'|",
+    )
