@@ -5,7 +5,7 @@ from scipy.integrate import quad, solve_ivp
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.decay.fit import fit_decays, predicted_decay, slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
-from opid.modal.power_laws import harmonic_share
+from opid.modal.power_laws import harmonic_factor
 
 FS = 2048.0
 OMEGA = 2.0 * np.pi * 60.0
@@ -37,12 +37,12 @@ def noisy(signal, seed, share=0.01):
 @pytest.mark.parametrize("power", [1, 2, 3, 4, 5])
 def test_the_harmonic_factors_are_the_first_fourier_coefficients(power):
     integral, _ = quad(lambda angle: np.abs(np.cos(angle)) ** (power + 1) / np.pi, 0.0, 2.0 * np.pi, epsabs=1e-10)
-    assert harmonic_share(power) == pytest.approx(integral, rel=1e-9)
+    assert harmonic_factor(power) == pytest.approx(integral, rel=1e-9)
 
 
 def test_two_of_the_factors_are_known():
-    assert harmonic_share(2) == pytest.approx(8.0 / (3.0 * np.pi), rel=1e-12)
-    assert harmonic_share(3) == pytest.approx(0.75, rel=1e-12)
+    assert harmonic_factor(2) == pytest.approx(8.0 / (3.0 * np.pi), rel=1e-12)
+    assert harmonic_factor(3) == pytest.approx(0.75, rel=1e-12)
 
 
 def test_the_flow_of_a_linear_mode_is_its_closed_form():

@@ -202,7 +202,7 @@ def test_what_is_wrong_is_said_for_all_modes_at_once(two_modes):
         ({"nonlinear": (1,)}, r"mode 1, a rigid-body mode \(0 Hz\)"),
         ({"nonlinear": (3, 3)}, "name each mode once"),
         ({"stiffness_order": 7}, r"stiffness_order is 7, give 1 \(linear\) to 5"),
-        ({"damping_threshold": -0.1}, r"damping_threshold is -0.1, give a share above 0"),
+        ({"damping_threshold": -0.1}, r"damping_threshold is -0.1, give a fraction above 0"),
     ],
 )
 def test_a_study_that_cannot_be_is_refused(two_modes, change, words):

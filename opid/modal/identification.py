@@ -286,7 +286,7 @@ def _warnings_of_truth_tests(
         try:
             times = mode_lines(each.test, mode, band).largest_q / largest
         except InputError as error:
-            yield f"how far truth test {each.test.name!r} moves mode {mode} cannot be told: {error}"
+            yield f"how far truth test {each.test.name!r} moves mode {mode} is not known: {error}"
             continue
         if times > BEYOND:
             yield (

@@ -159,7 +159,8 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
     if series.ndim != 1 or series.size < 2 or not np.isfinite(series).all():
         raise InputError(f"the force has shape {series.shape}: give one series of finite numbers, in N")
     loads = force_projection(model.modes, drive_point)[:, None]
-    steps = steps_per_sample(model.modes.frequency_hz.max(), fs)
+    highest = 2 * np.pi * model.modes.frequency_hz.max()
+    steps = max(1, int(np.ceil(highest / fs / LARGEST_ANGLE)))
     between = resampled(recording_from_arrays([series], ["force"], fs=fs, unit="N"), 2 * steps * fs)
     n_half_steps = 2 * (series.size - 1) * steps + 1
     return time_response(
@@ -170,19 +171,6 @@ def modal_response(model: NonlinearModalModel, force: ArrayLike, *, fs: float, d
         loads=loads,
         steps_per_sample=steps,
     )
-
-
-def steps_per_sample(highest_hz: float, fs: float) -> int:
-    """Return the number of time steps between two samples that the highest mode needs.
-
-    Args:
-        highest_hz: its natural frequency, Hz.
-        fs: sampling rate, Hz.
-
-    >>> steps_per_sample(100.0, 1000.0)
-    7
-    """
-    return max(1, int(np.ceil(2 * np.pi * highest_hz / fs / LARGEST_ANGLE)))
 
 
 def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
@@ -204,7 +192,7 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
             f"test {test.name!r} has no force: a truth test needs the force that both models are driven by"
         )
     given = NonlinearModalModel(test.modes)
-    sensors = [sensor for sensor in test.modes.sensors if sensor in test.recording.names]
+    sensors = list(test.sensors)
     try:
         nonlinear = simulate(model, test.force, fs=test.fs, drive_point=test.drive_point)
     except InputError as error:
@@ -229,12 +217,7 @@ def truth_test(model: NonlinearModalModel, test: ModalTest) -> TruthTest:
 
 
 def comparison(measured: FloatArray, nonlinear: FloatArray, linear: FloatArray) -> Comparison:
-    """Return peak ratios and NRMSE of two models.
-
-    Args:
-        measured: (n,) m/s^2.
-        nonlinear: (n,) of the nonlinear model.
-        linear: (n,) of the linear model.
+    """Return peak ratios and NRMSE of two models, from series of one length.
 
     >>> comparison(np.array([1.0, -2.0]), np.array([1.0, -2.0]), np.array([2.0, -4.0]))
     Comparison(peak_ratio_nonlinear=1.0, peak_ratio_linear=2.0, nrmse_nonlinear=0.0, nrmse_linear=1.0)

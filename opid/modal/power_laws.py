@@ -52,16 +52,16 @@ def fitted_power_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Es
     return power_law(of_stiffness, of_damping)
 
 
-def harmonic_share(power: float) -> float:
+def harmonic_factor(power: float) -> float:
     """Return a_n: the fundamental of A^n cos|cos|^(n-1) is a_n A^n cos (harmonic linearisation).
 
     a_n = (2/sqrt(pi)) Gamma(n/2 + 1) / Gamma(n/2 + 3/2), so that omega^2(A) = sum k_n a_n A^(n-1).
 
-    >>> harmonic_share(1), harmonic_share(3), round(harmonic_share(2) * 3 * math.pi, 12)
+    >>> harmonic_factor(1), harmonic_factor(3), round(harmonic_factor(2) * 3 * math.pi, 12)
     (1.0, 0.75, 8.0)
     """
-    share = 2 / math.sqrt(math.pi) * math.gamma(power / 2 + 1) / math.gamma(power / 2 + 1.5)
-    return round(share, 15)
+    factor = 2 / math.sqrt(math.pi) * math.gamma(power / 2 + 1) / math.gamma(power / 2 + 1.5)
+    return round(factor, 15)
 
 
 def unit_of(letter: str, power: int) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,9 +90,9 @@ def _faults(study: ModalStudy) -> Iterator[str]:
         if order is not None and not 1 <= order <= HIGHEST_ORDER:
             yield f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}"
     for word in THRESHOLDS:
-        share = getattr(study, word)
-        if not (math.isfinite(share) and 0 < share <= 1):
-            yield f"{word} is {share}, give a share above 0 and up to 1, 0.01 for 1 %"
+        threshold = getattr(study, word)
+        if not 0 < threshold <= 1:
+            yield f"{word} is {threshold}, give a fraction above 0 and up to 1, 0.01 for 1 %"
     names = [each.test.name for each in study.tests]
     for name in dict.fromkeys(names):
         if names.count(name) > 1:

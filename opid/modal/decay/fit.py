@@ -21,7 +21,7 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import lagged_products
-from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, fitted_power_law, harmonic_share
+from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, fitted_power_law, harmonic_factor
 from opid.signals.recording import FloatArray
 
 DRIFT_ERROR = 0.1
@@ -280,7 +280,7 @@ def _linear_fit(level: FloatArray, y: FloatArray, std: FloatArray, order: int | 
     for trial in range(1, HIGHEST_ORDER + 1) if order is None else (order,):
         if trial >= level.size - 1:
             break
-        columns = np.column_stack([harmonic_share(n) * level ** (n - 1) for n in range(1, trial + 1)])
+        columns = np.column_stack([harmonic_factor(n) * level ** (n - 1) for n in range(1, trial + 1)])
         values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
         misfit = float(np.sum(((y - columns @ values) / std) ** 2))
         # windows overlap by half: two of three are worth one

@@ -13,7 +13,7 @@ from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
 
 FEWEST_CYCLES = 10
-"""Below, neither frequency nor damping can be told as functions of the amplitude."""
+"""Below, neither frequency nor damping can be found as functions of the amplitude."""
 KERNEL_CYCLES = 6
 """Length of the Hann kernel that the first envelope is taken with."""
 AFTER_PEAK_CYCLES = 0.75
@@ -35,7 +35,7 @@ class Stretch:
         rate: its amplitude falls as exp(-rate t), roughly, 1/s.
         start: first sample.
         stop: sample after the last that may be used.
-        sure_stop: sample where the envelope comes near the level of the end of the record.
+        sure_stop: sample where the envelope comes near that of the end of the record.
         warnings: what to doubt.
     """
 

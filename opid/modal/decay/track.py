@@ -31,7 +31,7 @@ MOST_NEIGHBOURS = 6
 HIGHEST_NEIGHBOUR = 10.0
 """Times the frequency of the mode: what is beyond, the taper of the windows keeps out."""
 SMALLEST_NEIGHBOUR, UNRESOLVED = 0.005, 0.1
-"""Shares of the mode's peak from which a neighbour is fitted, and from which one that cannot be is told."""
+"""Of the mode's peak: from where a neighbour is fitted, and from where one that cannot be is reported."""
 MOST_WINDOWS = 160
 
 
@@ -73,14 +73,10 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
-    """A smooth guess of the fundamental at every sample of a stretch.
+class _Reference:
+    """A smooth guess of the fundamental at every sample: logarithm of its amplitude, phase, rad, and their rates.
 
-    Args:
-        log_amplitude: (n,) logarithm of its amplitude.
-        phase: (n,) rad.
-        omega: (n,) rate of the phase, rad/s.
-        rate: (n,) of the logarithm of the amplitude, downwards, 1/s.
+    `omega` is that of the phase, rad/s, `rate` that of the logarithm, downwards, 1/s.
     """
 
     log_amplitude: FloatArray
@@ -90,19 +86,13 @@ class Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class _Window:
     """What one window says of the fundamental: the reference times value exp(slope (t - centre)) near its centre.
 
-    Args:
-        first: its first sample in the stretch.
-        centre: time at which value and slope are uncorrelated, s from the start of the stretch.
-        value: 1 where the reference is right.
-        slope: 0 where the reference is right, 1/s; the imaginary part is of the frequency, rad/s.
-        by_value: (m,) what each sample adds to the logarithm of the value.
-        slope_std: standard deviation of the parts of the slope for samples of noise 1.
-        noise: standard deviation of white noise in the samples of the level found near the mode.
-        fitted: (m,) the samples as fitted, with what was fitted beside the mode.
-        weight: (m,) of the samples.
+    It begins at the sample `first` of the stretch; at the time `centre`, s, value and slope are uncorrelated. They are
+    1 and 0 where the reference is right; the imaginary part of the slope is of the frequency, rad/s. `by_value` is what
+    each sample adds to the logarithm of the value, `slope_std` is for samples of noise 1, and `noise` the standard
+    deviation of the samples if the noise near the mode were white. The samples were fitted with a weight as `fitted`.
     """
 
     first: int
@@ -148,18 +138,18 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
 
 def _followed(
     part: FloatArray, stretch: Stretch, neighbours: FloatArray, fs: float
-) -> tuple[list[Window], Reference, FloatArray, FloatArray]:
+) -> tuple[list[_Window], _Reference, FloatArray, FloatArray]:
     """The windows and the reference at the end, the neighbours fitted and those too close."""
     n_sure = stretch.sure_stop - stretch.start
     omega = 2.0 * np.pi * stretch.frequency_hz
     rate = max(stretch.rate, 1e-4 * omega)
     time = np.arange(part.size) / fs
     amplitude = np.sqrt(2.0) * float(part[: max(8, round(fs * 2 * np.pi / omega))].std()) + 1e-300
-    reference = Reference(
+    reference = _Reference(
         np.log(amplitude) - rate * time, omega * time, np.full(time.size, omega), np.full(time.size, rate)
     )
 
-    def early(reference: Reference, neighbours: FloatArray) -> list[Window]:
+    def early(reference: _Reference, neighbours: FloatArray) -> list[_Window]:
         return _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
 
     for _ in range(ROUNDS_ALONE - 1):
@@ -191,10 +181,10 @@ def _strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatAr
 
 
 def _windows(
-    part: FloatArray, reference: Reference, neighbours: FloatArray, *, fs: float, until_noise: bool
-) -> list[Window]:
+    part: FloatArray, reference: _Reference, neighbours: FloatArray, *, fs: float, until_noise: bool
+) -> list[_Window]:
     """Windows from the start on, each half as far from the next as it is long, until the decay meets the noise."""
-    windows: list[Window] = []
+    windows: list[_Window] = []
     shortest_hop = max(1, part.size // MOST_WINDOWS)
     first, weak, whole = 0, 0, float(np.ptp(part))
     while first < part.size:
@@ -225,7 +215,7 @@ def _windows(
     return windows
 
 
-def _length(n: int, reference: Reference, first: int, neighbours: FloatArray, fs: float) -> int:
+def _length(n: int, reference: _Reference, first: int, neighbours: FloatArray, fs: float) -> int:
     cycle = 2.0 * np.pi / reference.omega[first]
     wanted = WINDOW_DECAY / max(reference.rate[first], 1e-9)
     fewest = FEWEST_WINDOW_CYCLES * cycle
@@ -236,15 +226,14 @@ def _length(n: int, reference: Reference, first: int, neighbours: FloatArray, fs
     return int(max(min(max(wanted, fewest), most), min(fewest, n / fs / 2.5), FEWEST_WINDOW_CYCLES / 1.5 * cycle) * fs)
 
 
-def _renewed(windows: list[Window], reference: Reference, fs: float) -> Reference:
+def _renewed(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
     """A smooth reference: frequency and rate as polynomials in the root of the amplitude, through all windows."""
     from scipy.integrate import cumulative_trapezoid
 
     time = np.arange(reference.phase.size) / fs
-    centres = np.array([window.centre for window in windows])
-    level = np.interp(centres, time, reference.log_amplitude) + np.log(
-        np.maximum(np.abs([w.value for w in windows]), 1e-300)
-    )
+    centres = np.array([w.centre for w in windows])
+    seen = np.log(np.maximum(np.abs([w.value for w in windows]), 1e-300))
+    log_seen = np.interp(centres, time, reference.log_amplitude) + seen
     omega = np.interp(centres, time, reference.omega) + np.imag([w.slope for w in windows])
     rate = np.interp(centres, time, reference.rate) - np.real([w.slope for w in windows])
     # one level of noise for all: where it seems larger at the start, it is the reference that is wrong there
@@ -253,25 +242,25 @@ def _renewed(windows: list[Window], reference: Reference, fs: float) -> Referenc
         raise NotDeterminedError(
             "the signal does not decay in the stretch given: give start_s and stop_s of a free decay"
         )
-    root = np.exp(0.5 * (level - level.max()))
+    root = np.exp(0.5 * (log_seen - log_seen.max()))
     degree = min(4, max(0, len(windows) // 5))
     by_omega = _smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)
     by_rate = _smooth(root, rate, np.array([w.slope_std.real for w in windows]) * noise, degree)
     # the amplitude follows its own rate, sample by sample, and passes where the windows say on the whole
     order = np.argsort(centres)
-    log_of = np.interp(time, centres[order], np.minimum.accumulate(level[order]))
+    log_of = np.interp(time, centres[order], np.minimum.accumulate(log_seen[order]))
     ahead = max(float(np.median(rate)), 1e-6)
     at_start = float(np.clip(rate[order[0]], ahead, 3.0 * ahead))
     log_of = log_of + np.maximum(centres.min() - time, 0.0) * at_start - np.maximum(time - centres.max(), 0.0) * ahead
-    inside = np.clip(np.exp(0.5 * (log_of - level.max())), root.min(), 1.3)
+    inside = np.clip(np.exp(0.5 * (log_of - log_seen.max())), root.min(), 1.3)
     new_rate = np.maximum(np.polyval(by_rate, inside), 0.2 * ahead)
     new_omega = np.clip(np.polyval(by_omega, inside), 0.8 * np.median(omega), 1.25 * np.median(omega))
     log_amplitude = -cumulative_trapezoid(new_rate, dx=1.0 / fs, initial=0.0)
     weight = 1.0 / np.maximum([w.value_std for w in windows], 1e-9) ** 2
-    log_amplitude += np.sum(weight * (level - np.interp(centres, time, log_amplitude))) / weight.sum()
+    log_amplitude += np.sum(weight * (log_seen - np.interp(centres, time, log_amplitude))) / weight.sum()
     # far below and far above what was seen there is nothing to follow, and nothing may overflow
-    log_amplitude = np.clip(log_amplitude, level.max() - 40.0, level.max() + 10.0)
-    return Reference(log_amplitude, cumulative_trapezoid(new_omega, dx=1.0 / fs, initial=0.0), new_omega, new_rate)
+    log_amplitude = np.clip(log_amplitude, log_seen.max() - 40.0, log_seen.max() + 10.0)
+    return _Reference(log_amplitude, cumulative_trapezoid(new_omega, dx=1.0 / fs, initial=0.0), new_omega, new_rate)
 
 
 def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> FloatArray:
@@ -296,48 +285,43 @@ def _smooth(x: FloatArray, y: FloatArray, std: FloatArray, degree: int) -> Float
 
 
 def _next_neighbour(
-    part: FloatArray, reference: Reference, windows: list[Window], known: list[float], fs: float
+    part: FloatArray, reference: _Reference, windows: list[_Window], known: list[float], fs: float
 ) -> tuple[float | None, bool]:
     """The strongest of what rings or hums beside the mode and is not known yet, Hz; whether it can be told apart."""
-    time = np.arange(part.size) / fs
-    size = part.size
+    size, time = part.size, np.arange(part.size) / fs
     main = np.exp(reference.log_amplitude[:size] + 1j * reference.phase[:size])
-    centres = np.array([w.centre for w in windows])
-    values = np.array([w.value for w in windows])
-    order = np.argsort(centres)
-    logs = np.log(np.maximum(np.abs(values[order]), 1e-6)) + 1j * np.unwrap(np.angle(values[order]))
-    trust = np.exp(reference.log_amplitude[np.minimum(size - 1, np.round(centres[order] * fs).astype(np.int64))])
+    windows = sorted(windows, key=lambda window: window.centre)
+    centres, values = np.array([w.centre for w in windows]), np.array([w.value for w in windows])
+    logs = np.log(np.maximum(np.abs(values), 1e-6)) + 1j * np.unwrap(np.angle(values))
+    trust = np.exp(reference.log_amplitude[np.minimum(size - 1, np.round(centres * fs).astype(np.int64))])
     # a slow curve: what follows the windows one by one would take a beat for the mode's own
     degree = min(3, len(windows) // 4)
-    shift = [np.polyval(np.polyfit(centres[order], each, degree, w=trust), time) for each in (logs.real, logs.imag)]
+    shift = [np.polyval(np.polyfit(centres, each, degree, w=trust), time) for each in (logs.real, logs.imag)]
     shift[0] = np.clip(shift[0], logs.real.min(), logs.real.max())
     rest = part - (main * np.exp(shift[0] + 1j * shift[1])).real
     own = float(np.median(reference.omega)) / (2.0 * np.pi)
-    frequency, height, floor = spectrum_peaks(
-        rest, fs=fs, low_hz=0.3 * own, high_hz=min(HIGHEST_NEIGHBOUR * own, 0.48 * fs)
-    )
+    highest = min(HIGHEST_NEIGHBOUR * own, 0.48 * fs)
+    frequency, height, floor = spectrum_peaks(rest, fs=fs, low_hz=0.3 * own, high_hz=highest)
     largest = float(spectrum_peaks(part, fs=fs, low_hz=0.9 * own, high_hz=1.1 * own)[1].max(initial=0.0))
     swept = reference.omega[:size] / (2.0 * np.pi)
-    width = 3.0 * max(1.0 / (size / fs), float(np.median(reference.rate)) / (2.0 * np.pi), 0.004 * own)
+    rate = float(np.median(reference.rate))
+    width = 3.0 * max(1.0 / (size / fs), rate / (2.0 * np.pi), 0.004 * own)
     apart = (frequency < swept.min() - width) | (frequency > swept.max() + width)
     apart &= np.min(np.abs(frequency[:, None] / own - np.array([2.0, 3.0])), axis=1, initial=np.inf) > 0.06
-    for each in known:
-        apart &= np.abs(frequency - each) > width
+    apart &= np.min(np.abs(frequency[:, None] - np.array(known)), axis=1, initial=np.inf) > width
     apart &= height > max(SMALLEST_NEIGHBOUR * largest, 6.0 * floor)
     # a window that is longer than the decay itself tells nothing apart
-    longest = min(size / fs / 2.5, LONGEST_DECAY / max(float(np.median(reference.rate)), 1e-9))
+    longest = min(size / fs / 2.5, LONGEST_DECAY / max(rate, 1e-9))
     resolved = np.abs(frequency - own) * longest > RESOLVED
     # what is close and weak may be what the reference misses of the mode itself
-    places = np.flatnonzero(apart & (resolved | (height > UNRESOLVED * largest)))
-    if not places.size:
-        return None, False
-    return float(frequency[places[0]]), bool(resolved[places[0]])
+    found = np.flatnonzero(apart & (resolved | (height > UNRESOLVED * largest)))
+    return (float(frequency[found[0]]), bool(resolved[found[0]])) if found.size else (None, False)
 
 
 def _track(
     part: FloatArray,
-    windows: list[Window],
-    reference: Reference,
+    windows: list[_Window],
+    reference: _Reference,
     neighbours: FloatArray,
     close: FloatArray,
     stretch: Stretch,
@@ -379,7 +363,7 @@ def _pooled(noise: FloatArray) -> FloatArray:
     return np.array([np.sqrt(np.mean(noise[max(0, k - 3) : k + 4] ** 2)) for k in range(noise.size)])
 
 
-def _covariance(windows: list[Window], noise: FloatArray) -> FloatArray:
+def _covariance(windows: list[_Window], noise: FloatArray) -> FloatArray:
     n = len(windows)
     covariance = np.zeros((2 * n, 2 * n))
     parts = [np.stack([window.by_value.real, window.by_value.imag]) for window in windows]
@@ -398,7 +382,7 @@ def _covariance(windows: list[Window], noise: FloatArray) -> FloatArray:
     return covariance
 
 
-def _unexplained(part: FloatArray, windows: list[Window]) -> float:
+def _unexplained(part: FloatArray, windows: list[_Window]) -> float:
     """Root of the rest over the record, both weighted as the windows are."""
     left = whole = 0.0
     for window in windows:
@@ -409,17 +393,17 @@ def _unexplained(part: FloatArray, windows: list[Window]) -> float:
 
 
 def _fitted(
-    part: FloatArray, first: int, weight: FloatArray, reference: Reference, neighbours: FloatArray, fs: float
-) -> Window:
+    part: FloatArray, first: int, weight: FloatArray, reference: _Reference, neighbours: FloatArray, fs: float
+) -> _Window:
     """The weighted least squares of one window, which begins at a sample of the part of the record."""
-    places = slice(first, first + weight.size)
-    y = part[places]
+    inside = slice(first, first + weight.size)
+    y = part[inside]
     time = (first + np.arange(weight.size)) / fs
-    height = np.exp(reference.log_amplitude[places])
+    height = np.exp(reference.log_amplitude[inside])
     # alpha and beta are uncorrelated about the centre of what carries the information
     centre = float(np.sum(weight * height**2 * time) / np.sum(weight * height**2))
     since = (time - centre) / (weight.size / fs)
-    phase = reference.phase[places]
+    phase = reference.phase[inside]
     turning = height * np.exp(1j * phase)
     main = np.column_stack([turning.real, -turning.imag, since * turning.real, -since * turning.imag])
     columns = [main, np.ones((weight.size, 1)) * height.max(), since[:, None] * height.max()]
@@ -448,7 +432,7 @@ def _fitted(
     by_slope = (functional[2] + 1j * functional[3]) * turn_back - (slope / value) * by_value
     span = weight.size / fs
     spread = complex(float(np.linalg.norm(by_slope.real)), float(np.linalg.norm(by_slope.imag))) / span
-    return Window(
+    return _Window(
         first=first,
         centre=centre,
         value=value,

@@ -135,15 +135,14 @@ def quiet_s(modes: LinearModes, mode: int, *, decay_to: float = 1e-4) -> float:
         decay_to: what is left of its amplitude at the end.
 
     Raises:
-        InputError: a mode that does not decay, or a share outside 0 .. 1.
+        InputError: a mode that does not decay, or a fraction outside 0 .. 1.
 
     >>> round(quiet_s(LinearModes([100.0], [0.004], [[0.5]], ("a",)), 1), 3)
     3.665
     """
     if not 0 < decay_to < 1:
-        raise InputError(f"decay_to is {decay_to}: give a share between 0 and 1, e.g. 1e-4")
-    place = modes.index(mode)
-    rate = modes.damping()[place] / 2
+        raise InputError(f"decay_to is {decay_to}: give a fraction between 0 and 1, e.g. 1e-4")
+    rate = modes.damping()[modes.index(mode)] / 2
     if rate == 0:
         raise InputError(
             f"mode {mode} has no damping and does not decay: give its damping ratio, or the tail_s yourself"
@@ -215,7 +214,7 @@ def beat_over_drive_point_peak(
     """Return the beat whose main lobe is as wide as the drive point's peak (Pacini section 3.1, rule 2).
 
     The peak is the band around the natural frequency in which the imaginary part of the drive-point accelerance
-    exceeds a share of its value at the mode; it ends half way to a neighbouring mode at the latest.
+    exceeds a fraction of its value at the mode; it ends half way to a neighbouring mode at the latest.
 
     Args:
         modes: the linear modes.
@@ -404,16 +403,15 @@ def _peak_band(
     modes: LinearModes, mode: int, drive_point: str, response: FrequencyResponse | None, share: float
 ) -> tuple[float, float]:
     """Where the imaginary part of the drive point's response is large around a mode, Hz."""
-    place = modes.index(mode)
-    centre = float(modes.frequency_hz[place])
-    shape = modes.row(drive_point)[place]
-    if abs(shape) < 1e-6 * np.abs(modes.shapes[:, place]).max():
+    index = modes.index(mode)
+    centre = float(modes.frequency_hz[index])
+    if abs(modes.row(drive_point)[index]) < 1e-6 * np.abs(modes.shapes[:, index]).max():
         raise InputError(f"mode {mode} does not move at {drive_point!r}: choose another drive point")
     below, above = modes.neighbours_hz(mode)
     lowest = (centre + below) / 2 if below else 0.1 * centre
     highest = (centre + above) / 2 if np.isfinite(above) else 1.9 * centre
     if response is None:
-        width = modes.damping_ratio[place] * centre
+        width = modes.damping_ratio[index] * centre
         if width == 0:
             raise InputError(f"mode {mode} has no damping: its peak has no width, give its damping ratio")
         # as fine as the peak, and coarser away from it
@@ -451,10 +449,10 @@ def _crossing(line: FloatArray, height: FloatArray, level: float) -> float:
 
 
 def _elastic_frequency(modes: LinearModes, mode: int) -> float:
-    place = modes.index(mode)
-    if not modes.elastic[place]:
+    frequency = float(modes.frequency_hz[modes.index(mode)])
+    if frequency == 0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): a beat excites elastic modes")
-    return float(modes.frequency_hz[place])
+    return frequency
 
 
 def _require_rate(highest_hz: float, fs: float, what: str) -> None:

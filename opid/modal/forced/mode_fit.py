@@ -236,8 +236,7 @@ def _mode_fit(
     largest_q, largest_v = max(each.largest_q for each in lines), max(each.largest_v for each in lines)
     curve_k = _curve(powers.k, value_k, found.covariance[:n_k, :n_k], largest_q, k0)
     curve_c = _curve(powers.c, value_c, found.covariance[n_k:, n_k:], largest_v, c0)
-    omega = np.sqrt(np.maximum(k0 + linearised(powers.k, value_k, curve_k.position), 0.0))
-    damping = c0 + linearised(powers.c, value_c, omega * curve_k.position)
+    omega, damping = _at_amplitude(found, (k0, c0), curve_k.position, 0.0)
     return ModeFit(
         mode=mode,
         frequency_hz=float(modes.frequency_hz[index]),
@@ -270,12 +269,20 @@ def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float,
     rough = fit_coefficients(lines, stiffness_order=ROUGH_ORDER, damping_order=ROUGH_ORDER)
     amplitude = np.array([max(each.largest_q for each in lines)])
     k0, c0 = lines[0].linear
-    n_k = len(rough.powers.k)
-    omega = np.sqrt(np.maximum(k0 + linearised(rough.powers.k, rough.value[:n_k], amplitude), 0.25 * k0))
-    width = np.abs(c0 + linearised(rough.powers.c, rough.value[n_k:], omega * amplitude))
+    omega, damping = _at_amplitude(rough, (k0, c0), amplitude, 0.25 * k0)
+    width = np.abs(damping)
     begin, end = ((omega + sign * width).item() / (2 * np.pi) for sign in (-1, 1))
     natural = k0**0.5 / (2 * np.pi)
     return min(low, max(begin, WIDEST[0] * natural)), max(high, min(end, WIDEST[1] * natural))
+
+
+def _at_amplitude(
+    found: Coefficients, linear: tuple[float, float], amplitude: FloatArray, least: float
+) -> tuple[FloatArray, FloatArray]:
+    """Natural frequency, rad/s, and c = 2 zeta omega at amplitudes of the displacement; omega^2 is `least` or more."""
+    powers, n_k = found.powers, len(found.powers.k)
+    omega = np.sqrt(np.maximum(linear[0] + linearised(powers.k, found.value[:n_k], amplitude), least))
+    return omega, linear[1] + linearised(powers.c, found.value[n_k:], omega * amplitude)
 
 
 def _curve(

@@ -133,7 +133,7 @@ def outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float
     """Return the fraction of the motion that no sum of the shapes can make, and what would lower it most.
 
     |x - Phi pinv(Phi) x| / |x| over the lines of a band without the part of the sensors' noise; 0 where there are no
-    more sensors than modes, and nothing can be told. The clause names the sensor whose sign or whose row is the
+    more sensors than modes, and nothing shows. The clause names the sensor whose sign or whose row is the
     likeliest cause, and is "" where none stands out.
     """
     sensors = test.sensors

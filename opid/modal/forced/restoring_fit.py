@@ -15,7 +15,7 @@ from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.equation import ModeLines, Powers, line_noise, noise_scores
-from opid.modal.power_laws import HIGHEST_ORDER, harmonic_share
+from opid.modal.power_laws import HIGHEST_ORDER, harmonic_factor
 from opid.signals.recording import FloatArray
 
 N_ROUNDS = 2
@@ -72,7 +72,7 @@ class OrderRung:
     Args:
         stiffness_order: N_s.
         damping_order: N_d.
-        error: misfit of the tests that were left out, share of the modal force (rms).
+        error: misfit of the tests that were left out, over the modal force (rms).
         error_std: standard error of that, from test to test.
         chosen: whether it is the one.
     """
@@ -158,7 +158,7 @@ def linearised(powers: Iterable[int], value: Iterable[float], amplitude: FloatAr
     """
     total = np.zeros_like(amplitude)
     for n, each in zip(powers, value, strict=True):
-        total += each * harmonic_share(n) * amplitude ** (n - 1)
+        total += each * harmonic_factor(n) * amplitude ** (n - 1)
     return total
 
 

@@ -38,7 +38,7 @@ LEAST_SIGNAL = 4.0
 """The third strongest line of a band over what most lines of the record are: below that a mode is not seen."""
 
 ROUNDS, STEPS = 4, 30
-"""How often noise and oscillator are found in turns, and the most steps of either search."""
+"""How often noise and oscillator are found in turns, and the most steps of a search."""
 
 QUIET_FRACTION = 0.15
 """Power of a misfit in its quietest quarter over its mean: noise alone falls below that once in 80 times at most."""
@@ -277,30 +277,21 @@ class _Equation:
 
     def maximum_likelihood(self, ratio: float, zeta: float) -> tuple[FloatArray, FloatArray]:
         """Theta with the least sum |r|^2 / v, and a, b. v moves with theta, else the least sum is not at the truth."""
+        from scipy import optimize
+
         theta = np.concatenate([[1.0, 2 * zeta * ratio, ratio**2], np.zeros(self.ends.shape[1])])
         noise = np.array([np.median(np.abs(self.columns @ theta[:3]) ** 2), 1.0])
         for _ in range(ROUNDS):
-            theta = self._least(theta, noise)
+            theta = optimize.least_squares(
+                lambda x, noise: self.weighted(x, noise)[0],
+                theta,
+                lambda x, noise: self.weighted(x, noise)[1],
+                x_scale="jac",
+                max_nfev=STEPS,
+                args=(noise,),
+            ).x
             noise = self._noise_of(theta)
         return theta, noise
-
-    def _least(self, theta: FloatArray, noise: FloatArray) -> FloatArray:
-        """Gauss-Newton with halved steps; the smallest step where the scale of shapes and force is not determined."""
-        residual, jacobian = self.weighted(theta, noise)
-        for _ in range(STEPS):
-            cost = residual @ residual
-            step = _solved(jacobian, residual)
-            for _ in range(8):
-                trial, trial_jacobian = self.weighted(theta - step, noise)
-                if trial @ trial <= cost:
-                    break
-                step = step / 2
-            else:
-                return theta
-            theta, residual, jacobian = theta - step, trial, trial_jacobian
-            if cost - residual @ residual <= 1e-9 * cost:
-                return theta
-        return theta
 
     def _noise_of(self, theta: FloatArray) -> FloatArray:
         """Noise a and b from the misfit, |r|^2 = a + b |D|^2 on average, neither below zero."""

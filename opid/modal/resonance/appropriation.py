@@ -306,7 +306,7 @@ def levels_for(
     if not 0.0 < top_m_per_s2 < np.inf or n_levels < 2 or not 0.0 < lowest_share < 1.0:
         raise InputError(
             f"{n_levels} levels up to {top_m_per_s2} m/s^2 from {lowest_share} of the last are wanted: give two or "
-            "more levels, a positive amplitude and a share between 0 and 1"
+            "more levels, a positive amplitude and a fraction between 0 and 1"
         )
     control = controller(rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng)
     loop, index, point = control.at_rest(), modes.index(mode), modes.sensors.index(control.drive_point)
@@ -338,7 +338,7 @@ def modal_interaction(
 ) -> Interaction:
     """Return whether a harmonic of the mode under test drives another mode, judged by three conditions (section 4.2.2).
 
-    At a level that locked: the harmonic of the other mode exceeds a share of the target's fundamental; the sensors
+    At a level that locked: the harmonic of the other mode exceeds a fraction of the target's fundamental; the sensors
     deflect at this harmonic in that mode's shape; and the force cannot have driven it, for at this harmonic the
     measured force F_h makes of a mode that stands alone only phi_d F_h times its accelerance,
     -(h omega)^2 / (omega_0^2 - (h omega)^2 + 2 j zeta omega_0 h omega). Of all modes and harmonics the one at which the
@@ -349,7 +349,7 @@ def modal_interaction(
         modes: for shapes, frequencies and damping; those of the appropriation where left out.
         least_share: of the target's fundamental; in the paper 0.5.
         least_assurance: least MAC of the deflection shape with the mode's shape; in the paper 0.9.
-        most_driven: most that the force may have driven, as a share of what is observed.
+        most_driven: most that the force may have driven, as a fraction of what is observed.
         least_levels: number of levels at which all this must hold.
 
     Raises:

@@ -75,13 +75,13 @@ class Loop:
         state: of the structure, at phase zero of the drive.
         frequency_hz: of the next period, Hz.
         integral_hz: what the integral of the phase error has added to the frequency, Hz.
-        settled: whether the start is over.
+        started: whether the start is over.
     """
 
     state: State
     frequency_hz: float
     integral_hz: float
-    settled: bool
+    started: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +154,9 @@ class Controller:
         # the time constant of the mode in periods; in a shorter hold the phase would only pass through
         forgotten = self.natural_hz / self.rate_rad_s
         hold = max(settings.hold_periods, int(np.ceil(forgotten)))
-        if not loop.settled:
+        if not loop.started:
             n_periods = max(1, int(min(SETTLING * forgotten, 0.5 * settings.longest_s * self.natural_hz)))
-            loop = replace(loop, state=self._periods(loop, voltage_v, n_periods)[1], settled=True)
+            loop = replace(loop, state=self._periods(loop, voltage_v, n_periods)[1], started=True)
             time_s = n_periods / loop.frequency_hz
         within, locked = 0, False
         while not locked and time_s < settings.longest_s:
