@@ -265,6 +265,20 @@ def test_text_without_a_mass_says_why_and_gives_ratios(one_run, identified):
     assert table["K2/M2"][-1] in ("yes", "no")
 
 
+def test_what_is_found_of_a_sensor_stands_beside_what_was_known_of_it(field_test):
+    study = read_study(field_test / "study.toml")
+    facts = SensorPair(SensorFacts(), SensorFacts(lag_tolerance_s=0.002))
+    found = identify(replace(study, interfaces=(replace(study.interfaces[0], facts=facts),)), law="arctan_velocity")
+    table = next(
+        block for block in document_of(found).blocks if getattr(block, "columns", None) and block.rows[0][0] == "lag_s"
+    )
+    assert [column.head for column in table.columns][1:] == ["found", "std. dev.", "known before", "std. dev."]
+    ((_, lag_s, std, *before),) = table.rows
+    assert before == ["0", "0.002"]
+    # the simulated sensors have none
+    assert abs(float(lag_s)) < 4 * float(std) < 0.002
+
+
 @given(
     st.floats(-1e9, 1e9).filter(lambda x: x == 0 or abs(x) > 1e-9),
     st.floats(1e-9, 1e9),
