@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.studies.class_tables import ClassTable, kind_named, table_of_class
+from opid.studies.updating_study import ClassTable, kind_named, table_of_class
 from opid.updating.model_class import Prior
 
 

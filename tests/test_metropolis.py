@@ -7,7 +7,7 @@ import pytest
 
 from opid.errors import InputError
 from opid.updating.sampling.chains import diagnose, effective_samples, split_r_hat, spread_starts
-from opid.updating.sampling.samplers import adaptive_metropolis, ensemble, metropolis
+from opid.updating.sampling.samplers import ensemble, metropolis
 
 MEAN = np.array([1.6, -1.0])
 # as narrow and as correlated as the posterior of the paper's class 4
@@ -29,6 +29,7 @@ def half_normal(theta):
 
 
 # each with its mean, its covariance, and coordinates whose squares are 1 in the mean
+adaptive_metropolis = partial(metropolis, adaptive=True)
 TARGETS = {
     "correlated": (
         correlated,

@@ -270,8 +270,7 @@ def stated(record: Any) -> dict[str, Any]:
     said = {}
     for name, (_, default) in _keys(record.__class__).items():
         value = getattr(record, name)
-        # a number that was left out may be another thing than the same number that was stated: then they differ in type
-        is_other = value != default or type(value) is not type(default)
+        is_other = value != default
         if value is not None and (stated(value) if is_dataclass(value) and default is not MISSING else is_other):
             said[name] = value
     return said

@@ -88,12 +88,9 @@ def doubts_of_class(
 
 
 def doubts_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
-    """Yield what to doubt about the curves of the model.
+    """Yield what to doubt about the curves of the model: gaps, none far out, points where modes meet.
 
-    Args:
-        gaps: where the model did not converge for samples of the posterior, from `where_it_fails`.
-        lost: where it did not for parameters `FAR_OUT` times as far out, which have no curve then.
-        met: measured points at which modes interact, from `where_modes_interact`.
+    The first two are from `where_it_fails`, the last from `where_modes_interact`.
     """
     if gaps:
         yield (
@@ -184,7 +181,7 @@ def _misfit_of_mode(data: BackboneData, mode: ModeData, error: FloatArray) -> li
     """One record; none where the curves are too short."""
     from scipy.stats import f as fisher
 
-    terms = np.vander(mode.level, 1 + N_PATTERNS, increasing=True)
+    terms = np.vander(mode.relative_amplitude, 1 + N_PATTERNS, increasing=True)
     # of one rms each and without a mean over the points, so that coefficients add up to an rms
     patterns = np.linalg.qr(terms)[0][:, 1:] * np.sqrt(len(terms))
     own, slopes, rest, freedom = [], [], 0.0, 0

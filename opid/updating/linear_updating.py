@@ -20,7 +20,7 @@ from opid.updating.model_class import Prior
 from opid.updating.result import LinearMode, LinearPosterior
 from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, presses_against, spread_starts
 from opid.updating.sampling.maximum import Maximum, Support, maximum_a_posteriori
-from opid.updating.sampling.samplers import adaptive_metropolis
+from opid.updating.sampling.samplers import metropolis
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, reduce
 from opid.updating.structure.ritz import ritz_model
@@ -84,13 +84,14 @@ def update_linear(
     draws = np.column_stack([prior.sample(200, rng) for prior in ordered])
     peak = _find_peak(density, draws, support)
     start = spread_starts(density, peak.theta, peak.covariance_inside, n_chains=n_chains, rng=rng)
-    chain = adaptive_metropolis(
+    chain = metropolis(
         density,
         start,
         covariance=peak.covariance_inside,
         n_samples=n_samples,
         n_warm_up=n_warm_up,
         rng=rng,
+        adaptive=True,
         progress=progress,
     )
     diagnostics = diagnose(chain)

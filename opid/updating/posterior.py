@@ -25,7 +25,7 @@ from opid.updating.sampling.chains import (
 )
 from opid.updating.sampling.evidence import Evidence, laplace, laplace_of_samples, prior_sensitivity, quadrature
 from opid.updating.sampling.maximum import Maximum, maximum_a_posteriori
-from opid.updating.sampling.samplers import Transitional, adaptive_metropolis, ensemble, metropolis, transitional
+from opid.updating.sampling.samplers import Transitional, ensemble, metropolis, transitional
 from opid.updating.study import SAMPLERS, Sampler
 
 N_CHAINS, SHORTEST = 20, 250  # Metropolis chains side by side, and samples of one below which there are fewer
@@ -260,10 +260,9 @@ def _sample(
     kept = (n_samples - n_samples // WARM_UP) // n_chains
     if sampler == "ensemble":
         return ensemble(density.posterior, start, n_samples=kept, n_warm_up=dropped, rng=rng, progress=progress)
-    walk = adaptive_metropolis if sampler == "adaptive" else metropolis
-    return walk(
+    return metropolis(
         density.posterior, start, covariance=peak.covariance_inside, n_samples=kept, n_warm_up=dropped, rng=rng,
-        progress=progress,
+        adaptive=sampler == "adaptive", progress=progress,
     )  # fmt: skip
 
 

@@ -126,10 +126,10 @@ def joint_forces(
                 x, truth, color=INK, linestyle="none", marker="o", markersize=4, markerfacecolor="white",
                 markevery=max(1, len(x) // _N_TRUTH), label="truth", zorder=5,
             )  # fmt: skip
-        for mode, place in (reached or {}).items():
-            ax.axvline(1e3 * place, color=GREY, linestyle=":", linewidth=1.0)
+        for mode, extended in (reached or {}).items():
+            ax.axvline(1e3 * extended, color=GREY, linestyle=":", linewidth=1.0)
             ax.annotate(
-                f"mode {mode}", (1e3 * place, 1), (-3, -3), xycoords=("data", "axes fraction"),
+                f"mode {mode}", (1e3 * extended, 1), (-3, -3), xycoords=("data", "axes fraction"),
                 textcoords="offset points", rotation=90, ha="right", va="top", fontsize=8, color=INK,
             )  # fmt: skip
         # joints that are not extended at all leave nothing to zoom in on
@@ -157,8 +157,8 @@ def _dashes(band: ForceBand, bands: Sequence[ForceBand], best: str) -> dict[str,
 
 
 def _class_label(each: ClassPosterior) -> str:
-    kinds = " + ".join(kind.removesuffix("_stiffness").replace("_", " ") for kind in each.model_class.kinds)
-    return each.model_class.name if each.model_class.name == kinds else f"{each.model_class.name}: {kinds}"
+    name, law = each.model_class.name, each.model_class.law_in_words
+    return name if name == law else f"{name}: {law}"
 
 
 def _as_differences(ax: Axes, lowest: float) -> None:

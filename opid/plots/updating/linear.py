@@ -34,7 +34,7 @@ def linear_updating(linear: LinearPosterior, axes: Any = None) -> np.ndarray:
         (1, 2) Axes.
     """
     modes = linear.modes
-    place = np.arange(len(modes))
+    position = np.arange(len(modes))
     measured = np.array([mode.identified_hz for mode in modes])
     errors = [
         100 * (np.array([getattr(mode, name) for mode in modes]) / measured - 1)
@@ -45,10 +45,10 @@ def linear_updating(linear: LinearPosterior, axes: Any = None) -> np.ndarray:
         grid = panels(axes, 1, 2, height_in=2.9)
         for ax, (before, after) in zip(grid[0], (errors, shapes), strict=True):
             for shift, values, color, label in ((-0.2, before, BLUE, "initial"), (0.2, after, VERMILION, "updated")):
-                bars = ax.bar(place + shift, values, width=0.38, color=color, label=label)
+                bars = ax.bar(position + shift, values, width=0.38, color=color, label=label)
                 ax.bar_label(bars, [_short(value) for value in values], fontsize=7.5, padding=2)
             ax.margins(y=0.14)
-            ax.set_xticks(place, [f"mode {mode.mode}" for mode in modes])
+            ax.set_xticks(position, [f"mode {mode.mode}" for mode in modes])
         grid[0, 0].axhline(0, color=INK, linewidth=0.9)
         grid[0, 0].set_ylabel("frequency error [%]")
         grid[0, 1].set_ylabel("MAC with the tests")

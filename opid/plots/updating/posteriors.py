@@ -14,7 +14,7 @@ from opid.signals.recording import FloatArray
 
 __all__ = ["parameter_samples", "running_moments"]
 
-# of the Gaussian: shares of the samples within its contours
+# of the Gaussian: fractions of the samples within its contours
 _WITHIN = (0.5, 0.9, 0.99)
 # points of the running moments
 _N_RUNNING = 400
@@ -116,9 +116,9 @@ def _pair(ax: Axes, pair: np.ndarray, truth: tuple[float | None, float | None]) 
     values, directions = np.linalg.eigh(covariance)
     circle = np.vstack([np.cos(angle), np.sin(angle)])
     ellipse = directions @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
-    for share in _WITHIN:
+    for within in _WITHIN:
         # of a Gaussian in the plane, exp(-r^2/2) lies beyond r
-        ax.plot(*(mean[:, None] + np.sqrt(-2 * np.log(1 - share)) * ellipse), color=VERMILION, linewidth=1.0)
+        ax.plot(*(mean[:, None] + np.sqrt(-2 * np.log(1 - within)) * ellipse), color=VERMILION, linewidth=1.0)
     if truth[0] is not None and truth[1] is not None:
         ax.plot(truth[0], truth[1], marker="+", markersize=11, markeredgewidth=2, color=GREEN, linestyle="none")
 

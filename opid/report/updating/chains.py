@@ -15,11 +15,7 @@ from opid.updating.sampling.chains import Chain, to_inference_data
 
 
 def require_arviz() -> None:
-    """Refuse before long work what could not be written after it.
-
-    Raises:
-        InputError: ArviZ is not installed.
-    """
+    """Refuse before long work, by an InputError, what ArviZ could not write after it."""
     require("arviz", "writing chains", "arviz", "bayes")
 
 

@@ -1,4 +1,4 @@
-"""What is told of an updating: classes by their evidence, their coefficients, the linear structure, and coverage."""
+"""What a report says of an updating: classes by evidence, coefficients, the linear structure, sampling, coverage."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SIMULATED = (
 
 
 def document_of(result: Updating, truth: Truth | None = None) -> Document:
-    """Return what is told of an updating.
+    """Return what is said of an updating.
 
     Args:
         result: from `update_study`.
@@ -97,7 +97,7 @@ def _best(result: Updating) -> str:
     """Which class is the best and how far it is ahead."""
     best = next((each for each in result.classes if each.model_class.name == result.best_class), None)
     if best is None:
-        return "No class of laws is told to be the best."
+        return "No class of laws is the best."
     named = f"Best: {result.best_class}, {best.model_class.law_in_words}"
     others = [each for each in result.classes if each is not best]
     if not others:

@@ -69,7 +69,7 @@ def _linear_figures(linear: LinearPosterior, truth: Truth | None) -> Iterator[Fi
     )
     yield Figure(
         "linear_running",
-        "Linear parameters: have they settled?",
+        "Linear parameters: have they converged?",
         "Mean and standard deviation of the samples so far. Lines that still drift at the end ask for more samples.",
         lambda: plots.running_moments(linear.samples, linear.names),
     )
@@ -121,7 +121,7 @@ def _figures_of_class(number: int, posterior: ClassPosterior, truth: Truth | Non
     )
     yield Figure(
         f"class_{number}_running",
-        f"{name}, {posterior.model_class.law_in_words}: have they settled?",
+        f"{name}, {posterior.model_class.law_in_words}: have they converged?",
         "Mean and standard deviation of the samples so far.",
         lambda: plots.running_moments(posterior.samples, labels),
     )
@@ -134,7 +134,7 @@ def _predicted_figure(result: Updating, mode: int) -> Figure:
         f"predicted_mode_{mode}",
         f"Mode {mode}: what the best class predicts",
         "Backbone of the best class with its 95 % band over the measured points. The class was fitted to these points: "
-        "the share within the band is no test on new data. Points that leave the band on one side, and more of them "
+        "the fraction within the band is no test on new data. Points that leave the band on one side, and more of them "
         f"with the amplitude, ask for another law.{gap}",
         lambda: plots.predicted_backbones(_bands_shown(result, mode), result.measured, mode),
     )

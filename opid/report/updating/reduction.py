@@ -11,27 +11,19 @@ from opid.updating.result import Updating
 from opid.updating.structure.reduction import ReductionErrors
 
 KEPT = 0.01  # relative error of a frequency below which a mode counts as kept
-MOST_PLACES = 4  # modes that have changed places that are named one by one
+MOST_NAMED = 4  # modes whose number has changed that are named one by one
 
 _BASES = {"fixed": "modes with sensors and joints held", "free": "free modes (the paper's words)"}
 
 
 def reduction_sentences(result: Updating) -> tuple[str, ...]:
-    """Return how much of the whole structure each reduced one keeps (Song Fig. 7).
-
-    Args:
-        result: the updating.
-    """
+    """Return how much of the whole structure each reduced one keeps (Song Fig. 7)."""
     tested = sorted({curve.mode for curve in result.measured})
     return tuple(_kept(each, tested) for each in result.reductions)
 
 
 def order_sentences(reductions: Sequence[ReductionErrors]) -> tuple[str, ...]:
-    """Return why the modal assurance criterion is small where it is: what is true of these reductions.
-
-    Args:
-        reductions: to look at.
-    """
+    """Return why the modal assurance criterion is small where it is: what is true of these reductions."""
     return tuple(place for each in reductions for place in _places(each))
 
 
@@ -57,8 +49,8 @@ def _places(errors: ReductionErrors) -> Iterator[str]:
     lost = [int(mode) for mode in number[errors.nearest == 0]]
     of = "held" if errors.method == "fixed" else "free"
     if moved.size:
-        pairs = [f"mode {number[k]} is the whole structure's mode {errors.nearest[k]}" for k in moved[:MOST_PLACES]]
-        more = f" and {moved.size - MOST_PLACES} more" * (moved.size > MOST_PLACES)
+        pairs = [f"mode {number[k]} is the whole structure's mode {errors.nearest[k]}" for k in moved[:MOST_NAMED]]
+        more = f" and {moved.size - MOST_NAMED} more" * (moved.size > MOST_NAMED)
         yield (
             f"with {of} modes the order changes: {', '.join(pairs)}{more} (crosses: MAC at least "
             f"{errors.nearest_mac[moved].min():.2f}), so that the MAC of equal numbers is small there"
@@ -71,6 +63,6 @@ def _modes(numbers: Sequence[int]) -> str:
     """ "mode 3", "modes 1 to 9", "modes 7 and 8", "modes 2, 7 and 9"."""
     if len(numbers) == 1:
         return f"mode {numbers[0]}"
-    if isinstance(numbers, range) or len(numbers) > MOST_PLACES:
+    if isinstance(numbers, range) or len(numbers) > MOST_NAMED:
         return f"modes {numbers[0]} to {numbers[-1]}"
     return f"modes {', '.join(map(str, numbers[:-1]))} and {numbers[-1]}"

@@ -36,7 +36,7 @@ class ModeData:
         eigenvalue: (n_points,) measured lambda, 1/s^2.
         sensor: (n_points,) name of the controlled sensor of each point.
         amplitude: (n_points,) of that sensor, m.
-        level: (n_points,) amplitude of the controlled sensor, of the largest of any curve with the same one.
+        relative_amplitude: (n_points,) of the controlled sensor, of the largest of any curve with the same one.
         growth: (n_points,) how far lambda / linear has grown from the lowest point, smoothed over the amplitude.
         shapes: (n_points, n_sensors) measured shapes of unit length.
         free: (n_sensors - 1,) columns of the shapes but that of the largest entry, which follows from the unit length.
@@ -54,7 +54,7 @@ class ModeData:
     eigenvalue: FloatArray
     sensor: NDArray[np.str_]
     amplitude: FloatArray
-    level: FloatArray
+    relative_amplitude: FloatArray
     growth: FloatArray
     shapes: FloatArray
     free: IntArray
@@ -186,7 +186,7 @@ def _mode_data(
     between = np.concatenate(blocks, axis=1)
     curve = np.repeat(np.arange(len(curves)), [one.frequency_hz.size for one in curves])
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
-    level, growth = _level_and_growth(names, amplitude, eigenvalue / linear)
+    relative, growth = _amplitude_and_growth(names, amplitude, eigenvalue / linear)
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
     frequency_noise = shape_noise = None
     common = {"common_growth": noise.growth_of_linear_error, "own_growth": noise.curve_growth}
@@ -201,25 +201,25 @@ def _mode_data(
             expected=noise.shape_noise, **common,
         )  # fmt: skip
     return ModeData(
-        mode, tuple(parts), between, curve, eigenvalue, names, amplitude, level, growth, shapes, free, rows, linear,
+        mode, tuple(parts), between, curve, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
         cov, frequency_noise, shape_noise,
     )  # fmt: skip
 
 
-def _level_and_growth(
-    names: NDArray[np.str_], amplitude: FloatArray, relative: FloatArray
+def _amplitude_and_growth(
+    names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Amplitude of each point of the largest, and how far lambda has grown there: a cubic without the points' noise.
 
     With that noise in it, a slope of the error would take the noise up.
     """
-    level, smooth = np.empty_like(relative), np.empty_like(relative)
+    relative, smooth = np.empty_like(grown), np.empty_like(grown)
     for name in np.unique(names):
         mine = names == name
-        level[mine] = amplitude[mine] / amplitude[mine].max()
-        powers = np.vander(level[mine], 1 + min(3, max(1, int(mine.sum()) // 4)))
-        smooth[mine] = powers @ np.linalg.lstsq(powers, relative[mine], rcond=None)[0]
-    return level, smooth - smooth.min()
+        relative[mine] = amplitude[mine] / amplitude[mine].max()
+        powers = np.vander(relative[mine], 1 + min(3, max(1, int(mine.sum()) // 4)))
+        smooth[mine] = powers @ np.linalg.lstsq(powers, grown[mine], rcond=None)[0]
+    return relative, smooth - smooth.min()
 
 
 def _nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -158,18 +158,18 @@ def log_probability_inside(mean: FloatArray, covariance: FloatArray, support: Su
     root = linalg.cholesky((covariance / np.outer(deviation, deviation))[np.ix_(near, near)], lower=True)
     primes = np.array([p for p in range(2, 300) if all(p % q for q in range(2, p))][: near.size])
     lattice = np.abs(2 * np.modf(np.arange(1, LATTICE + 1)[:, None] * np.sqrt(primes))[0] - 1)
-    drawn = np.zeros((LATTICE, near.size))
+    quantiles = np.zeros((LATTICE, near.size))
     total = np.zeros(LATTICE)
     for k in range(near.size):
-        given = drawn[:, :k] @ root[k, :k]
+        given = quantiles[:, :k] @ root[k, :k]
         left, right = (low[k] - given) / root[k, k], (high[k] - given) / root[k, k]
         inside = _log_between(left, right)
         total += inside
         # quantiles from the side on which the tail is
         flip = left + right > 0
         tail = np.where(flip, -right, left)
-        quantile = np.logaddexp(log_ndtr(tail), np.log(np.clip(lattice[:, k], 1e-12, 1.0)) + inside)
-        drawn[:, k] = np.where(flip, -1.0, 1.0) * ndtri_exp(np.minimum(quantile, -1e-300))
+        tail_of = np.logaddexp(log_ndtr(tail), np.log(np.clip(lattice[:, k], 1e-12, 1.0)) + inside)
+        quantiles[:, k] = np.where(flip, -1.0, 1.0) * ndtri_exp(np.minimum(tail_of, -1e-300))
     return float(logsumexp(total)) - np.log(LATTICE)
 
 

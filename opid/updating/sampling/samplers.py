@@ -39,27 +39,20 @@ def metropolis(
     n_samples: int,
     n_warm_up: int,
     rng: np.random.Generator,
+    adaptive: bool = False,
     progress: Progress | None = None,
 ) -> Chain:
-    """Return random-walk Metropolis-Hastings chains (Song et al. 2021, refs. 46 and 60).
+    """Return random-walk Metropolis-Hastings chains, (n_chains, n_samples, n_parameters), after their warm-up.
 
-    The proposals have 2.38^2 / n_parameters times the covariance, the best for a normal distribution. This and the
-    other samplers move all chains by one evaluation of the density, and the same `rng` in the same state gives the same
-    chains to the last bit.
+    They begin at the rows of `start`, (n_chains, n_parameters), and are proposed 2.38^2 / n_parameters times the
+    covariance, the best for a normal distribution (Song et al. 2021, refs. 46 and 60): that of the posterior as far as
+    it is known (Laplace approximation), or (n_parameters,) variances. It is a first guess where they are `adaptive` and
+    learn from their own past (Haario et al. 2001), that of all chains, its older half forgotten so that far starts do
+    not stay in it; it changes less and less, as convergence asks for.
 
-    Args:
-        log_density: (n, n_parameters) -> (n,), of the posterior up to a constant; -inf outside the support.
-        start: (n_chains, n_parameters), one row a chain.
-        covariance: (n_parameters, n_parameters) of the posterior as far as it is known (Laplace approximation);
-            (n_parameters,) variances make a diagonal one.
-        n_samples: kept of each chain.
-        n_warm_up: dropped of each chain before them.
-        rng: source of chance.
-        progress: called with the fraction that is done.
-
-    Raises:
-        InputError: a start outside the support, a log density of another shape or not a number, a covariance that is
-            not positive definite, or counts that are not positive.
+    This and the other samplers move all chains by one evaluation of the density, and the same `rng` in the same state
+    gives the same chains to the last bit. InputError: a start outside the support, a log density of another shape or
+    not a number, a covariance that is not positive definite, or counts that are not positive.
 
     >>> chain = metropolis(lambda t: -0.5 * np.sum(t**2, axis=1), np.zeros((4, 1)), covariance=1.0,
     ...                    n_samples=2000, n_warm_up=100, rng=np.random.default_rng(1))
@@ -67,43 +60,17 @@ def metropolis(
     ((4, 2000, 1), True)
     """
     walk = _Walk(log_density, start, n_samples, n_warm_up)
-    root = covariance_root(covariance, walk.n_parameters) * np.sqrt(walk.scale)
+    first = covariance_root(covariance, walk.n_parameters)
+    root, scale = first * np.sqrt(walk.scale), walk.scale
     while walk.done < walk.n_steps:
-        walk.go(BLOCK, root, rng)
+        walk.go(max(FIRST_ADAPTATION, walk.done // 10) if adaptive else BLOCK, root, rng)
+        if adaptive:
+            past = walk.samples[walk.done // 2 : walk.done].reshape(-1, walk.n_parameters)
+            learnt = np.atleast_2d(np.cov(past, rowvar=False))
+            root = covariance_root(scale * (learnt + FLOOR * (first @ first.T)), walk.n_parameters)
         if progress:
             progress(walk.done / walk.n_steps)
-    return walk.chain("metropolis")
-
-
-def adaptive_metropolis(
-    log_density: LogDensity,
-    start: ArrayLike,
-    *,
-    covariance: ArrayLike,
-    n_samples: int,
-    n_warm_up: int,
-    rng: np.random.Generator,
-    progress: Progress | None = None,
-) -> Chain:
-    """Return chains whose proposals learn the covariance of the posterior from their own past (Haario et al. 2001).
-
-    The past is that of all chains, its older half forgotten so that far starts do not stay in it. The covariance
-    changes less and less, as convergence asks for. Arguments and errors are those of `metropolis`; the covariance is a
-    first guess.
-    """
-    walk = _Walk(log_density, start, n_samples, n_warm_up)
-    d = walk.n_parameters
-    first = covariance_root(covariance, d)
-    floor = FLOOR * (first @ first.T)
-    root = first * np.sqrt(walk.scale)
-    while walk.done < walk.n_steps:
-        walk.go(max(FIRST_ADAPTATION, walk.done // 10), root, rng)
-        past = walk.samples[walk.done // 2 : walk.done].reshape(-1, d)
-        learnt = np.atleast_2d(np.cov(past, rowvar=False))
-        root = covariance_root(walk.scale * (learnt + floor), d)
-        if progress:
-            progress(walk.done / walk.n_steps)
-    return walk.chain("adaptive_metropolis")
+    return walk.chain("adaptive_metropolis" if adaptive else "metropolis")
 
 
 class _Walk:
@@ -244,18 +211,10 @@ def transitional(
     of the weight that each first ancestor holds at the end (Lee & Whiteley 2018), so that what the particles
     of later stages inherit is in it.
 
-    Args:
-        log_likelihood: (n, n_parameters) -> (n,); only asked where the prior is not zero.
-        log_prior: (n, n_parameters) -> (n,), normalised; -inf outside the support.
-        sample_prior: (n, rng) -> (n, n_parameters) independent draws of the prior.
-        rng: source of chance.
-        n_particles: how many.
-        n_moves: Metropolis steps of each particle in each stage.
-        progress: called with the exponent that was reached.
-
-    Raises:
-        InputError: functions of wrong shape or nan, draws outside the prior, or counts out of range.
-        NotDeterminedError: no draw of the prior has a likelihood, or the exponent no longer grows.
+    `log_likelihood` is only asked where `log_prior`, which is normalised, is not -inf; `sample_prior` takes n and rng
+    to (n, n_parameters) independent draws. Each of the particles takes `n_moves` Metropolis steps in each stage, and
+    `progress` is called with the exponent. InputError: functions of wrong shape or nan, draws outside the prior, or
+    counts out of range. NotDeterminedError: no draw of the prior has a likelihood, or the exponent no longer grows.
     """
     n = as_count(n_particles, "n_particles", least=20)
     as_count(n_moves, "n_moves", least=1)

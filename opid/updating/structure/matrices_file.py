@@ -19,6 +19,7 @@ from opid.updating.structure.affine import AffineStructure, matrix_faults, name_
 Source = str | os.PathLike[str]
 
 PART = "part_"  # what the name of a matrix begins with that a parameter multiplies: part_E_steel for E_steel
+MARKET = (".mtx", ".mtx.gz")
 NAMES = ("dofs", "sensors", "joints")  # what a file may hold beside matrices
 PIECES = ("data", "indices", "indptr")  # of a sparse matrix in npz, row by row as scipy has them
 
@@ -136,14 +137,12 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
 
 def _read_one(path: Path) -> dict[str, Any]:
     """Everything that a npz or MATLAB file holds, by name."""
-    kind = path.suffix.lower()
-    if kind == ".npz":
-        return _joined(path, _opened(path, _npz))
-    if kind == ".mat":
-        return _opened(path, _matlab)
-    if path.name.lower().endswith((".mtx", ".mtx.gz")):
+    if path.name.lower().endswith(MARKET):
         raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
-    raise InputError(f"{path} is of no format that is known: give .npz, .mat, or .mtx for each matrix")
+    kind = path.suffix.lower()
+    if kind not in (".npz", ".mat"):
+        raise InputError(f"{path} is of no format that is known: give .npz, .mat, or .mtx for each matrix")
+    return _joined(path, _opened(path, _npz)) if kind == ".npz" else _opened(path, _matlab)
 
 
 def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
@@ -153,13 +152,12 @@ def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]
 
 
 def _one_matrix(path: Path) -> Any:
-    kind = path.suffix.lower()
-    if path.name.lower().endswith((".mtx", ".mtx.gz")):
-        return _opened(path, _market)
-    if kind == ".npz":
-        return _opened(path, _sparse_npz)
-    if kind == ".npy":
-        return _opened(path, lambda each: np.load(each, allow_pickle=False))
+    from scipy.io import mmread
+
+    readers = {**dict.fromkeys(MARKET, mmread), ".npz": _sparse_npz, ".npy": lambda each: np.load(each)}
+    for ending, read in readers.items():
+        if path.name.lower().endswith(ending):
+            return _opened(path, read)
     raise InputError(f"{path} is of no format that is known for a matrix: give .mtx, .mtx.gz, .npz or .npy")
 
 
@@ -201,12 +199,6 @@ def _npz(path: Path) -> dict[str, Any]:
 def _sparse_npz(path: Path) -> Any:
     with path.open("rb") as file:
         return sparse.load_npz(file)
-
-
-def _market(path: Path) -> Any:
-    from scipy.io import mmread
-
-    return mmread(path)
 
 
 def _matlab(path: Path) -> dict[str, Any]:

@@ -166,7 +166,14 @@ def craig_bampton(
         shapes = lowest_modes(structure.mass, stiffness, n_modes)[1]
         basis = _with_free_modes(structure.mass, basis[:, : len(boundary)], shapes)
     n_cut = len(boundary) + n_modes - basis.shape[1]
-    return _project(structure, stiffness, basis, tuple(boundary), method, n_cut)
+    mass, reduced = (basis.T @ (matrix @ basis) for matrix in (structure.mass, stiffness))
+    found = ReducedStructure(
+        (mass + mass.T) / 2, (reduced + reduced.T) / 2, basis, basis[structure.sensor_indices],
+        structure.joint_rows @ basis, tuple(boundary), structure.sensors, tuple(structure.joints), method, n_cut,
+    )  # fmt: skip
+    for array in (found.mass, found.stiffness, found.basis, found.sensor_rows, found.joint_rows):
+        array.flags.writeable = False
+    return found
 
 
 def reduce(
@@ -271,22 +278,3 @@ def _with_free_modes(mass: sparse.csr_matrix, constraint: FloatArray, shapes: Fl
     weight, direction = linalg.eigh(rest.T @ (mass @ rest))
     keep = weight > RANK
     return np.hstack([rest @ (direction[:, keep] / np.sqrt(weight[keep])), shapes])
-
-
-def _project(
-    structure: AffineStructure,
-    stiffness: sparse.csr_matrix,
-    basis: FloatArray,
-    boundary: tuple[str, ...],
-    method: str,
-    n_cut: int,
-) -> ReducedStructure:
-    mass, reduced = (basis.T @ (matrix @ basis) for matrix in (structure.mass, stiffness))
-    symmetric = (mass + mass.T) / 2, (reduced + reduced.T) / 2
-    at_sensors, at_joints = basis[structure.sensor_indices], structure.joint_rows @ basis
-    for array in (*symmetric, basis, at_sensors, at_joints):
-        array.flags.writeable = False
-    joints = tuple(structure.joints)
-    return ReducedStructure(
-        *symmetric, basis, at_sensors, at_joints, boundary, structure.sensors, joints, method, n_cut
-    )

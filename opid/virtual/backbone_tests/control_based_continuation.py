@@ -203,14 +203,14 @@ def measured_curve(
 
 def _at_rest(bench: _Bench, specimen: Specimen, mode: int, force_n: float) -> _Standing:
     """Before the first level: the target that makes the force of the linear mode."""
-    place = specimen.system.place(mode)
-    frequency = float(specimen.system.frequency_hz[place])
+    column = specimen.system.place(mode)
+    frequency = float(specimen.system.frequency_hz[column])
     omega = 2.0 * np.pi * frequency
     target = np.zeros(bench.settings.n_harmonics + 1, dtype=complex)
     # at resonance the mode lags the force by a quarter: x = -j |F| / (c omega)
-    modal = float(specimen.modal_damping[place] / specimen.drive_row[place] ** 2)
+    modal = float(specimen.modal_damping[column] / specimen.drive_row[column] ** 2)
     target[1] = force_n * (1.0 / (1j * omega * modal) + 1.0 / (bench.loop.gains[0] + 1j * omega * bench.loop.gains[1]))
-    slope = -float(specimen.zeta[place]) * frequency
+    slope = -float(specimen.zeta[column]) * frequency
     still = frequency, np.zeros_like(target)
     return _Standing(state_at(bench.loop.ready), frequency, target, slope, still, bench.settings.record_periods)
 
@@ -301,7 +301,7 @@ def _judged(
     spread = phase_noise(record, bench.watched[0], bench.noise, frequency, settings.samples_per_period)
     if len(points) > 1 and abs(value - points[-2][1]) > max(_CLOSE_PHASES, _WITHIN_NOISE * spread):
         found = (frequency - points[-2][0]) / (value - points[-2][1])
-        # while harmonics still settle, two points tell a wrong one: it stays near the last level's
+        # while harmonics still change, two points tell a wrong one: it stays near the last level's
         slope = usual_hz * float(np.clip(found / usual_hz, 1.0 / _STEEPER, _STEEPER))
     steep = abs(slope) / frequency
     # as many periods as make the noise of the frequency half of what is accepted
@@ -387,4 +387,4 @@ def _reason(
         return f"the control keeps harmonics of {invasion:.1%} of its first"
     if abs(ratio - 1.0) > settings.amplitude_fraction:
         return f"the amplitude stands at {ratio:.0%} of the one asked for"
-    return f"the response has not settled within {settings.longest_periods} periods"
+    return f"the response is not steady within {settings.longest_periods} periods"

@@ -132,7 +132,7 @@ def synthetic_backbones(
 ) -> tuple[MeasuredBackbone, ...]:
     """Return sets of backbones by harmonic balance, with all errors drawn: quick, for studies of coverage.
 
-    All levels are standard deviations of normal numbers. With one draw e_m a mode, o_c a curve and n_k a point,
+    All errors are normal numbers of these standard deviations. With one draw e_m a mode, o_c a curve and n_k a point,
 
         f = f_HB(A; eigenvalue of the mode (1 + e_m)^2) (1 + o_c) (1 + n_k),   x = x_HB(A) + |x_HB(A)| s.
 
@@ -159,7 +159,7 @@ def synthetic_backbones(
         amplitude_jitter: largest shift of an amplitude within a curve, fraction of the distance of two points.
 
     Raises:
-        InputError: counts that do not match, levels below 0, jitter beyond 0.45, or as `backbone`.
+        InputError: counts that do not match, deviations below 0, jitter beyond 0.45, or as `backbone`.
         NotDeterminedError: harmonic balance fails within the amplitudes; `partial` is its curve.
     """
     ranges = _ranges(amplitude_m, modes, n_points)
@@ -170,8 +170,8 @@ def synthetic_backbones(
             f"amplitude_jitter is {amplitude_jitter}: give a fraction from 0 to 0.45, or the points would cross"
         )
     offset, point, shape, linear = (
-        _levels(name, level, len(modes))
-        for name, level in (
+        _deviations(name, given, len(modes))
+        for name, given in (
             ("offset_fraction", offset_fraction),
             ("point_noise", point_noise),
             ("shape_noise", shape_noise),
@@ -208,11 +208,11 @@ def _ranges(amplitude_m: Sequence[tuple[float, float]], modes: Sequence[int], n_
     return ranges
 
 
-def _levels(name: str, level: ArrayLike, n_modes: int) -> FloatArray:
-    levels = np.asarray(level, dtype=np.float64)
-    if levels.shape not in ((), (n_modes,)) or not ((levels >= 0.0) & np.isfinite(levels)).all():
-        raise InputError(f"{name} is {level!r}: give 0 or more, one number or {n_modes}, one a mode")
-    return np.broadcast_to(levels, n_modes)
+def _deviations(name: str, given: ArrayLike, n_modes: int) -> FloatArray:
+    values = np.asarray(given, dtype=np.float64)
+    if values.shape not in ((), (n_modes,)) or not ((values >= 0.0) & np.isfinite(values)).all():
+        raise InputError(f"{name} is {given!r}: give 0 or more, one number or {n_modes}, one a mode")
+    return np.broadcast_to(values, n_modes)
 
 
 def _shifted(system: JointedModes, mode: int, fraction: float) -> JointedModes:

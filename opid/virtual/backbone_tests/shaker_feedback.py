@@ -56,7 +56,7 @@ class ReadingNoise:
         control_n: rms of what the feedback's own noise adds to the force, N; it shakes the structure.
 
     Raises:
-        InputError: a level below 0.
+        InputError: a number below 0.
     """
 
     acceleration_m_per_s2: float = 0.0
@@ -100,13 +100,13 @@ def closed_loop(
     the fraction; the feedback reads the mode through `modal_reading`, or the drive point alone. InputError: the linear
     structure is unstable under it.
     """
-    system, point, place = specimen.system, specimen.drive_row, specimen.system.place(mode)
+    system, point, column = specimen.system, specimen.drive_row, specimen.system.place(mode)
     n = system.n_modes
     pairs = zip(system.joints, system.at_joints, specimen.joint_laws, strict=True)
     joints = tuple(Joint(name, row, law=law) for name, row, law in pairs)
     structure = Structure(np.eye(n), np.diag(specimen.modal_damping), np.diag(system.eigenvalue), joints)
     reading = modal_reading(specimen, mode) if modal_filter else point
-    gains = _gains(specimen, place, reading, damping_ratio, stiffness_fraction, modal_filter)
+    gains = _gains(specimen, column, reading, damping_ratio, stiffness_fraction, modal_filter)
     acting, sensors, force = point, system.at_sensors, None
     if specimen.shaker is not None:
         structure = on_shaker(structure, specimen.shaker, point)
@@ -133,15 +133,15 @@ def modal_reading(specimen: Specimen, mode: int) -> FloatArray:
     would stir that mode up), and adds as little damping to them as it can with weights that are not too large: a linear
     programme. The drive point alone is one of its candidates, so there is always an answer.
     """
-    shapes, row, place = specimen.system.at_sensors, specimen.drive_row, specimen.system.place(mode)
-    damped = np.delete(shapes * row, place, axis=1) / row[place] ** 2
+    shapes, row, column = specimen.system.at_sensors, specimen.drive_row, specimen.system.place(mode)
+    damped = np.delete(shapes * row, column, axis=1) / row[column] ** 2
     both = np.concatenate([damped, -damped])
     found = optimize.linprog(
-        both.sum(axis=1) + _WEIGHT_PRICE * np.abs(shapes[:, place]).max() / abs(row[place]),
+        both.sum(axis=1) + _WEIGHT_PRICE * np.abs(shapes[:, column]).max() / abs(row[column]),
         A_ub=-both.T,
         b_ub=np.zeros(both.shape[1]),
-        A_eq=np.concatenate([shapes[:, place], -shapes[:, place]])[None, :],
-        b_eq=[row[place]],
+        A_eq=np.concatenate([shapes[:, column], -shapes[:, column]])[None, :],
+        b_eq=[row[column]],
     )
     if not found.success:
         return row
@@ -211,7 +211,7 @@ def phase_noise(
 
 def _gains(
     specimen: Specimen,
-    place: int,
+    column: int,
     reading: FloatArray,
     damping_ratio: float,
     stiffness_fraction: float,
@@ -223,11 +223,11 @@ def _gains(
     k / (1 + k R) on the mode: beyond |k R| = 1 it would hold the point like a support, and damp less.
     """
     system, row = specimen.system, specimen.drive_row
-    omega = 2.0 * np.pi * system.frequency_hz[place]
-    modal = omega / (row[place] * reading[place])
+    omega = 2.0 * np.pi * system.frequency_hz[column]
+    modal = omega / (row[column] * reading[column])
     gains = 2.0 * stiffness_fraction * omega * modal, 2.0 * damping_ratio * modal
     if not modal_filter:
-        others = np.delete(np.arange(system.n_modes), place)
+        others = np.delete(np.arange(system.n_modes), column)
         residual = np.abs(np.sum(row[others] ** 2 / (system.eigenvalue[others] - omega**2)))
         most = 1.0 / max(residual, np.finfo(float).tiny)
         gains = min(gains[0], most), min(gains[1], most / omega)
@@ -235,7 +235,7 @@ def _gains(
 
 
 def _poles(structure: Structure, acting: FloatArray, reading: FloatArray, gains: tuple[float, float]) -> FloatArray:
-    """Poles of the linear structure with a feedback that acts on one place and reads another, rad/s."""
+    """Poles of the linear structure with a feedback that acts at one point and reads another, rad/s."""
     mass, damping, stiffness = linear_matrices(structure)
     stiffness, damping = (m + g * np.outer(acting, reading) for m, g in zip((stiffness, damping), gains, strict=True))
     lower = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
