@@ -72,7 +72,7 @@ class VirtualSeries:
         title: of the study.
 
     Raises:
-        InputError: levels that are no shares of the highest one.
+        InputError: levels that are no fractions of the highest one.
     """
 
     case: CaseStudy
@@ -89,7 +89,7 @@ class VirtualSeries:
         if not self.sweep_octaves_per_s > 0:
             raise InputError(f"sweep_octaves_per_s is {self.sweep_octaves_per_s}: give a positive rate")
         if max(self.levels) != 1.0 or min(self.levels) <= 0:
-            raise InputError(f"levels are {self.levels}: give shares of the highest one, which is 1")
+            raise InputError(f"levels are {self.levels}: give fractions of the highest one, which is 1")
 
 
 def virtual_series(case: str, *, shaker: bool | None = None) -> VirtualSeries:
@@ -185,8 +185,8 @@ def stated_modes(modes: LinearModes, *, frequency_error: float = 0.0, damping_er
 
     Args:
         modes: the true ones.
-        frequency_error: share by which each natural frequency is stated too high.
-        damping_error: share by which each damping ratio is stated too high.
+        frequency_error: fraction by which each natural frequency is stated too high.
+        damping_error: fraction by which each damping ratio is stated too high.
     """
     return replace(
         modes,
@@ -214,7 +214,7 @@ def _top(series: VirtualSeries, mode: int) -> float:
 
 
 def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
-    """The beat of a mode, as strong as its peak asks for, or as the amplifier can, and what share of it is reached."""
+    """The beat of a mode, as strong as its peak asks for or the amplifier can, and what fraction of it is reached."""
     modes, drive_point = series.case.modes, series.case.drive_point
     if series.rule == "neighbours":
         beat = beat_between_neighbours(modes, mode, lead_s=0.05).beat
@@ -231,28 +231,27 @@ def _highest_beat(series: VirtualSeries, mode: int) -> tuple[SineBeat, float]:
 def _sweep(series: VirtualSeries, reached: Mapping[int, float]) -> FloatArray:
     """A sweep through all elastic modes, stronger where a nonlinear mode needs it, no further than the beats went."""
     modes = series.case.modes
-    elastic = np.flatnonzero(modes.elastic)
+    elastic, frequency = _elastic(modes), modes.frequency_hz[modes.elastic]
     push = np.abs(force_projection(modes, series.case.drive_point))
     # what a slow sweep needs to bring each mode to its top, all with the damping of their low level
     needed = {
-        mode: 2 * modes.damping_ratio[mode - 1] * share * _top(series, mode) / push[mode - 1]
-        for mode, share in reached.items()
+        mode: 2 * modes.damping_ratio[mode - 1] * most * _top(series, mode) / push[mode - 1]
+        for mode, most in reached.items()
     }
     least = 0.3 * min(needed.values())
-    heights = [needed.get(int(place) + 1, least) for place in elastic]
-    low, high = 0.8 * modes.frequency_hz[elastic].min(), 1.15 * modes.frequency_hz.max()
-    tail = np.zeros(round(max(quiet_s(modes, int(place) + 1) for place in elastic) * series.fs))
+    heights = [needed.get(mode, least) for mode in elastic]
+    low, high = 0.8 * frequency.min(), 1.15 * frequency.max()
+    tail = np.zeros(round(max(quiet_s(modes, mode) for mode in elastic) * series.fs))
     length_s = float(np.log2(high / low)) / series.sweep_octaves_per_s
-    frequency = modes.frequency_hz[elastic]
     shape = shaped_sweep(
-        frequency, np.array(heights), start_hz=low, stop_hz=high, duration_s=length_s, fs=series.fs,
+        frequency, heights, start_hz=low, stop_hz=high, duration_s=length_s, fs=series.fs,
         kind="logarithmic", fade_s=0.05 * length_s,
     )  # fmt: skip
     shape = np.concatenate([shape / np.abs(shape).max(), tail])
 
     def peak(amplitude: float) -> float:
         found = _peaks(series, amplitude * shape, list(reached))
-        return max(share / most for share, most in zip(found, reached.values(), strict=True))
+        return max(each / most for each, most in zip(found, reached.values(), strict=True))
 
     return _amplitude(series, peak)[0] * shape
 
@@ -287,7 +286,7 @@ def _impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise
     # an impulse I starts a mode with phi I, and with an acceleration of omega times that
     impulse = min(_top(series, mode) / (omega[mode - 1] * push[mode - 1]) for mode in series.case.nonlinear_modes)
     pulse_s = max(4.0 / fs, 0.6 / float(modes.frequency_hz.max()))
-    slowest = max(quiet_s(modes, int(place) + 1, decay_to=1e-3) for place in np.flatnonzero(modes.elastic))
+    slowest = max(quiet_s(modes, mode, decay_to=1e-3) for mode in _elastic(modes))
     return impact(
         series.case.rig,
         peak_n=level * impulse * np.pi / (2 * pulse_s),
@@ -297,6 +296,10 @@ def _impact(series: VirtualSeries, level: float, rng: np.random.Generator, noise
         rng=rng,
         noise_share=noise_share,
     )
+
+
+def _elastic(modes: LinearModes) -> list[int]:
+    return [int(index) + 1 for index in np.flatnonzero(modes.elastic)]
 
 
 def _cubic(shaker: bool) -> CaseStudy:
