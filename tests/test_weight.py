@@ -237,3 +237,16 @@ def test_a_load_that_is_only_moved_is_fitted_from_the_run_without_it():
     mass = found.parameters.sprung_mass_kg
     assert found.residual_over_noise < 1.05
     assert abs(mass.value - 5400.0) < 3 * mass.std
+
+
+def test_a_scale_may_be_as_long_as_runs_of_other_loadings_rest_apart():
+    """Over its travel a law of five times the rms is next to straight, but the light run rests 5 mm higher on it."""
+    arctan = law("arctan_displacement", amplitude_n=1000.0, scale_m=5e-3)
+    gear = LandingGear(suspension_stiffness_n_per_m=6e5, suspension_damping_n_s_per_m=2e4, law=arctan)
+    test = taxi_test(gear, rng=np.random.default_rng(0), road_class="A", mass_removed_kg=300.0)
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0)
+    found = identify(study, law="arctan_displacement")
+    assert found.evidence[0].fit.motion(0)[0].std() == pytest.approx(5e-3 / 5, rel=0.1)
+    assert found.parameters.sprung_mass_kg.value == pytest.approx(1850.0, rel=0.01)
+    assert found.law_estimates["arctan_displacement"]["scale_m"].value == pytest.approx(5e-3, rel=0.1)

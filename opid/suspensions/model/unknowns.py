@@ -17,7 +17,15 @@ import numpy as np
 from opid.mechanics.driven import N_HEAD, Interface
 from opid.mechanics.laws.law import LINEAR, Law, Term, WithCandidates
 from opid.mechanics.repeatability import PARTS, Departure, part_rows
-from opid.mechanics.weight import ATMOSPHERE_PA, Rest, by_parameters, depends_on_rest, find_rest, resting
+from opid.mechanics.weight import (
+    ATMOSPHERE_PA,
+    GRAVITY_M_PER_S2,
+    Rest,
+    by_parameters,
+    depends_on_rest,
+    find_rest,
+    resting,
+)
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.model.body import Body, Mobility, mobility
@@ -255,7 +263,9 @@ class Unknowns:
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
-            travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
+            travel_rms = np.linalg.norm(
+                [travel_rms, group.origin_m or 0.0, self._rests_apart(travel_rms, velocity_rms)]
+            )
             places = self.law_places(number)
             lower[places], upper[places] = free_bounds(
                 group.law,
@@ -278,6 +288,13 @@ class Unknowns:
         for k, coordinate in enumerate(self.body.coordinates, start=self.first_coordinate):
             lower[k], upper[k] = -farthest * coordinate.std, farthest * coordinate.std
         return lower, upper
+
+    def _rests_apart(self, travel_rms: float, velocity_rms: float) -> float:
+        """About how far runs of other loadings rest from the reference run, m: there they visit the law, too."""
+        if self.body.fall is None or not any(run.loading.any() for run in self.runs):
+            return 0.0
+        static_m = GRAVITY_M_PER_S2 * (travel_rms / velocity_rms) ** 2
+        return self.settings.fit.usual_mass_fraction * static_m
 
     def largest_steps(self) -> FloatArray:
         """Return how far each entry may move in a step."""
