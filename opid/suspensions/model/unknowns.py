@@ -8,6 +8,7 @@ A gear alone is a body with one interface, M2 its mass: nothing here knows how m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -263,9 +264,7 @@ class Unknowns:
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
-            travel_rms = np.linalg.norm(
-                [travel_rms, group.origin_m or 0.0, self._rests_apart(travel_rms, velocity_rms)]
-            )
+            travel_rms = math.hypot(travel_rms, group.origin_m or 0.0, self._rests_apart(travel_rms, velocity_rms))
             places = self.law_places(number)
             lower[places], upper[places] = free_bounds(
                 group.law,
