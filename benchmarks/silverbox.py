@@ -13,7 +13,7 @@ from scipy import fft
 from scipy.signal.windows import tukey
 
 from opid.modal.forced.mode_fit import fit_mode
-from opid.modal.identification import model_of
+from opid.modal.identification import make_model
 from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.signals.recording import Channel, Recording
@@ -79,7 +79,7 @@ def errors_mv(path: Path, stiffness_order: int, damping_order: int) -> tuple[flo
         band_hz=BAND_HZ,
         taper_s=1.0,
     )
-    models = (model_of(modes, [fit]), NonlinearModalModel(modes))
+    models = (make_model(modes, [fit]), NonlinearModalModel(modes))
     errors = [1e3 * float(np.sqrt(np.mean((simulated(model, force) - output)[REST] ** 2))) for model in models]
     return errors[0], errors[1], 1e3 * float(np.sqrt(np.mean(output[REST] ** 2)))
 

@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
-from opid.modal.decay.fit import fit_decays, predicted_decay, slow_flow
+from opid.modal.decay.fit import fit_decays, predict_decay, solve_slow_flow
 from opid.modal.decay.free_decay import free_decay, law_of_decays
 from opid.modal.power_laws import harmonic_factor
 
@@ -47,9 +47,9 @@ def test_two_of_the_factors_are_known():
 
 def test_the_flow_of_a_linear_mode_is_its_closed_form():
     zeta = 0.02
-    flow = slow_flow(np.array([1.0]), np.array([2.0 * zeta]), -8.0, 0.5)
+    flow = solve_slow_flow(np.array([1.0]), np.array([2.0 * zeta]), -8.0, 0.5)
     time = np.linspace(0.0, 200.0, 50)
-    log_level, phase = predicted_decay(flow, time, 0.0, 0)
+    log_level, phase = predict_decay(flow, time, 0.0, 0)
     np.testing.assert_allclose(log_level - log_level[0], -zeta * time, atol=1e-9)
     np.testing.assert_allclose(phase, np.sqrt(1.0 - zeta**2) * time, rtol=1e-7, atol=1e-7)
 
@@ -57,14 +57,14 @@ def test_the_flow_of_a_linear_mode_is_its_closed_form():
 def test_the_flow_of_a_duffing_oscillator_has_its_frequency():
     # the series of omega/omega0 in eps = k3 a^2 / k0 with a the first harmonic: 1 + 3/8 eps + 3/256 eps^2 - 9/128 eps^2
     eps = -0.1
-    flow = slow_flow(np.array([1.0, 0.0, eps]), np.array([1e-6]), -0.01, 0.01)
+    flow = solve_slow_flow(np.array([1.0, 0.0, eps]), np.array([1e-6]), -0.01, 0.01)
     middle = np.interp(0.0, flow.log_amplitude, flow.natural)
     assert middle == pytest.approx(1.0 + 3 / 8 * eps + (3 / 256 - 9 / 128) * eps**2, abs=2e-4)
 
 
 def test_a_law_without_decay_or_stiffness_has_no_flow():
-    assert slow_flow(np.array([1.0]), np.array([-0.01]), -3.0, 0.0) is None
-    assert slow_flow(np.array([1.0, 0.0, -5.0]), np.array([0.01]), -3.0, 0.0) is None
+    assert solve_slow_flow(np.array([1.0]), np.array([-0.01]), -3.0, 0.0) is None
+    assert solve_slow_flow(np.array([1.0, 0.0, -5.0]), np.array([0.01]), -3.0, 0.0) is None
 
 
 def test_the_law_of_a_decay_without_noise(clean):

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
-from opid.modal.linear.level_shifts import level_shifts, linear_fit, nonlinear_modes
+from opid.modal.linear.level_shifts import fit_linear_mode, level_shifts, nonlinear_modes
 from opid.modal.linear.modes import LinearModes, modal_test
 from opid.modal.model import NonlinearModalModel, simulate
 from opid.modal.power_laws import power_law
@@ -74,7 +74,9 @@ def largest(mode):
 def test_the_fit_is_unbiased_and_knows_its_scatter(noise):
     rng = np.random.default_rng(11)
     n_runs = 40
-    fits = [[linear_fit(test, mode) for mode in (2, 3, 4)] for test in linear_tests(rng, [1] * n_runs, noise=noise)]
+    fits = [
+        [fit_linear_mode(test, mode) for mode in (2, 3, 4)] for test in linear_tests(rng, [1] * n_runs, noise=noise)
+    ]
     for place, mode in enumerate((2, 3, 4)):
         for name in ("frequency_hz", "damping_ratio"):
             found = [getattr(each[place], name) for each in fits]
@@ -180,7 +182,7 @@ def test_the_fit_agrees_with_an_independent_integration():
         recording = Recording(samples, fs=FS, channels=(Channel("a", "m/s^2"), Channel("force", "N")))
         tests.append(modal_test(recording, modes, name=f"{newton}", force="force", drive_point="a"))
     for test in tests:
-        fit = linear_fit(test, 1)
+        fit = fit_linear_mode(test, 1)
         assert fit.frequency_hz.value == pytest.approx(60.0, rel=1e-5)
         assert fit.damping_ratio.value == pytest.approx(0.005, rel=1e-3)
         assert fit.modal_mass == pytest.approx(1.0, rel=1e-3)
@@ -247,4 +249,4 @@ def test_bad_input_is_refused():
     with pytest.raises(InputError, match="give all tests the same modes"):
         level_shifts([*tests, other])
     with pytest.raises(InputError, match="rigid-body mode"):
-        linear_fit(tests[0], 1)
+        fit_linear_mode(tests[0], 1)

@@ -11,11 +11,11 @@ from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.mode_tests import (
     MOST_OUTSIDE,
     WARNED_OUTSIDE,
-    band_of_mode,
-    largest_mode,
-    outside_shapes,
-    remarks_on_shapes,
-    warnings_of_other_modes,
+    check_shapes,
+    find_band,
+    find_largest_mode,
+    measure_outside_shapes,
+    warn_of_other_modes,
 )
 from opid.modal.identification import identify_modes
 from opid.modal.linear.modes import LinearModes, modal_test
@@ -64,19 +64,19 @@ def test_from_tests_to_model_and_truth(two_modes):
 
 def test_tests_are_given_to_the_mode_that_they_move(two_modes):
     fits = [each for each in two_modes if each.use == "fit"]
-    assert largest_mode(fits[0].test, (2, 3)) == 3
-    assert largest_mode(fits[-1].test, (2, 3)) == 2
-    assert mode_tests.tests_of_mode(fits, 4, (2, 3, 4)) == ()
+    assert find_largest_mode(fits[0].test, (2, 3)) == 3
+    assert find_largest_mode(fits[-1].test, (2, 3)) == 2
+    assert mode_tests.select_tests(fits, 4, (2, 3, 4)) == ()
     # nobody's own tests: those that move it at all
-    assert mode_tests.tests_beside(fits, 4)
+    assert mode_tests.select_tests_beside(fits, 4)
     named = [replace(each, mode=2) for each in fits]
-    assert len(mode_tests.tests_of_mode(named, 2, (2, 3))) == len(fits)
-    assert mode_tests.tests_of_mode(named, 3, (2, 3)) == ()
+    assert len(mode_tests.select_tests(named, 2, (2, 3))) == len(fits)
+    assert mode_tests.select_tests(named, 3, (2, 3)) == ()
 
 
 def test_the_band_ends_before_the_neighbours(two_modes):
     tests = [each.test for each in two_modes[:4]]
-    low, high = band_of_mode(tests, 3)
+    low, high = find_band(tests, 3)
     assert 105.0 <= low < FREQUENCY * 0.97 < FREQUENCY < high <= 165.0
 
 
@@ -145,22 +145,22 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     right = replace(FOUR, shapes=rng.standard_normal((8, 4)) * 0.4, sensors=sensors)
     test = measured(softening(right, 3), beat(40.0), rng)
     band = (100.0, 140.0)
-    assert outside_shapes(test, band)[0] < 0.01
+    assert measure_outside_shapes(test, band)[0] < 0.01
     for row, words in ((3, "with the sign of 'd' turned"), (6, "with the sign of 'g' turned")):
         turned = right.shapes * np.where(np.arange(8) == row, -1.0, 1.0)[:, None]
-        share, cause = outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
+        share, cause = measure_outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
         assert share > 0.1
         assert cause.startswith(words)
     exchanged = replace(right, shapes=right.shapes[[0, 4, 2, 3, 1, 5, 6, 7]])
-    share, cause = outside_shapes(replace(test, modes=exchanged), band)
+    share, cause = measure_outside_shapes(replace(test, modes=exchanged), band)
     assert cause.startswith("with 'b' and 'e' exchanged")
     assert WARNED_OUTSIDE < share < MOST_OUTSIDE
     wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
-    faults, (warning,) = remarks_on_shapes(wrong, 3, band)
+    faults, (warning,) = check_shapes(wrong, 3, band)
     assert not faults
     assert "cannot be made of the shapes: with 'b' and 'e' exchanged it would be 0 %" in warning
     many = replace(right, shapes=right.shapes[::-1])
-    (fault,), warnings = remarks_on_shapes(replace(test, modes=many), 3, band)
+    (fault,), warnings = check_shapes(replace(test, modes=many), 3, band)
     assert not warnings
     assert "check the order, signs and units of the sensors" in fault
 
@@ -223,7 +223,7 @@ def test_a_mode_that_answers_at_twice_the_frequency_is_named():
         case = case_study_2(coupling_n_per_m2=coupling, shaker=None)
         run = rig_run(case.rig, force, fs=4096.0, rng=np.random.default_rng(0))
         test = modal_test(run.recording, case.modes, name="beat", force="force", drive_point=case.drive_point)
-        told[coupling] = list(warnings_of_other_modes(test, 10, (370.0, 430.0)))
+        told[coupling] = list(warn_of_other_modes(test, 10, (370.0, 430.0)))
     assert told[0.0] == []
     assert len(told[None]) == 1
     assert told[None][0].startswith("mode 18 moves at 2 times the frequency of mode 10 in test 'beat'")

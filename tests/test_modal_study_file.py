@@ -5,7 +5,7 @@ import pytest
 from made_modal import SENSORS, SOFT, beat, measured, small_modes, small_study
 
 from opid.errors import InputError
-from opid.modal.identification import warnings_of_records
+from opid.modal.identification import warn_of_records
 from opid.modal.linear.modes import modal_test
 from opid.modal.linear.modes_file import write_modes
 from opid.modal.study import ModalStudy, StudyTest
@@ -204,13 +204,13 @@ def test_a_dead_sensor_is_refused_and_a_clipped_one_is_told(tmp_path):
     clipped = record.samples.copy()
     clipped[:, 0] = np.clip(clipped[:, 0], -limit, limit)
     write_log(Recording(clipped, fs=record.fs, channels=record.channels), tmp_path / "beat.csv")
-    told = list(warnings_of_records(study_of(tmp_path, MODES + f"nonlinear = [{SOFT}]\n" + TEST)))
+    told = list(warn_of_records(study_of(tmp_path, MODES + f"nonlinear = [{SOFT}]\n" + TEST)))
     assert len(told) == 1
     assert "'case_x' in test 'beat' are clipped" in told[0]
 
 
 def test_a_sound_study_has_no_warnings():
-    assert list(warnings_of_records(small_study())) == []
+    assert list(warn_of_records(small_study())) == []
 
 
 def test_a_name_that_is_no_file_name_is_refused(tmp_path):

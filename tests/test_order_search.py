@@ -4,7 +4,7 @@ from made_beats import beats, softening
 
 from opid.errors import InputError
 from opid.modal.forced.equation import mode_lines
-from opid.modal.forced.restoring_fit import linear_is_off, search_orders
+from opid.modal.forced.restoring_fit import is_linear_part_off, search_orders
 
 BAND = (100.0, 140.0)
 
@@ -30,7 +30,7 @@ def test_a_given_order_is_kept(lines):
 
 
 def test_right_linear_properties_are_left_alone(lines):
-    assert not linear_is_off(lines, stiffness_order=3, damping_order=3)
+    assert not is_linear_part_off(lines, stiffness_order=3, damping_order=3)
 
 
 def test_too_few_lines_for_any_order_are_refused(lines):

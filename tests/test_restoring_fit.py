@@ -7,7 +7,7 @@ from made_beats import C2, FOUR, FREQUENCY, FS, K3, OMEGA, ONE, ZETA, beat, beat
 from opid.errors import InputError
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import fit_mode
-from opid.modal.forced.restoring_fit import fit_coefficients, fit_unweighted, modal_mass
+from opid.modal.forced.restoring_fit import fit_coefficients, fit_modal_mass, fit_unweighted
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import harmonic_factor
@@ -97,7 +97,7 @@ def test_a_record_cut_off_is_refused_and_can_be_tapered(noisy):
 
 
 def test_modal_mass_is_one_and_shows_wrong_shapes_and_units(noisy):
-    mass = modal_mass(lines_of(noisy[0]))
+    mass = fit_modal_mass(lines_of(noisy[0]))
     assert abs(mass.value - 1) < 4 * mass.std + 1e-3
     unit_norm = LinearModes([FREQUENCY], [ZETA], [[1.0]], ("a",))
     tests = [

@@ -16,7 +16,7 @@ from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
-from opid.modal.forced.mode_tests import largest_mode, tests_beside, tests_of_mode
+from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside
 from opid.modal.linear.level_shifts import LevelShift, level_shifts, nonlinear_modes
 from opid.modal.linear.modes import LARGEST_CONDITION, LinearModes, condition_number, modal_assurance, with_sensors
 from opid.modal.linear.modes_file import looks_in_percent, looks_unit_normalised
@@ -66,7 +66,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     decays, decay_laws, of_decays = _decays(study, say)
     fits, of_fits = _fits(study, decay_laws, of_decays, say)
     say("the records")
-    of_records = list(warnings_of_records(study))
+    of_records = list(warn_of_records(study))
     truth_tests, unstable = _truth_tests(study, fits, decay_laws, say)
     return ModalIdentification(
         title=study.title,
@@ -74,7 +74,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         drive_point=study.drive_point,
         tests=tuple(each.test for each in study.tests),
         fits=fits,
-        model=model_of(study.modes, fits, decay_laws),
+        model=make_model(study.modes, fits, decay_laws),
         truth_tests=truth_tests,
         decays=decays,
         shifts=shifts,
@@ -82,7 +82,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         auto_mac=modal_assurance(study.modes.shapes),
         warnings=(
             *of_records,
-            *_warnings_of_modes(study.modes),
+            *_warn_of_modes(study.modes),
             *(
                 f"mode {shift.mode} shifts with the level and is modelled as linear: name it in nonlinear, or judge "
                 "the model by tests that hardly move it"
@@ -91,7 +91,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
             ),
             *(sentence for _, sentence in of_decays),
             *of_fits,
-            *_warnings_of_truth_tests(study, fits, decay_laws, truth_tests),
+            *_warn_of_truth_tests(study, fits, decay_laws, truth_tests),
             *unstable,
         ),
         not_determined=_not_determined(study, shifts),
@@ -102,7 +102,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
     )
 
 
-def model_of(
+def make_model(
     modes: LinearModes, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw] | None = None
 ) -> NonlinearModalModel:
     """Return the modes with their laws; corrections of k0 and c0 move frequency and damping of the mode they belong to.
@@ -125,7 +125,7 @@ def model_of(
     return NonlinearModalModel(replace(modes, frequency_hz=omega / (2 * np.pi), damping_ratio=ratio), laws)
 
 
-def warnings_of_records(study: ModalStudy) -> Iterator[str]:
+def warn_of_records(study: ModalStudy) -> Iterator[str]:
     """Yield what is wrong with the records: sensors that are missing, channels that are clipped."""
     for each in study.tests:
         test = each.test
@@ -188,10 +188,10 @@ def _fits(
     given = study.of_use("fit")
     for mode in study.nonlinear if study.of_use("fit", "decay") else ():
         say(f"mode {mode}")
-        tests = tests_of_mode(given, mode, study.nonlinear)
+        tests = select_tests(given, mode, study.nonlinear)
         if not tests and mode in decay_laws:
             continue
-        if not tests and (tests := tests_beside(given, mode)):
+        if not tests and (tests := select_tests_beside(given, mode)):
             names = ", ".join(repr(test.name) for test in tests)
             warnings.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
         try:
@@ -216,7 +216,7 @@ def _decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, D
     decays: list[Decay] = []
     warnings: list[tuple[int, str]] = []
     for each in study.of_use("decay") if study.nonlinear else ():
-        mode = each.mode or largest_mode(each.test, study.nonlinear)
+        mode = each.mode or find_largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
             decays.append(decay_of(each.test, mode, **_orders(study)))
@@ -256,13 +256,13 @@ def _truth_tests(
     for each in study.of_use("truth"):
         say(f"truth test {each.test.name}")
         try:
-            done.append(truth_test(model_of(each.test.modes, fits, decay_laws), each.test))
+            done.append(truth_test(make_model(each.test.modes, fits, decay_laws), each.test))
         except InputError as error:
             unstable.append(str(error))
     return tuple(done), unstable
 
 
-def _warnings_of_modes(modes: LinearModes) -> Iterator[str]:
+def _warn_of_modes(modes: LinearModes) -> Iterator[str]:
     condition = condition_number(modes)
     if condition > LARGEST_CONDITION:
         yield (
@@ -274,7 +274,7 @@ def _warnings_of_modes(modes: LinearModes) -> Iterator[str]:
         yield f"the shapes do not look mass-normalised: {looks}"
 
 
-def _warnings_of_truth_tests(
+def _warn_of_truth_tests(
     study: ModalStudy, fits: Sequence[ModeFit], decay_laws: Mapping[int, DecayLaw], done: Sequence[TruthTest]
 ) -> Iterator[str]:
     """The truth tests that go beyond the amplitudes that were fitted, and those that the model fails."""

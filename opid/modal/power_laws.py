@@ -44,7 +44,7 @@ def power_law(stiffness: Mapping[int, float], damping: Mapping[int, float]) -> L
     return Law(tuple(terms))
 
 
-def fitted_power_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate]) -> Law:
+def make_fitted_law(stiffness: Mapping[int, Estimate], damping: Mapping[int, Estimate]) -> Law:
     """Return the law of the powers 2 and up among fitted coefficients; 1 is linear."""
     of_stiffness, of_damping = (
         {n: float(value.value or 0.0) for n, value in values.items() if n > 1} for values in (stiffness, damping)

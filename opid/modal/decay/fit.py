@@ -20,8 +20,8 @@ from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.track import Track
-from opid.modal.forced.restoring_fit import lagged_products
-from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, fitted_power_law, harmonic_factor
+from opid.modal.forced.restoring_fit import sum_lagged_products
+from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, harmonic_factor, make_fitted_law
 from opid.signals.recording import FloatArray
 
 DRIFT_ERROR = 0.1
@@ -70,7 +70,7 @@ class DecayLaw:
     @property
     def law(self) -> Law:
         """The nonlinear restoring force, powers 2 and up, per unit mass."""
-        return fitted_power_law(self.stiffness, self.damping)
+        return make_fitted_law(self.stiffness, self.damping)
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds of it."""
@@ -196,12 +196,12 @@ def fit_decays(
     )
 
 
-def slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Flow | None:
+def solve_slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Flow | None:
     """Return the slow flow of a law from amplitude exp(low) to exp(high); None if it does not vibrate or not decay.
 
     k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1).
 
-    >>> flow = slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
+    >>> flow = solve_slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
     >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
     (0.01, 0.99995)
     """
@@ -235,7 +235,7 @@ def slow_flow(k: FloatArray, c: FloatArray, low: float, high: float) -> Flow | N
     return Flow(log_amplitude, damped, rate, natural, damping, drift)
 
 
-def predicted_decay(
+def predict_decay(
     flow: Flow, time: FloatArray, log_start: float, derivative: int
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return log-amplitude and phase of the m-th derivative, (n,) each; None where the flow does not reach so far.
@@ -314,7 +314,7 @@ class _Scaled:
         """(2n,) what a law leaves of log-amplitude and phase, over its standard deviation."""
         from scipy.linalg import solve_triangular
 
-        predicted = predicted_decay(flow, self.time, start, derivative)
+        predicted = predict_decay(flow, self.time, start, derivative)
         if predicted is None:
             return None
         rest = np.concatenate([self.log_amplitude - predicted[0], self.phase - predicted[1] - shift])
@@ -347,7 +347,7 @@ def _refined(
     sizes = [2 * each.time.size for each in decays]
 
     def errors(vector: FloatArray) -> FloatArray:
-        flow = slow_flow(vector[:n_s], vector[n_s:n_k], low, high)
+        flow = solve_slow_flow(vector[:n_s], vector[n_s:n_k], low, high)
         if flow is not None:
             pairs = zip(decays, vector[n_k:].reshape(-1, 2), strict=True)
             found = [each.errors(flow, start, shift, derivative) for each, (start, shift) in pairs]
@@ -364,7 +364,7 @@ def _refined(
     of_damping = np.full(n_k - n_s, max(abs(float(guess[1][0])), 1e-4))
     scale = np.concatenate([np.ones(n_s), of_damping, np.full(2 * len(decays), 0.1)])
     found = least_squares(errors, start, x_scale=scale, method="trf", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
-    flow = slow_flow(found.x[:n_s], found.x[n_s:n_k], low, high)
+    flow = solve_slow_flow(found.x[:n_s], found.x[n_s:n_k], low, high)
     if flow is None or not np.abs(found.fun).max() < IMPOSSIBLE:
         raise NotDeterminedError("no law of these orders decays over all amplitudes of the record: lower the orders")
     parts = np.split(found.fun, np.cumsum(sizes)[:-1])
@@ -386,7 +386,7 @@ def _covariance(jacobian: FloatArray, errors: FloatArray, sizes: Sequence[int]) 
     meat = np.zeros((p, p))
     for scores in np.split(scaled * errors[:, None], np.cumsum(sizes)[:-1]):
         both = scores.reshape(2, -1, p).sum(axis=0)
-        meat += lagged_products(both, int(2.0 * len(both) ** (1.0 / 3.0)))
+        meat += sum_lagged_products(both, int(2.0 * len(both) ** (1.0 / 3.0)))
     coloured = n / max(n - p, 1) * inverse @ meat @ inverse
     wider = np.sqrt(np.maximum(np.diag(coloured) / np.maximum(np.diag(white), 1e-300), 1.0))
     return white * np.outer(wider, wider) / np.outer(scale, scale)

@@ -212,9 +212,9 @@ def free_decay(
     series = _series(samples, fs, quantity)
     derivative = QUANTITIES.index(quantity)
     stretch = find_stretch(series, fs=fs, near_hz=near_hz, band_hz=band_hz, start_s=start_s, stop_s=stop_s)
-    track, late = _tracked(series, stretch, fs, start_s is None)
+    track, late = _track_from_start(series, stretch, fs, start_s is None)
     amplitude, natural, natural_std, damping, damping_std = backbone(track, derivative)
-    warnings = [*stretch.warnings, *late, *_warnings_of_track(track, amplitude)]
+    warnings = [*stretch.warnings, *late, *_warn_of_track(track, amplitude)]
     law: DecayLaw | None = None
     try:
         law = fit_decays([track], derivative=derivative, stiffness_order=stiffness_order, damping_order=damping_order)
@@ -307,7 +307,7 @@ def _series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
     return series
 
 
-def _tracked(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
+def _track_from_start(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
     """The track of a decay; where its start holds too much beside the mode, from a quarter of it on."""
     try:
         return track_decay(series, stretch, fs=fs), []
@@ -322,7 +322,7 @@ def _tracked(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) ->
         return track, [f"before {start / fs:.4g} s too much rings beside the mode: it is left out"]
 
 
-def _warnings_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
+def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:
     own = float(np.median(track.omega)) / (2.0 * np.pi)
     for frequency in track.unresolved_hz:
         yield (

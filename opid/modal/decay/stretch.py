@@ -80,7 +80,7 @@ def find_stretch(
     if last - first < FEWEST_CYCLES * cycle:
         raise _too_short(first / fs, (last - first) / cycle, frequency)
     warnings: list[str] = []
-    envelope = band_envelope(part, fs=fs, frequency_hz=frequency)
+    envelope = find_envelope(part, fs=fs, frequency_hz=frequency)
     start = 0
     if start_s is None:
         start = _start(part, envelope, cycle)
@@ -90,7 +90,7 @@ def find_stretch(
         raise _too_short((first + start) / fs, (stop - start) / cycle, frequency)
     if start_s is None:
         frequency = _decaying_peak(part[start:stop], fs, low, high)
-        envelope = band_envelope(part, fs=fs, frequency_hz=frequency)
+        envelope = find_envelope(part, fs=fs, frequency_hz=frequency)
     floor = float(np.quantile(envelope[start + (stop - start) // 2 : stop], 0.2))
     quiet = np.flatnonzero(envelope[start:stop] < max(3.0 * floor, 2e-3 * envelope[start]))
     sure = start + int(quiet[0]) if quiet.size else stop
@@ -99,7 +99,7 @@ def find_stretch(
     return Stretch(frequency, rate, first + start, first + stop, first + sure, tuple(warnings))
 
 
-def band_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
+def find_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> FloatArray:
     """Return (n,) the amplitude of what lies near a frequency, through a Hann kernel of six cycles."""
     length = max(3, round(KERNEL_CYCLES * fs / frequency_hz))
     kernel = np.hanning(length + 2)[1:-1]
@@ -108,7 +108,7 @@ def band_envelope(samples: FloatArray, *, fs: float, frequency_hz: float) -> Flo
     return 2.0 * np.abs(fftconvolve(turned, kernel, mode="same")) / weight
 
 
-def spectrum_peaks(
+def find_spectrum_peaks(
     samples: FloatArray, *, fs: float, low_hz: float, high_hz: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return frequencies (m,) Hz and heights (m,) of the peaks of an amplitude spectrum, highest first, and its median.

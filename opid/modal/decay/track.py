@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from opid.errors import NotDeterminedError
-from opid.modal.decay.stretch import Stretch, spectrum_peaks
+from opid.modal.decay.stretch import Stretch, find_spectrum_peaks
 from opid.signals.recording import FloatArray
 
 ROUNDS_ALONE, ROUNDS = 3, 2
@@ -120,14 +120,14 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
     part = samples[stretch.start : stretch.stop]
     part = part - np.median(part[-max(8, part.size // 4) :])
     try:
-        windows, reference, neighbours, close = _followed(part, stretch, np.empty(0), fs)
+        windows, reference, neighbours, close = _follow(part, stretch, np.empty(0), fs)
     except NotDeterminedError:
         # a strong neighbour spoils the start: those that the spectrum shows are fitted from the first round on
         strong = _strong_neighbours(part[: stretch.sure_stop - stretch.start], stretch, fs)
         if not strong.size:
             raise
         try:
-            windows, reference, neighbours, close = _followed(part, stretch, strong, fs)
+            windows, reference, neighbours, close = _follow(part, stretch, strong, fs)
         except NotDeterminedError:
             raise NotDeterminedError(
                 f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be told "
@@ -136,7 +136,7 @@ def track_decay(samples: FloatArray, stretch: Stretch, *, fs: float) -> Track:
     return _track(part, windows, reference, neighbours, close, stretch, fs)
 
 
-def _followed(
+def _follow(
     part: FloatArray, stretch: Stretch, neighbours: FloatArray, fs: float
 ) -> tuple[list[_Window], _Reference, FloatArray, FloatArray]:
     """The windows and the reference at the end, the neighbours fitted and those too close."""
@@ -153,7 +153,7 @@ def _followed(
         return _windows(part[:n_sure], reference, neighbours, fs=fs, until_noise=False)
 
     for _ in range(ROUNDS_ALONE - 1):
-        reference = _renewed(early(reference, neighbours), reference, fs)
+        reference = _renew(early(reference, neighbours), reference, fs)
     windows = early(reference, neighbours)
     close: list[float] = []
     for _ in range(MOST_NEIGHBOURS):
@@ -162,19 +162,19 @@ def _followed(
             break
         if resolved:
             neighbours = np.append(neighbours, found)
-            reference = _renewed(early(reference, neighbours), reference, fs)
+            reference = _renew(early(reference, neighbours), reference, fs)
             windows = early(reference, neighbours)
         else:
             close.append(found)
-    reference = _renewed(windows, reference, fs)
+    reference = _renew(windows, reference, fs)
     for _ in range(ROUNDS):
-        reference = _renewed(_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
+        reference = _renew(_windows(part, reference, neighbours, fs=fs, until_noise=True), reference, fs)
     return _windows(part, reference, neighbours, fs=fs, until_noise=True), reference, neighbours, np.array(close)
 
 
 def _strong_neighbours(part: FloatArray, stretch: Stretch, fs: float) -> FloatArray:
     own = stretch.frequency_hz
-    frequency, height, _ = spectrum_peaks(part, fs=fs, low_hz=0.75 * own, high_hz=min(1.33 * own, 0.48 * fs))
+    frequency, height, _ = find_spectrum_peaks(part, fs=fs, low_hz=0.75 * own, high_hz=min(1.33 * own, 0.48 * fs))
     if not height.size:
         return frequency
     return frequency[(np.abs(frequency - own) > 2.0 * fs / part.size) & (height > 0.1 * height[0])][:2]
@@ -196,9 +196,9 @@ def _windows(
             shortest = round(FEWEST_WINDOW_CYCLES / 1.5 * fs * 2 * np.pi / reference.omega[0])
             short = max(length // 2, min(length, shortest))
             falling = 0.5 * (1.0 + np.cos(np.pi * (np.arange(short) + 0.5) / short))
-            windows.append(_fitted(part, 0, falling, reference, neighbours, fs))
+            windows.append(_fit(part, 0, falling, reference, neighbours, fs))
         hann = np.hanning(length + 2)[1:-1]
-        windows.append(_fitted(part, first, hann, reference, neighbours, fs))
+        windows.append(_fit(part, first, hann, reference, neighbours, fs))
         last = windows[-1]
         signal = abs(last.value) * np.exp(reference.log_amplitude[min(part.size - 1, round(last.centre * fs))])
         spread = last.value_std * signal / max(abs(last.value), 1e-300)
@@ -226,7 +226,7 @@ def _length(n: int, reference: _Reference, first: int, neighbours: FloatArray, f
     return int(max(min(max(wanted, fewest), most), min(fewest, n / fs / 2.5), FEWEST_WINDOW_CYCLES / 1.5 * cycle) * fs)
 
 
-def _renewed(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
+def _renew(windows: list[_Window], reference: _Reference, fs: float) -> _Reference:
     """A smooth reference: frequency and rate as polynomials in the root of the amplitude, through all windows."""
     from scipy.integrate import cumulative_trapezoid
 
@@ -301,8 +301,8 @@ def _next_neighbour(
     rest = part - (main * np.exp(shift[0] + 1j * shift[1])).real
     own = float(np.median(reference.omega)) / (2.0 * np.pi)
     highest = min(HIGHEST_NEIGHBOUR * own, 0.48 * fs)
-    frequency, height, floor = spectrum_peaks(rest, fs=fs, low_hz=0.3 * own, high_hz=highest)
-    largest = float(spectrum_peaks(part, fs=fs, low_hz=0.9 * own, high_hz=1.1 * own)[1].max(initial=0.0))
+    frequency, height, floor = find_spectrum_peaks(rest, fs=fs, low_hz=0.3 * own, high_hz=highest)
+    largest = float(find_spectrum_peaks(part, fs=fs, low_hz=0.9 * own, high_hz=1.1 * own)[1].max(initial=0.0))
     swept = reference.omega[:size] / (2.0 * np.pi)
     rate = float(np.median(reference.rate))
     width = 3.0 * max(1.0 / (size / fs), rate / (2.0 * np.pi), 0.004 * own)
@@ -352,7 +352,7 @@ def _track(
         covariance=_covariance(windows, noise),
         neighbours_hz=tuple(neighbours.tolist()),
         unresolved_hz=tuple(close.tolist()),
-        residual_share=_unexplained(part, windows),
+        residual_share=_find_unexplained(part, windows),
         start_s=stretch.start / fs,
         stop_s=(stretch.start + max(window.first + window.weight.size for window in windows) - 1) / fs,
     )
@@ -382,7 +382,7 @@ def _covariance(windows: list[_Window], noise: FloatArray) -> FloatArray:
     return covariance
 
 
-def _unexplained(part: FloatArray, windows: list[_Window]) -> float:
+def _find_unexplained(part: FloatArray, windows: list[_Window]) -> float:
     """Root of the rest over the record, both weighted as the windows are."""
     left = whole = 0.0
     for window in windows:
@@ -392,7 +392,7 @@ def _unexplained(part: FloatArray, windows: list[_Window]) -> float:
     return float(np.sqrt(left / whole)) if whole > 0.0 else 0.0
 
 
-def _fitted(
+def _fit(
     part: FloatArray, first: int, weight: FloatArray, reference: _Reference, neighbours: FloatArray, fs: float
 ) -> _Window:
     """The weighted least squares of one window, which begins at a sample of the part of the record."""

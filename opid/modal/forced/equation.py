@@ -171,7 +171,7 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     k0, c0 = float(test.modes.stiffness()[index]), float(test.modes.damping()[index])
     finer = int(np.ceil(SAMPLES_A_PERIOD * natural_hz / test.fs))
     stiffness, damping = (_powers(motion, taper_s * test.fs, finer)[inside] for motion in (q, v))
-    quiet = quiet_lines(test.modes, frequency)
+    quiet = find_quiet_lines(test.modes, frequency)
     return ModeLines(
         test=test.name,
         frequency_hz=frequency[inside],
@@ -192,24 +192,24 @@ def mode_lines(test: ModalTest, mode: int, band_hz: tuple[float, float], *, tape
     )
 
 
-def modal_motion(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+def integrate_mode(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return q, m kg^1/2, and q', m/s kg^1/2, of a mode: divided by j omega, nothing far below the mode or its band."""
     kept_hz = _kept(float(test.modes.frequency_hz[test.modes.index(mode)]), band_hz)
     return _motion(test.modal_acceleration(mode), test.fs, kept_hz)
 
 
-def quiet_lines(modes: LinearModes, frequency_hz: FloatArray) -> NDArray[np.bool_]:
+def find_quiet_lines(modes: LinearModes, frequency_hz: FloatArray) -> NDArray[np.bool_]:
     """Return which lines of a test hold noise alone: those above all modes, or most of all where there are few."""
     above = frequency_hz > ABOVE_MODES * modes.frequency_hz.max()
     return above if above.sum() >= 50 else frequency_hz > 0
 
 
-def noise_power(lines: ComplexArray) -> FloatArray:
+def find_noise_power(lines: ComplexArray) -> FloatArray:
     """Return the mean square of noise from lines, (n, ...), most of which are noise: the median is ln 2 of the mean."""
     return np.median(np.abs(lines) ** 2, axis=0) / np.log(2)
 
 
-def line_noise(lines: ModeLines, powers: Powers, value: FloatArray) -> FloatArray:
+def find_line_noise(lines: ModeLines, powers: Powers, value: FloatArray) -> FloatArray:
     """Return the standard deviation of the equation's error on each line, (m,), by the mean square over time."""
     k, c = powers.tangents(lines, value)
     omega = 2 * np.pi * lines.frequency_hz
@@ -218,7 +218,7 @@ def line_noise(lines: ModeLines, powers: Powers, value: FloatArray) -> FloatArra
     return np.sqrt(lines.noise_force**2 + lines.noise_inertia**2 * (mean + spread))
 
 
-def noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, value: FloatArray) -> FloatArray:
+def find_noise_scores(lines: ModeLines, gradient: ComplexArray, powers: Powers, value: FloatArray) -> FloatArray:
     """Return the covariance (p, p) of Re sum conj(gradient) E over the lines, E the transform of the error."""
     k, c = powers.tangents(lines, value)
     n = lines.q.size
@@ -268,4 +268,4 @@ def _powers(motion: FloatArray, taper: float, finer: int) -> ComplexArray:
 def _noise_of_lines(spectrum: ComplexArray, quiet: NDArray[np.bool_]) -> float:
     """Standard deviation of a line by the sensor's noise."""
     least = QUIETEST * float(np.abs(spectrum).max())
-    return max(float(np.sqrt(noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)
+    return max(float(np.sqrt(find_noise_power(spectrum[quiet]))), least, np.finfo(float).tiny)

@@ -194,7 +194,7 @@ def beat_between_neighbours(
     duration = first_minimum_hz(window, 1.0) / nearest
     neighbours = " and ".join(f"{distance:.4g} Hz {word}" for word, distance in distances.items())
     reason = f"first minima {nearest:.4g} Hz from mode {mode}: the neighbouring elastic modes lie {neighbours}"
-    beat = _designed(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
+    beat = _design(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
     return BeatDesign(beat, below, above, nearest, main_lobe_width_hz(window, duration), reason)
 
 
@@ -247,7 +247,7 @@ def beat_over_drive_point_peak(
         f"main lobe ({part}) of {width:.4g} Hz: there the imaginary part at {drive_point!r} exceeds "
         f"{100 * share:g} % of its value at mode {mode}"
     )
-    beat = _designed(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
+    beat = _design(modes, mode, duration, window, amplitude, lead_s, tail_s, reason)
     return BeatDesign(beat, centre - low, high - centre, first_minimum_hz(window, duration), width, reason)
 
 
@@ -382,7 +382,7 @@ def _window_samples(window: Window, n_samples: int) -> FloatArray:
         ) from None
 
 
-def _designed(
+def _design(
     modes: LinearModes,
     mode: int,
     duration: float,

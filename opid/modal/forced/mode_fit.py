@@ -14,24 +14,24 @@ from opid.mechanics.laws.law import Law
 from opid.modal.forced.equation import ModeLines, mode_lines
 from opid.modal.forced.mode_tests import (
     WIDEST,
-    band_of_mode,
-    remarks_on_shapes,
-    remarks_on_test,
-    warnings_of_other_modes,
-    warnings_of_rates,
+    check_shapes,
+    check_test,
+    find_band,
+    warn_of_other_modes,
+    warn_of_rates,
 )
 from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
     fit_coefficients,
-    linear_is_off,
+    fit_modal_mass,
+    is_linear_part_off,
     linearised,
-    modal_mass,
     search_orders,
 )
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
-from opid.modal.power_laws import coefficients_json, fitted_power_law
+from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.signals.recording import FloatArray
 
 N_CURVE = 101
@@ -82,7 +82,7 @@ class ForceCurve:
     linear: FloatArray
 
     def as_json(self, along: str) -> dict[str, Any]:
-        """What result.json holds of it, over what it is drawn."""
+        """What result.json holds of it; `along` is the name of its positions."""
         return {along if each.name == "position" else each.name: getattr(self, each.name) for each in fields(self)}
 
 
@@ -139,7 +139,7 @@ class ModeFit:
     @property
     def law(self) -> Law:
         """The nonlinear restoring force, powers 2 and up."""
-        return fitted_power_law(self.stiffness, self.damping)
+        return make_fitted_law(self.stiffness, self.damping)
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds of it; `k` and `c` by power, as the paper calls them."""
@@ -186,27 +186,27 @@ def fit_mode(
         raise InputError(f'no test with use = "fit" moves mode {mode} more than the others: give one, or free decays')
     band = _band(tests, mode, taper_s) if band_hz is None else band_hz
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
-    remarks = [remarks_on_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
+    remarks = [check_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
     refuse([fault for faults, _ in remarks for fault in faults], None)
-    of_shapes = [remarks_on_shapes(test, mode, band) for test in tests]
+    of_shapes = [check_shapes(test, mode, band) for test in tests]
     refuse([fault for faults, _ in of_shapes for fault in faults], None)
-    mass = modal_mass(lines)
+    mass = fit_modal_mass(lines)
     _require_mass(mass, mode, tests[0])
 
     given = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     free = bool(free_linear)
     tried, chosen = _orders(lines, given, free)
-    if free_linear is None and linear_is_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
+    if free_linear is None and is_linear_part_off(lines, **{name: max(order, 3) for name, order in chosen.items()}):
         free = True
         tried, chosen = _orders(lines, given, free)
     found = fit_coefficients(lines, **chosen, free_linear=free)
     fit = _mode_fit(tests, mode, lines, band, found, mass, tried)
     loudest = int(np.argmax([each.largest_q for each in lines]))
     warnings = [warning for _, of_test in remarks for warning in of_test]
-    warnings += warnings_of_rates(tests, mode)
+    warnings += warn_of_rates(tests, mode)
     warnings += of_shapes[loudest][1]
-    warnings += warnings_of_other_modes(tests[loudest], mode, band)
-    return replace(fit, warnings=(*warnings, *_warnings_of_fit(fit)))
+    warnings += warn_of_other_modes(tests[loudest], mode, band)
+    return replace(fit, warnings=(*warnings, *_warn_of_fit(fit)))
 
 
 def _orders(
@@ -264,7 +264,7 @@ def _mode_fit(
 
 def _band(tests: Sequence[ModalTest], mode: int, taper_s: float) -> tuple[float, float]:
     """The band in which the tests move the mode, and where its frequency goes at their largest amplitude."""
-    low, high = band_of_mode(tests, mode)
+    low, high = find_band(tests, mode)
     lines = [mode_lines(test, mode, (low, high), taper_s=taper_s) for test in tests]
     rough = fit_coefficients(lines, stiffness_order=ROUGH_ORDER, damping_order=ROUGH_ORDER)
     amplitude = np.array([max(each.largest_q for each in lines)])
@@ -297,7 +297,7 @@ def _curve(
     return ForceCurve(position, force, force - half, force + half, corrected * position)
 
 
-def _warnings_of_fit(fit: ModeFit) -> Iterator[str]:
+def _warn_of_fit(fit: ModeFit) -> Iterator[str]:
     value, std = float(fit.modal_mass.value or 0.0), float(fit.modal_mass.std or 0.0)
     if abs(value - 1) > max(WARNED_MASS, 4 * std):
         yield (

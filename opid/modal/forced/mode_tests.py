@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft
 
 from opid.mechanics.structure import ComplexArray
-from opid.modal.forced.equation import ModeLines, modal_motion, noise_power, quiet_lines
+from opid.modal.forced.equation import ModeLines, find_noise_power, find_quiet_lines, integrate_mode
 from opid.modal.linear.frequency_response import accelerance
 from opid.modal.linear.modes import LinearModes, ModalTest, with_sensors
 from opid.modal.study import StudyTest
@@ -60,26 +60,26 @@ Remarks = tuple[list[str], list[str]]
 """Why something cannot be used, and what to be warned of where it can; one clause each."""
 
 
-def tests_of_mode(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]) -> tuple[ModalTest, ...]:
+def select_tests(tests: Sequence[StudyTest], mode: int, nonlinear: Sequence[int]) -> tuple[ModalTest, ...]:
     """Return the tests of a mode: those that name it, and those that move it more than the other nonlinear modes."""
     named = [each.test for each in tests if each.mode == mode]
     free = [each.test for each in tests if each.mode is None]
-    return tuple(named + [test for test in free if largest_mode(test, nonlinear) == mode])
+    return tuple(named + [test for test in free if find_largest_mode(test, nonlinear) == mode])
 
 
-def tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
+def select_tests_beside(tests: Sequence[StudyTest], mode: int) -> tuple[ModalTest, ...]:
     """Return the tests of other modes that move a mode that has none of its own, the strongest and those near it."""
     energies = [(each.test, _energy(each.test, mode)) for each in tests if each.mode is None]
     least = PART_OF_LARGEST**2 * max((energy for _, energy in energies), default=0.0)
     return tuple(test for test, energy in energies if energy >= least > 0)
 
 
-def largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
+def find_largest_mode(test: ModalTest, modes: Sequence[int]) -> int:
     """Return which of some modes a test moves most, by kinetic energy."""
     return modes[int(np.argmax([_energy(test, mode) for mode in modes]))]
 
 
-def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
+def find_band(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
     """Return the band in which some test moves a mode, Hz: no further than most of the way to the neighbours."""
     lows, highs = [], []
     for test in tests:
@@ -95,9 +95,7 @@ def band_of_mode(tests: Sequence[ModalTest], mode: int) -> tuple[float, float]:
     return float(min(lows)), float(max(highs))
 
 
-def remarks_on_test(
-    test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float
-) -> Remarks:
+def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float], taper_s: float) -> Remarks:
     """Return whether a test, with its equation in a band, tells about a mode; `taper_s` fades its ends out."""
     faults, warnings = [], []
     if _rms(lines.force) < LEAST_SIGNAL * lines.noise_force:
@@ -120,16 +118,16 @@ def remarks_on_test(
     return faults, warnings
 
 
-def remarks_on_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Remarks:
+def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Remarks:
     """Return whether a test moves in the shapes in the band of a mode."""
-    outside, cause = outside_shapes(test, band_hz)
+    outside, cause = measure_outside_shapes(test, band_hz)
     hint = cause or "check the order, signs and units of the sensors, and whether a mode is missing"
     motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} about mode {mode}"
     remark = [f"{motion} cannot be made of the shapes: {hint}"] if outside > WARNED_OUTSIDE else []
     return (remark, []) if outside > MOST_OUTSIDE else ([], remark)
 
 
-def outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
+def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
     """Return the fraction of the motion that no sum of the shapes can make, and what would lower it most.
 
     |x - Phi pinv(Phi) x| / |x| over the lines of a band without the part of the sensors' noise; 0 where there are no
@@ -144,7 +142,7 @@ def outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float
     spectrum = fft.rfft(test.at_sensors, axis=0)
     frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
     lines = spectrum[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
-    noise = float(np.mean(noise_power(spectrum[quiet_lines(test.modes, frequency)])))
+    noise = float(np.mean(find_noise_power(spectrum[find_quiet_lines(test.modes, frequency)])))
 
     def outside(shapes: FloatArray) -> float:
         rest = lines - lines @ np.linalg.pinv(shapes).T @ shapes.T
@@ -172,7 +170,7 @@ def outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float
     return found, ""
 
 
-def warnings_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
+def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
     """Yield that tests are sampled too slowly for the third harmonic of a mode, all in one clause."""
     needed = {test: 2 * THIRD * float(test.modes.frequency_hz[test.modes.index(mode)]) for test in tests}
     slow = [test for test in tests if test.fs < needed[test]]
@@ -183,7 +181,7 @@ def warnings_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:
         )
 
 
-def warnings_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Iterator[str]:
+def warn_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Iterator[str]:
     """Yield the modes that move at twice or three times the band of a mode, more than the force can have moved them.
 
     A modal model takes its modes to be uncoupled; such motion shows that they are not (Pacini, section 4.2.2, where
@@ -217,7 +215,7 @@ def warnings_of_other_modes(test: ModalTest, mode: int, band_hz: tuple[float, fl
 
 def _energy(test: ModalTest, mode: int) -> float:
     """Mean square of the modal velocity that one mode has in its band, a part of the kinetic energy."""
-    _, velocity = modal_motion(test, mode, _limits(test.modes, mode))
+    _, velocity = integrate_mode(test, mode, _limits(test.modes, mode))
     return float(np.mean(velocity**2))
 
 
@@ -237,7 +235,7 @@ def _rms(lines: ComplexArray) -> float:
 
 def _left_over(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[float, float]) -> tuple[float, str]:
     """Motion at the ends of a record over the largest one, without what is noise, and a word for the worse end."""
-    _, velocity = modal_motion(test, mode, band_hz)
+    _, velocity = integrate_mode(test, mode, band_hz)
     period = test.fs / test.modes.frequency_hz[test.modes.index(mode)]
     n = max(round(5 * period), velocity.size // 100, 8)
     first = max(round(period), 8)  # an impact may come early

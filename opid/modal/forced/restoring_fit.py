@@ -14,7 +14,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
-from opid.modal.forced.equation import ModeLines, Powers, line_noise, noise_scores
+from opid.modal.forced.equation import ModeLines, Powers, find_line_noise, find_noise_scores
 from opid.modal.power_laws import HIGHEST_ORDER, harmonic_factor
 from opid.signals.recording import FloatArray
 
@@ -102,13 +102,13 @@ def fit_coefficients(
         InputError: an order outside 1 to 5, or more coefficients than the lines can tell.
     """
     powers = Powers.of(stiffness_order, damping_order, free_linear=free_linear)
-    value = _solution(lines, powers)
+    value = _solve_by_noise(lines, powers)
     whole = []
     for each in lines:
-        noise, misfit = line_noise(each, powers, value), powers.misfit(each, value)
+        noise, misfit = find_line_noise(each, powers, value), powers.misfit(each, value)
         beyond = np.sqrt(max(float(np.mean(np.abs(misfit) ** 2 - noise**2)), 0.0))
         whole.append(np.hypot(noise, beyond))
-    return _answer(powers, lines, whole)
+    return _finish(powers, lines, whole)
 
 
 def fit_unweighted(
@@ -126,10 +126,10 @@ def fit_unweighted(
         InputError: as `fit_coefficients`.
     """
     powers = Powers.of(stiffness_order, damping_order, free_linear=free_linear)
-    return _answer(powers, lines, [np.ones(each.frequency_hz.size) for each in lines])
+    return _finish(powers, lines, [np.ones(each.frequency_hz.size) for each in lines])
 
 
-def modal_mass(lines: Sequence[ModeLines]) -> Estimate:
+def fit_modal_mass(lines: Sequence[ModeLines]) -> Estimate:
     """Return the mass that the tests show for a mode whose shape is mass-normalised, where it should be 1.
 
     The inertia force gets a factor of its own beside free linear and nonlinear terms up to the third power. A shape
@@ -138,12 +138,12 @@ def modal_mass(lines: Sequence[ModeLines]) -> Estimate:
     powers = Powers.of(3, 3, free_linear=True)
     columns = [np.column_stack([each.inertia, powers.columns(each)]) for each in lines]
     forces = [each.force for each in lines]
-    noise = [line_noise(each, Powers((), ()), np.zeros(0)) for each in lines]
-    found = _solved(columns, forces, noise)
+    noise = [find_line_noise(each, Powers((), ()), np.zeros(0)) for each in lines]
+    found = _solve(columns, forces, noise)
     # its uncertainty need not be exact: white residuals, as large as they are
-    matrix = _stacked(columns, noise)
+    matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
-    residual = _stacked(forces, noise) - matrix @ found
+    residual = _stack(forces, noise) - matrix @ found
     of_mass = np.linalg.pinv((matrix / scale).T @ (matrix / scale))[0, 0] / scale[0] ** 2
     return Estimate.normal(found[0], float(np.sqrt(np.mean(residual**2) * of_mass)))
 
@@ -175,7 +175,7 @@ def search_orders(
     can be asked. With fewer, interleaved blocks of lines are left out. The fewest powers are chosen whose error is
     within one standard error and 1 % of the least one.
     """
-    folds = _folds(lines)
+    folds = _make_folds(lines)
     errors: dict[tuple[int, int], np.ndarray] = {}
     every = range(1, HIGHEST_ORDER + 1)
     for n_s in every if stiffness_order is None else (stiffness_order,):
@@ -203,7 +203,7 @@ def search_orders(
     )
 
 
-def linear_is_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_order: int) -> bool:
+def is_linear_part_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_order: int) -> bool:
     """Whether the tests demand that k0 and c0 be corrected (Bayesian information criterion, two parameters)."""
     orders = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     fixed, free = (fit_coefficients(lines, **orders, free_linear=is_free) for is_free in (False, True))
@@ -220,7 +220,7 @@ def linear_is_off(lines: Sequence[ModeLines], *, stiffness_order: int, damping_o
     return gain > 2 * np.log(2 * n_lines)
 
 
-def lagged_products(scores: FloatArray, reach: int) -> FloatArray:
+def sum_lagged_products(scores: FloatArray, reach: int) -> FloatArray:
     """Return the covariance of the sum of scores, (n, p), that go together up to a lag, with Bartlett's weights.
 
     Newey and West 1987, Econometrica 55, 703-708.
@@ -232,7 +232,7 @@ def lagged_products(scores: FloatArray, reach: int) -> FloatArray:
     return total
 
 
-def _solution(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
+def _solve_by_noise(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
     """The coefficients, weighted by the sensors' noise alone."""
     n_lines, n = sum(each.frequency_hz.size for each in lines), len(powers.k) + len(powers.c)
     if n_lines < 4 * n:
@@ -242,11 +242,11 @@ def _solution(lines: Sequence[ModeLines], powers: Powers) -> FloatArray:
         )
     columns, rests, value = [powers.columns(each) for each in lines], [each.rest for each in lines], np.zeros(n)
     for _ in range(N_ROUNDS):
-        value = _solved(columns, rests, [line_noise(each, powers, value) for each in lines])
+        value = _solve(columns, rests, [find_line_noise(each, powers, value) for each in lines])
     return value
 
 
-def _folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[ModeLines]]]:
+def _make_folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[ModeLines]]]:
     if len(lines) >= 3:
         top = max(lines, key=lambda each: each.largest_q)
         return [([other for other in lines if other is not each], [each]) for each in lines if each is not top]
@@ -262,36 +262,36 @@ def _folds(lines: Sequence[ModeLines]) -> list[tuple[list[ModeLines], list[ModeL
 
 def _left_out(kept: Sequence[ModeLines], out: Sequence[ModeLines], powers: Powers) -> float:
     """Misfit of what was left out over its modal force, in lines weighted by their noise."""
-    value = _solution(kept, powers)
-    noise = [line_noise(each, powers, value) for each in out]
-    left = _stacked([powers.misfit(each, value) for each in out], noise)
-    return float(np.linalg.norm(left) / np.linalg.norm(_stacked([each.force for each in out], noise)))
+    value = _solve_by_noise(kept, powers)
+    noise = [find_line_noise(each, powers, value) for each in out]
+    left = _stack([powers.misfit(each, value) for each in out], noise)
+    return float(np.linalg.norm(left) / np.linalg.norm(_stack([each.force for each in out], noise)))
 
 
-def _stacked(parts: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
+def _stack(parts: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
     """Lines (m, ...) of all tests over their noise, real parts above the imaginary ones."""
     weighted = np.concatenate([(part.T / n).T for part, n in zip(parts, noise, strict=True)])
     return np.concatenate([weighted.real, weighted.imag])
 
 
-def _solved(columns: Sequence[ComplexArray], rests: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
-    matrix = _stacked(columns, noise)
+def _solve(columns: Sequence[ComplexArray], rests: Sequence[ComplexArray], noise: Sequence[FloatArray]) -> FloatArray:
+    matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
     if not scale.all():
         raise InputError("a column of the fit is zero: the tests do not move the mode in its band")
-    return np.linalg.lstsq(matrix / scale, _stacked(rests, noise), rcond=None)[0] / scale if scale.size else scale
+    return np.linalg.lstsq(matrix / scale, _stack(rests, noise), rcond=None)[0] / scale if scale.size else scale
 
 
-def _answer(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> Coefficients:
+def _finish(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArray]) -> Coefficients:
     """The coefficients, what the sensors' noise makes of them, and what the model misses beyond it."""
     columns = [powers.columns(each) for each in lines]
-    value = _solved(columns, [each.rest for each in lines], noise)
+    value = _solve(columns, [each.rest for each in lines], noise)
     misfit = [powers.misfit(each, value) for each in lines]
     force = np.concatenate([each.force for each in lines])
     missed = float(np.sqrt(np.mean(np.abs(np.concatenate(misfit)) ** 2) / np.mean(np.abs(force) ** 2)))
     if not value.size:
         return Coefficients(powers, value, np.zeros((0, 0)), 1.0, 1.0, missed, tuple(noise))
-    matrix = _stacked(columns, noise)
+    matrix = _stack(columns, noise)
     scale = np.linalg.norm(matrix, axis=0)
     condition = float(np.linalg.cond(matrix / scale))
     if condition > LARGEST_CONDITION:
@@ -303,14 +303,14 @@ def _answer(powers: Powers, lines: Sequence[ModeLines], noise: Sequence[FloatArr
     meat = np.zeros_like(bread)
     for each, c, n, left in zip(lines, columns, noise, misfit, strict=True):
         gradient = c / n[:, None] ** 2 / scale
-        meat += noise_scores(each, gradient, powers, value)
-        by_noise = line_noise(each, powers, value)
+        meat += find_noise_scores(each, gradient, powers, value)
+        by_noise = find_line_noise(each, powers, value)
         # the part of the misfit that the noise does not explain is smooth over frequency: lines that are no further
         # apart than what lasts as long as the motion go together
         part = max(0.0, 1.0 - float(np.sum(by_noise**2) / max(np.sum(np.abs(left) ** 2), 1e-300)))
         lasting = float(np.sum(each.q**2) ** 2 / max(np.sum(each.q**4), 1e-300))
         reach = int(np.ceil(2 * each.q.size / max(lasting, 1.0)))
-        meat += part * lagged_products((gradient.conj() * left[:, None]).real, reach)
+        meat += part * sum_lagged_products((gradient.conj() * left[:, None]).real, reach)
     covariance = bread @ meat @ bread / np.outer(scale, scale)
-    raw = float(np.linalg.cond(_stacked(columns, [np.ones(each.size) for each in noise])))
+    raw = float(np.linalg.cond(_stack(columns, [np.ones(each.size) for each in noise])))
     return Coefficients(powers, value, covariance, raw, condition, missed, tuple(noise))

@@ -141,7 +141,7 @@ def level_shifts(
                 "give all tests the same modes"
             )
     elastic = np.flatnonzero(np.all([test.modes.elastic for test in tests], axis=0)) + 1
-    return tuple(_compared(tests, int(mode), (frequency_threshold, damping_threshold)) for mode in elastic)
+    return tuple(_compare_levels(tests, int(mode), (frequency_threshold, damping_threshold)) for mode in elastic)
 
 
 def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
@@ -153,7 +153,7 @@ def nonlinear_modes(shifts: Sequence[LevelShift]) -> tuple[int, ...]:
     return tuple(shift.mode for shift in shifts if shift.nonlinear)
 
 
-def linear_fit(test: ModalTest, mode: int, *, modal_mass: float | None = None) -> LinearFit:
+def fit_linear_mode(test: ModalTest, mode: int, *, modal_mass: float | None = None) -> LinearFit:
     """Return natural frequency and damping ratio that one test shows for a mode.
 
     The equation holds on the lines of a band around the peak, with q'' / j omega for q'; the mass m takes up the scale
@@ -196,7 +196,7 @@ def linear_fit(test: ModalTest, mode: int, *, modal_mass: float | None = None) -
         return nothing
     # a strongly nonlinear mode may be too far from its peak for the narrow band
     for band in (near, searched):
-        found = _fitted(lines, band, (centre / given_hz, zeta), modal_mass, nothing)
+        found = _fit(lines, band, (centre / given_hz, zeta), modal_mass, nothing)
         if found is not None and low < (found.frequency_hz.value or 0.0) < high:
             return found
     return replace(nothing, band_hz=lines.ends(searched), explained=False)
@@ -259,7 +259,7 @@ class _Equation:
         if mass is not None:
             rest = replace(self, columns=self.columns[:, 1:], force=self.force - mass * self.response)
             return np.concatenate([[mass], rest.least_squares()])
-        return _solved(_real(np.hstack([self.columns * self.response[:, None], self.ends])), _real(self.force))
+        return _solve(_real(np.hstack([self.columns * self.response[:, None], self.ends])), _real(self.force))
 
     def residual(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """r = F - D Q - ends theta_e, and D."""
@@ -326,7 +326,7 @@ def _real(lines: ComplexArray) -> FloatArray:
     return np.concatenate([lines.real, lines.imag])
 
 
-def _solved(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
+def _solve(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
     norms = np.linalg.norm(jacobian, axis=0)
     return np.linalg.lstsq(jacobian / norms, residual, rcond=1e-9)[0] / norms
 
@@ -340,7 +340,7 @@ def _oscillator(mck: FloatArray) -> tuple[float, float] | None:
     return (float(np.sqrt(k / m)), float(zeta)) if 0 < zeta < 1 else None
 
 
-def _fitted(
+def _fit(
     lines: _Lines, band: NDArray[np.bool_], start: tuple[float, float], mass: float | None, nothing: LinearFit
 ) -> LinearFit | None:
     """The oscillator on the lines of a band; None if nothing oscillates."""
@@ -385,13 +385,13 @@ def _quiet_fraction(residual: ComplexArray, band: NDArray[np.bool_], n_samples: 
     return float(min(power) / max(np.mean(power), np.finfo(float).tiny))
 
 
-def _compared(tests: Sequence[ModalTest], mode: int, thresholds: tuple[float, float]) -> LevelShift:
+def _compare_levels(tests: Sequence[ModalTest], mode: int, thresholds: tuple[float, float]) -> LevelShift:
     names, fits = _by_amplitude(tests, mode)
     known = [index for index, fit in enumerate(fits) if fit.frequency_hz.value is not None]
     sharp = [index for index in known if _is_sharp(fits[index], thresholds)]
     pairs = [(each[0], each[-1]) for each in (sharp, known) if len(each) > 1] or [(0, len(fits) - 1)]
     # a strong shift shows in levels that are not sharp, too
-    found = [_judged(mode, fits[low], fits[high], thresholds) for low, high in pairs]
+    found = [_judge(mode, fits[low], fits[high], thresholds) for low, high in pairs]
     best = max((index for index, (_, nonlinear, _, _) in enumerate(found) if nonlinear), default=0)
     (low, high), (shifts, nonlinear, determined, reason) = pairs[best], found[best]
     ratio = fits[high].amplitude / fits[low].amplitude if fits[low].amplitude > 0 else np.inf
@@ -420,13 +420,15 @@ def _compared(tests: Sequence[ModalTest], mode: int, thresholds: tuple[float, fl
 
 def _by_amplitude(tests: Sequence[ModalTest], mode: int) -> tuple[list[str], list[LinearFit]]:
     """Names and fits from the smallest amplitude up; clearly nonlinear ones with the mass that a linear one shows."""
-    found = [(linear_fit(test, mode), test) for test in tests]
+    found = [(fit_linear_mode(test, mode), test) for test in tests]
     found.sort(key=lambda pair: pair[0].amplitude)
     weighed = [fit for fit, _ in found if fit.modal_mass is not None]
     # the strongest that is linear knows it best; if none is, the weakest is nearest to linear
     known = next((fit for fit in reversed(weighed) if fit.explained), weighed[0] if weighed else None)
     mass = known.modal_mass if known else None
-    fits = [fit if fit.explained or fit is known else linear_fit(test, mode, modal_mass=mass) for fit, test in found]
+    fits = [
+        fit if fit.explained or fit is known else fit_linear_mode(test, mode, modal_mass=mass) for fit, test in found
+    ]
     return [test.name for _, test in found], fits
 
 
@@ -448,7 +450,7 @@ def _relative(high: Estimate, low: Estimate) -> Estimate:
     return Estimate.normal(ratio - 1, max(1.0, ratio) * float(np.hypot(high.std / high.value, low.std / low.value)))
 
 
-def _judged(
+def _judge(
     mode: int, low: LinearFit, high: LinearFit, thresholds: tuple[float, float]
 ) -> tuple[tuple[Estimate, Estimate], bool, bool, str]:
     """Shifts of frequency and damping, whether the mode is nonlinear, whether the data can tell, and why."""

@@ -23,8 +23,8 @@ from opid.modal.resonance.phase_lock import (
     Locking,
     Loop,
     PhaseLock,
-    controller,
     harmonics,
+    make_controller,
     phase_error,
 )
 from opid.signals.recording import FloatArray
@@ -259,7 +259,9 @@ def appropriate_force(
     voltages = np.atleast_1d(np.asarray(levels_v, dtype=np.float64))
     if voltages.ndim != 1 or not voltages.size or not ((voltages > 0.0) & np.isfinite(voltages)).all():
         raise InputError(f"levels_v is {levels_v!r}: give positive voltages, one a level")
-    control = controller(rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng)
+    control = make_controller(
+        rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng
+    )
     loop, levels = control.at_rest(), []
     for voltage in voltages:
         level, loop = _level(control, loop, float(voltage))
@@ -308,7 +310,9 @@ def levels_for(
             f"{n_levels} levels up to {top_m_per_s2} m/s^2 from {lowest_share} of the last are wanted: give two or "
             "more levels, a positive amplitude and a fraction between 0 and 1"
         )
-    control = controller(rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng)
+    control = make_controller(
+        rig, modes, mode, drive_point=drive_point, settings=settings, noise_share=noise_share, rng=rng
+    )
     loop, index, point = control.at_rest(), modes.index(mode), modes.sensors.index(control.drive_point)
     # a force that is surely too low: at the linear damping, and with nothing lost in the shaker
     lowest_n = 2.0 * modes.damping_ratio[index] * top_m_per_s2 / modes.shapes[point, index] ** 2
@@ -369,7 +373,7 @@ def modal_interaction(
     target, locked = known.index(appropriation.mode), appropriation.locked
     amplitude = np.abs(appropriation.modal)
     shares = amplitude / amplitude[:, target, :1, np.newaxis]
-    driven = _driven(appropriation, known) / np.maximum(amplitude, np.finfo(float).tiny)
+    driven = _drive_modes(appropriation, known) / np.maximum(amplitude, np.finfo(float).tiny)
     assurance = np.stack([modal_assurance(known.shapes, of_level) for of_level in appropriation.sensors])
     holds = (shares > least_share) & (assurance >= least_assurance) & (driven <= most_driven)
     holds &= locked[:, np.newaxis, np.newaxis]
@@ -403,7 +407,7 @@ def modal_interaction(
     return replace(found, statement=_statement(found, locked, least_levels))
 
 
-def _driven(appropriation: Appropriation, modes: LinearModes) -> FloatArray:
+def _drive_modes(appropriation: Appropriation, modes: LinearModes) -> FloatArray:
     """(n, n_modes, 5) modal accelerations that the measured force would make of each mode alone, m/s^2 kg^1/2."""
     frequency = np.outer(appropriation.frequency_hz, np.arange(1, N_HARMONICS + 1))
     single = np.abs(accelerance(modes, frequency.ravel())).reshape(*frequency.shape, modes.n_modes)

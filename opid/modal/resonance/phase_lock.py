@@ -196,7 +196,7 @@ class Controller:
         return replace(loop, frequency_hz=float(np.clip(wanted, lowest, highest)), integral_hz=integral)
 
 
-def controller(
+def make_controller(
     rig: Rig,
     modes: LinearModes,
     mode: int,
