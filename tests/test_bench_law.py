@@ -319,8 +319,8 @@ def test_a_motion_that_hardly_turns_is_doubted():
     z = 0.01 * (1 - np.cos(np.pi * t / 2))
     columns = {"x": z, "v": np.gradient(z, 1 / FS), "F": STIFFNESS * z + 100.0}
     bench = bench_from_recording(recording(**columns), force="F", travel="x", velocity="v")
-    assert any("turns round less than twice" in doubt for doubt in bench.doubts)
-    assert not bench_from_recording(recording(**good()), force="F", travel="x").doubts
+    assert any("turns round less than twice" in warning for warning in bench.warnings)
+    assert not bench_from_recording(recording(**good()), force="F", travel="x").warnings
 
 
 def test_samples_that_do_not_count_are_followed_and_not_fitted():
@@ -388,7 +388,7 @@ def test_velocity_is_differentiated_where_none_is_given():
     assert bench.velocity_band_hz > 4
     np.testing.assert_allclose(bench.velocity[50:-50], good()["v"][50:-50], atol=0.01 * good()["v"].std())
     given = bench_from_recording(recording(**good()), force="F", travel="x", velocity="v")
-    assert (given.velocity_from, given.doubts) == ("recorded, 'v'", ())
+    assert (given.velocity_from, given.warnings) == ("recorded, 'v'", ())
 
 
 @pytest.mark.parametrize(
@@ -421,7 +421,7 @@ def test_too_short_still_and_constant_records():
 
 def test_doubtful_records_are_doubted():
     def doubts(**changed):
-        return bench_from_recording(recording(**(good() | changed)), force="F", travel="x", velocity="v").doubts
+        return bench_from_recording(recording(**(good() | changed)), force="F", travel="x", velocity="v").warnings
 
     one = good()
     assert "opposite sign" in doubts(v=-one["v"])[0]

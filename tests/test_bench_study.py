@@ -85,7 +85,7 @@ def test_channels_have_units_scales_and_files_of_their_own(bench, tmp_path):
     study = opid.read_study(path)
     np.testing.assert_allclose(study.bench.travel, columns["stroke [mm]"] / 1e3, atol=1e-12)
     np.testing.assert_allclose(study.bench.force, 1e3 * columns["load [kN]"], atol=1e-6)
-    (doubt,) = study.bench.doubts
+    (doubt,) = study.bench.warnings
     assert "its channels come from 2 recorders" in doubt
     assert "lag_tolerance_s" not in doubt
 

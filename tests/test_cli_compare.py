@@ -101,6 +101,6 @@ def test_bad_input_ends_with_status_2(flights, tmp_path):
     one = flights / "flight0"
     refused(opid("compare", one), "1 result is given", "give two or more")
     refused(opid("compare", tmp_path / "none", one), "there is no file or folder")
-    refused(opid("compare", flights, "--false-alarm", 0), "false-alarm level is 0")
+    refused(opid("compare", flights, "--false-alarm", 0), "chance of a false alarm is 0")
     refused(opid("compare", flights, "--out", one / "out" / "result.json"), "is no directory")
     assert opid("compare").exit_code == 2

@@ -239,7 +239,7 @@ def test_bad_input_is_one_sentence_each(folder, tmp_path):
         (copy / "result.json").write_text(content)
         with pytest.raises(InputError, match=words):
             read_flights([one, copy])
-    with pytest.raises(InputError, match="false-alarm level is 2, give a chance"):
+    with pytest.raises(InputError, match="chance of a false alarm is 2: give one"):
         compare(read_flights([folder / "flight7", folder / "flight8"]), false_alarm=2)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from opid.signals.health.chunks import Chunk
@@ -35,6 +37,23 @@ ENVELOPE = 2000
 _KEPT_VALUES = 4_000_000  # numbers that the levels, or the envelopes, of all channels may take
 _TOP = 16
 _RESOLUTION_ROWS = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """Bins of all channels.
+
+    Args:
+        rows: of one.
+        n: (n_bins, n_channels) values in each.
+        mean: (n_bins, n_channels) NaN where there is none.
+        rms: (n_bins, n_channels) about the mean.
+    """
+
+    rows: int
+    n: FloatArray
+    mean: FloatArray
+    rms: FloatArray
 
 
 class LevelCheck:
@@ -86,15 +105,16 @@ class LevelCheck:
         units = chunk.new.reshape(chunk.values.shape[0], -1, chunk.bin // 64)
         self._envelope.add({"lowest": np.fmin.reduce(units, axis=2).T, "highest": np.fmax.reduce(units, axis=2).T})
 
-    def bins(self) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """Return how many bins make one, and (n, n_channels) values, mean and rms about it of each, NaN where none."""
+    def bins(self, rows: int) -> Bins:
+        """Return the bins, each of one or several of so many rows."""
         items = self._bins.items()
         n = items["n"]
         some = np.maximum(n, 1.0)
         off = items["sum"] / some
         rms = np.sqrt(np.maximum(items["squares"] / some - off**2, 0.0))
         empty = n == 0
-        return 2**self._bins.level, n, np.where(empty, np.nan, off + self.shift), np.where(empty, np.nan, rms)
+        mean = np.where(empty, np.nan, off + self.shift)
+        return Bins(2**self._bins.level * rows, n, mean, np.where(empty, np.nan, rms))
 
     def envelope(self) -> tuple[int, FloatArray, FloatArray]:
         """Return how many 64ths of a bin make a stretch, and the (n, n_channels) least and largest values of each."""
@@ -135,9 +155,9 @@ class RunCheck:
         same[0] = bool(x[0] == self._last)
         np.equal(x[1:], x[:-1], out=same[1:])
         self._last = float(x[-1])
-        places = np.flatnonzero(same)
-        if places.size:
-            self._take_runs(x, places, chunk.first)
+        indices = np.flatnonzero(same)
+        if indices.size:
+            self._take_runs(x, indices, chunk.first)
         else:
             self._finish(chunk.first)
             self.longest = max(self.longest, 1)
@@ -186,11 +206,11 @@ class RunCheck:
         for side in self.tops:
             side.look(x)
 
-    def _take_runs(self, x: FloatArray, places: np.ndarray, first: int) -> None:
-        cuts = np.flatnonzero(np.diff(places) > 1)
-        starts = places[np.concatenate([[0], cuts + 1])] - 1 + first
-        stops = places[np.concatenate([cuts, [-1]])] + 1 + first
-        if places[0] == 0 and self._open >= 0:
+    def _take_runs(self, x: FloatArray, indices: np.ndarray, first: int) -> None:
+        cuts = np.flatnonzero(np.diff(indices) > 1)
+        starts = indices[np.concatenate([[0], cuts + 1])] - 1 + first
+        stops = indices[np.concatenate([cuts, [-1]])] + 1 + first
+        if indices[0] == 0 and self._open >= 0:
             starts[0] = self._open
         else:
             self._finish(first)
@@ -249,8 +269,8 @@ class _Extreme:
             values, counts = values[::-1][:_TOP], counts[::-1][:_TOP]
         else:
             values, counts = -values[:_TOP], counts[:_TOP]
-        every, place = np.unique(np.concatenate([self.values, values]), return_inverse=True)
-        total = np.bincount(place, np.concatenate([self.counts, counts]), minlength=every.size).astype(np.int64)
+        every, index = np.unique(np.concatenate([self.values, values]), return_inverse=True)
+        total = np.bincount(index, np.concatenate([self.counts, counts]), minlength=every.size).astype(np.int64)
         self.values, self.counts = every[::-1][:_TOP], total[::-1][:_TOP]
 
     def hold(self, starts: np.ndarray, stops: np.ndarray, values: FloatArray) -> None:

@@ -65,11 +65,11 @@ def rows_of_a_bin(fs: float, n_channels: int = 1) -> int:
     >>> rows_of_a_bin(512.0), rows_of_a_bin(5000.0), rows_of_a_bin(117.0), rows_of_a_bin(1e7)
     (512, 5120, 128, 65536)
     """
+    from scipy import fft
+
     most = min(MOST_BIN_ROWS, max(4096, MOST_BIN_VALUES // n_channels)) // UNITS
-    unit = max(1, int(np.ceil(min(fs / UNITS, most) - 1e-9)))
-    while not _has_small_factors(unit):
-        unit += 1
-    return UNITS * unit
+    # of the factors 2, 3 and 5
+    return UNITS * fft.next_fast_len(max(1, int(np.ceil(min(fs / UNITS, most) - 1e-9))), real=True)
 
 
 def chunk_rows(bin_rows: int, n_channels: int) -> int:
@@ -138,10 +138,3 @@ class ChunkMaker:
         before, self._missing_before = self._missing_before, missing
         first, self._first = self._first, self._first + n
         return Chunk(used, lead, first, n, self._bin, missing | before | (whole > n), breaks)
-
-
-def _has_small_factors(number: int) -> bool:
-    for factor in (2, 3, 5):
-        while number % factor == 0:
-            number //= factor
-    return number == 1

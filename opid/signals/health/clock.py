@@ -109,13 +109,13 @@ class ClockCheck:
         rows = np.arange(first, first + n, dtype=np.float64)
         if self._equal_steps:
             self._bins.append(binned(first, time_s - self._start_s, self._period, self._bin))
-        places = np.flatnonzero(jumps)
-        self._keep_gaps(first, time_s, steps, places)
-        self._keep_knots(rows, time_s, places)
-        bins = (first + places) // self._bin
+        indices = np.flatnonzero(jumps)
+        self._keep_gaps(first, time_s, steps, indices)
+        self._keep_knots(rows, time_s, indices)
+        bins = (first + indices) // self._bin
         # one jump a bin tells that it is not sound
-        self._jumps.append((first + places)[np.unique(bins, return_index=True)[1]])
-        return first + places
+        self._jumps.append((first + indices)[np.unique(bins, return_index=True)[1]])
+        return first + indices
 
     def seconds(self, rows: np.ndarray) -> FloatArray:
         """Return the time of rows, s: along the stamps, or at equal steps where they are not looked at."""
@@ -232,18 +232,18 @@ class ClockCheck:
             self.first_backward_s = time_s[back.argmax()] if not self.backward else self.first_backward_s
             self.backward += int(back.sum())
 
-    def _keep_gaps(self, first: int, time_s: FloatArray, steps: FloatArray, places: np.ndarray) -> None:
-        gaps = places[steps[places] > 0]
+    def _keep_gaps(self, first: int, time_s: FloatArray, steps: FloatArray, indices: np.ndarray) -> None:
+        gaps = indices[steps[indices] > 0]
         self.n_gaps += gaps.size
         self._lost_s += float((steps[gaps] - self._period).sum())
         for k in gaps[: MOST_SHOWN - len(self._gaps)]:
             self._gaps.append((first + int(k), float(time_s[k] - steps[k]), float(time_s[k])))
 
-    def _keep_knots(self, rows: FloatArray, time_s: FloatArray, places: np.ndarray) -> None:
+    def _keep_knots(self, rows: FloatArray, time_s: FloatArray, indices: np.ndarray) -> None:
         """Keep the time of some rows and of both sides of jumps."""
         regular = np.arange(-int(rows[0]) % self._bin, rows.size, self._bin)
         most = max(1, rows.size // self._bin) * 16
-        near = np.concatenate([regular, [0, rows.size - 1], places[:most], np.maximum(places[:most] - 1, 0)])
+        near = np.concatenate([regular, [0, rows.size - 1], indices[:most], np.maximum(indices[:most] - 1, 0)])
         near = np.unique(near.astype(np.int64))
         self._knots.append(np.stack([rows[near], time_s[near]]))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opid.signals.health.across_channels import pair_findings, pairs_of
-from opid.signals.health.channel import LevelCheck, RunCheck
+from opid.signals.health.channel import Bins, LevelCheck, RunCheck
 from opid.signals.health.clock import MOST_SHOWN, ClockCheck, clock_findings
 from opid.signals.health.findings import COARSE_STEPS, NoUnit, Places
 from opid.signals.health.lines import lines_of
@@ -97,21 +97,10 @@ class Checks:
     thorough: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Bins:
-    """Bins of all channels: rows of one, values, mean and rms of each, (n, n_channels)."""
-
-    rows: int
-    n: FloatArray
-    mean: FloatArray
-    rms: FloatArray
-
-
 def track_figures(checks: Checks) -> TrackFigures:
     """Return what was found in a track."""
     clock = checks.clock.result(checks.track, checks.names)
-    joined, n, mean, rms = checks.levels.bins()
-    bins = _Bins(joined * checks.bin_rows, n, mean, rms)
+    bins = checks.levels.bins(checks.bin_rows)
     short, long = checks.spectra.mean, checks.long_blocks.mean
     frequency_hz, psd, averages = short.psd(clock.fs)
     long_hz, long_psd, long_averages = long.psd(clock.fs)
@@ -145,7 +134,7 @@ def _channel(
     checks: Checks,
     i: int,
     fs: float,
-    bins: _Bins,
+    bins: Bins,
     spectrum: tuple[FloatArray, FloatArray, float],
     lines: tuple[SpectralLine, ...],
 ) -> tuple[ChannelHealth, Places, np.ndarray, np.ndarray]:
@@ -198,7 +187,7 @@ def _channel(
     return channel, place, sound, complete
 
 
-def _moments(bins: _Bins, i: int, lowest: float, highest: float) -> tuple[float, float, float]:
+def _moments(bins: Bins, i: int, lowest: float, highest: float) -> tuple[float, float, float]:
     """Mean, rms about it and the largest distance from it, over all bins."""
     n = bins.n[:, i]
     total = n.sum()
@@ -210,7 +199,7 @@ def _moments(bins: _Bins, i: int, lowest: float, highest: float) -> tuple[float,
     return mean, rms, max(highest - mean, mean - lowest)
 
 
-def _drift(bins: _Bins, i: int, fs: float) -> tuple[float, float]:
+def _drift(bins: Bins, i: int, fs: float) -> tuple[float, float]:
     """Range of the means of long stretches, and their length, s; 0 where there are not two of them."""
     n = bins.n[:, i]
     length_s = n.size * bins.rows / fs
@@ -223,7 +212,7 @@ def _drift(bins: _Bins, i: int, fs: float) -> tuple[float, float]:
     return float(np.ptp(means)), length_s / parts
 
 
-def _beside_motion(flat: np.ndarray, bins: _Bins, i: int, step: float | None) -> np.ndarray:
+def _beside_motion(flat: np.ndarray, bins: Bins, i: int, step: float | None) -> np.ndarray:
     """Those of the stretches at one value that have motion just beside: a standstill below the resolution has not."""
     if not flat.size:
         return flat
@@ -242,7 +231,7 @@ def _beside_held(spikes: np.ndarray, flat: np.ndarray) -> np.ndarray:
     return (after >= 0) & (spikes < flat[np.maximum(after, 0), 1] + HELD_ROWS)
 
 
-def _marked(stretches: np.ndarray, bins: _Bins) -> np.ndarray:
+def _marked(stretches: np.ndarray, bins: Bins) -> np.ndarray:
     """Which bins the stretches touch."""
     n = bins.n.shape[0]
     edges = np.zeros(n + 1)

@@ -91,7 +91,7 @@ def inspect(
 def _wanted(
     log: Log, channels: Mapping[str, ChannelSettings] | Sequence[str] | None
 ) -> dict[str, tuple[ChannelSettings, tuple[Track, int]]]:
-    """Settings and place of each channel, by its name in the result."""
+    """Settings, track and column of each channel, by its name in the result."""
     channels = log.signals if channels is None else channels
     own = dict(channels) if isinstance(channels, Mapping) else {name: ChannelSettings(name) for name in channels}
     return {name: (setting, log.find(setting.channel)) for name, setting in own.items()}
@@ -225,8 +225,8 @@ def _together(results: Sequence[TrackFigures], *, order: Sequence[str], numbers:
     for name in order:
         findings += channel_findings(channels[name], places[name])
     findings += unit_findings({name: why for name in order if (why := places[name].without_unit) is not None})
-    place = {name: i for i, name in enumerate(("", *order))}
-    findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), place.get(finding.channel, 0)))
+    index = {name: i for i, name in enumerate(("", *order))}
+    findings.sort(key=lambda finding: (_SEVERITIES.index(finding.severity), index.get(finding.channel, 0)))
     main = max((result.clock for result in results), key=lambda clock: clock.n_samples)
     accelerations = [channels[name] for name in order if channels[name].unit == "m/s^2"]
     loudest = max(accelerations, key=lambda c: c.high_frequency_rms) if len(accelerations) > 1 else None

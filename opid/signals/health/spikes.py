@@ -139,7 +139,7 @@ class SpikeSearch:
         self._column, self._bin, self._settings = column, bin_rows, settings
         step = max(1, bin_rows // _PICKED)
         starts = np.arange(0, bin_rows - step + 1, step)
-        # irregular places: a tone must not be met at one phase only
+        # irregular indices: a tone must not be met at one phase only
         self._picked = starts + np.floor(step * ((0.6180339887498949 * np.arange(starts.size)) % 1)).astype(np.intp)
         self._usual: list[FloatArray] = []
         self._some = False
@@ -187,8 +187,8 @@ class SpikeSearch:
         full = n // self._bin
         own = np.empty(0)
         if full:
-            places = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
-            own = _usual(np.take(size, places, mode="clip"), self._settings.least_moving)
+            indices = np.arange(full)[:, np.newaxis] * self._bin + self._picked - offset
+            own = _usual(np.take(size, indices, mode="clip"), self._settings.least_moving)
             self._usual.append(own)
             self._some = self._some or bool(np.isfinite(own).any())
         every = np.concatenate([[self._before], own, [np.nan]])

@@ -407,7 +407,7 @@ def _reason(result: BenchLaw) -> str | None:
 def _warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
     """Say what is to be doubted about the law."""
     memory, settings = result.memory, result.settings
-    found = list(result.bench.doubts)
+    found = list(result.bench.warnings)
     if memory.seen:
         found.append(
             f"{memory.statement}. The law is the best one for this motion; another motion would give other values, "

@@ -32,7 +32,7 @@ class Bench:
         velocity_from: where the velocity comes from, in words.
         velocity_band_hz: highest frequency of a differentiated travel, Hz; None for a recorded velocity.
         channels: names of the columns, {"force": ..., "travel": ..., "velocity": ... or None}.
-        doubts: what to doubt about the record, one sentence each.
+        warnings: what limits what the record can tell, one sentence each.
         acceleration: (n,) z'', m/s^2, where parts of unknown mass move with the specimen; None where none do.
         counted: (n,) whether the law holds for a sample, None for all: while a valve or a voltage is in another state,
             the motion is only followed.
@@ -53,7 +53,7 @@ class Bench:
     velocity_from: str
     velocity_band_hz: float | None
     channels: dict[str, str | None]
-    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
     acceleration: FloatArray | None = None
     counted: NDArray[np.bool_] | None = None
     is_quasi_static: bool = False
@@ -137,16 +137,16 @@ def bench_from_recording(
             "mass_kg beside moving_mass: the force of a known mass is that of its acceleration, and no part of unknown "
             "mass can be told beside it; leave one of them out"
         )
-    y, raw, zero, doubts = _force_and_travel(recording, force, travel, velocity, settings, mass_kg)
+    y, raw, zero, warnings = _force_and_travel(recording, force, travel, velocity, settings, mass_kg)
     rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
     if velocity is None:
         v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
     else:
         v, origin = recording.channel(velocity), f"recorded, {velocity!r}"
-        doubts += _rate_doubts(v, rate, travel, velocity, settings)
+        warnings += _warn_of_rate(v, rate, travel, velocity, settings)
     power = y - y.mean()
     if np.mean(power * v) < -settings.driving_correlation * np.std(y) * np.std(v):
-        doubts.append(
+        warnings.append(
             f"on balance the force drives the motion ({np.mean(power * v):.3g} W): for a passive part the sign of "
             "force or travel is reversed"
         )
@@ -159,7 +159,7 @@ def bench_from_recording(
         velocity_from=origin,
         velocity_band_hz=band_hz if velocity is None else None,
         channels={"force": force, "travel": travel, "velocity": velocity},
-        doubts=tuple(doubts),
+        warnings=tuple(warnings),
         acceleration=rate_of(v, fs=recording.fs, settings=settings)[0] if moving_mass else None,
         counted=None if counted is None else _checked_counted(counted, recording.n_samples, moving_mass, settings),
         mass_kg=mass_kg,
@@ -193,7 +193,7 @@ def quasi_static_bench(
     >>> sorted(set(bench.velocity.tolist())), round(bench.force.size / bench.fs, 3)
     ([-1.0, 1.0], 0.04)
     """
-    recorded_y, raw, zero, doubts = _force_and_travel(recording, force, travel, None, settings)
+    recorded_y, raw, zero, warnings = _force_and_travel(recording, force, travel, None, settings)
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(raw)))])
     n = settings.path_steps * raw.size
     step = float(path[-1]) / (n - 1)
@@ -207,7 +207,7 @@ def quasi_static_bench(
     last = np.append(moves, raw.size - 1)
     z, y = (np.interp(along, path[last], each[last]) for each in (raw - zero, recorded_y))
     names: dict[str, str | None] = {"force": force, "travel": travel, "velocity": None}
-    bench = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(doubts))
+    bench = Bench(z, direction, y, 1.0 / step, zero, "none, a quasi-static test", None, names, tuple(warnings))
     return replace(bench, counted=counted, is_quasi_static=True, files=recording.files)
 
 
@@ -219,7 +219,7 @@ def _force_and_travel(
     settings: RecordSettings,
     mass_kg: float | None = None,
 ) -> tuple[FloatArray, FloatArray, float, list[str]]:
-    """Return force and travel as recorded, the travel's value that is counted as zero, and what to doubt of it."""
+    """Return force and travel as recorded, the travel's value that is counted as zero, and what limits it."""
     names = {"force": force, "travel": travel} | ({} if velocity is None else {"velocity": velocity})
     for role, name in names.items():
         _check_channel(recording, role, name, names, is_acceleration=role == "force" and mass_kg is not None)
@@ -238,19 +238,19 @@ def _force_and_travel(
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             what = "moves: a law needs motion" if role == "travel" else "changes: nothing is to be explained"
             raise NotDeterminedError(f"the {role} {names[role]!r} never {what}")
-    doubts = []
+    warnings = []
     if _turns(raw, settings.turn * float(np.ptp(raw))) < 2:
-        doubts.append(
+        warnings.append(
             f"the travel {travel!r} turns round less than twice: friction cannot be told from the offset, nor what "
             "remembers from what does not; record some cycles"
         )
     zero = 0.0
     if np.abs(raw.mean()) > np.ptp(raw):
         zero = float(raw.mean())
-        doubts.append(
+        warnings.append(
             f"the travel {travel!r} never comes near its zero: it is counted from its mean, {1e3 * zero:.4g} mm"
         )
-    return y, raw, zero, doubts
+    return y, raw, zero, warnings
 
 
 def _turns(travel: FloatArray, least_m: float) -> int:
@@ -362,7 +362,7 @@ def _check_channel(
     raise InputError(f"the column {name!r} is in {found}, {what} is in {unit}: {remedy}")
 
 
-def _rate_doubts(v: FloatArray, rate: FloatArray, travel: str, velocity: str, settings: RecordSettings) -> list[str]:
+def _warn_of_rate(v: FloatArray, rate: FloatArray, travel: str, velocity: str, settings: RecordSettings) -> list[str]:
     """Compare a recorded velocity with the rate of the travel."""
     spread = float(np.std(v) * np.std(rate))
     correlation = float(np.mean((v - v.mean()) * (rate - rate.mean()))) / spread if spread > 0 else 0.0

@@ -82,5 +82,5 @@ class BenchStudy:
                 mass_kg=self.mass_kg,
                 counted=None if self.counted is None else self.recording.channel(self.counted) != 0,
             )
-        doubts = (*found.doubts, *(f"{each.channel}: " * bool(each.channel) + each.message for each in self.findings))
-        return replace(found, doubts=doubts, source=self.source, log=self.log)
+        of_log = (f"{each.channel}: " * bool(each.channel) + each.message for each in self.findings)
+        return replace(found, warnings=(*found.warnings, *of_log), source=self.source, log=self.log)

@@ -135,7 +135,7 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
         settings = replace(settings, false_alarm=false_alarm)
     if not 0 < settings.false_alarm <= 0.5:
         raise InputError(
-            f"the false-alarm level is {settings.false_alarm:g}, give a chance between 0 and 0.5, like 0.001"
+            f"the chance of a false alarm is {settings.false_alarm:g}: give one between 0 and 0.5, like 0.001"
         )
     found = [measured(flights.flights, quantity) for quantity in _quantities(flights)]
     n_tests = sum(max(0, 2 * each.value.size - 3) for each in found)
@@ -284,7 +284,7 @@ def when(flight: Flight) -> str:
     return f"{flight.name!r}" + (f" ({flight.date})" if flight.date else "")
 
 
-# ---- what to doubt -----------------------------------------------------------------------------------
+# ---- warnings ----------------------------------------------------------------------------------------
 
 
 def _warnings(

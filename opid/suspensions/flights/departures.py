@@ -241,8 +241,8 @@ def scatter_between(value: FloatArray, std: FloatArray, *, settings: FlightSetti
     explain the differences. Values of one quantity of each gear are (n_gears, n_flights), NaN where there is none.
 
     >>> x = np.array([[100.0, 103, 98, 101, 96, 104]])
-    >>> share, freedom = scatter_between(x, np.full(x.shape, 0.1))
-    >>> f"{share:.3f}, {freedom:.0f}"
+    >>> fraction, freedom = scatter_between(x, np.full(x.shape, 0.1))
+    >>> f"{fraction:.3f}, {freedom:.0f}"
     '0.052, 2'
     >>> scatter_between(x, np.full(x.shape, 10.0))[0]
     0.0

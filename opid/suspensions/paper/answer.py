@@ -91,7 +91,7 @@ def law_estimates_of(law: Law, std: FloatArray) -> dict[str, dict[str, Estimate]
     return {term.name: {parameter.name: next(found) for parameter in term.kind.parameters} for term in law.terms}
 
 
-# ---- what to doubt ---------------------------------------------------------------------------------
+# ---- warnings --------------------------------------------------------------------------------------
 
 
 def warnings_of(result: PaperIdentification) -> Iterator[str]:

@@ -146,7 +146,6 @@ def compute_chain(
     inverse_mass: float = 0.0,
     ground: bool = True,
     band_hz: tuple[float, float] = PaperSettings.band_hz,
-    high_pass_hz: float = PaperSettings.high_pass_hz,
     settings: PaperSettings = DEFAULTS,
     progress: Callable[[str], None] | None = None,
 ) -> PaperChain:
@@ -158,14 +157,13 @@ def compute_chain(
         inverse_mass: 1/M2 of the reference, 1/kg; 0 where the mass is not determined.
         ground: whether the ground spring is free (else it is 0).
         band_hz: lines that are used, Hz; cut at `highest_fraction_of_rate` of the sampling rate.
-        high_pass_hz: corner of the integration, Hz.
         settings: everything else that was chosen.
         progress: called with the name of each step as it begins.
 
     Raises:
         InputError: two channels that make no pair, or a run that is too short.
     """
-    settings = replace(settings, ground=ground, band_hz=band_hz, high_pass_hz=high_pass_hz)
+    settings = replace(settings, ground=ground, band_hz=band_hz)
     say = progress or (lambda step: None)
     runs = prepare_runs(study, settings, say)
     return chain_of(runs, law_per_mass, inverse_mass, settings, say)

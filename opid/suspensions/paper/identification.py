@@ -84,10 +84,10 @@ def _tried_laws(runs: Sequence[PreparedRun], settings: PaperSettings) -> tuple[L
     changes = {run.mass_change_kg for run in runs}
     mu = 1 / (settings.start_mass_over_change * (max(changes) - min(changes))) if len(changes) > 1 else None
     if settings.law is None:
-        return search_law(lines, surfaces, inverse_mass=mu, ground=settings.ground, settings=settings)
+        return search_law(lines, surfaces, inverse_mass=mu, settings=settings)
     return tuple(
         LawStep(
-            fit_law(lines, surfaces, name, inverse_mass=mu, ground=settings.ground, settings=settings),
+            fit_law(lines, surfaces, name, inverse_mass=mu, settings=settings),
             name == settings.law,
             "given",
         )

@@ -31,14 +31,12 @@ class EquationLaws:
         runs: one `EquationLines` a run.
         surfaces: one `RestoringForce` a run, for start values.
         inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
-        ground: whether the ground spring is free.
         known: settings of the chain.
     """
 
     runs: Sequence[EquationLines]
     surfaces: Sequence[RestoringForce]
     inverse_mass: float | None
-    ground: bool
     known: PaperSettings
 
     @property
@@ -72,7 +70,6 @@ class EquationLaws:
             self.surfaces,
             laws[""].name,
             inverse_mass=self.inverse_mass,
-            ground=self.ground,
             before=None if fit is None else (fit, laws[""]),
             settings=self.known,
         )
@@ -105,7 +102,6 @@ def search_law(
     surfaces: Sequence[RestoringForce],
     *,
     inverse_mass: float | None,
-    ground: bool = True,
     settings: PaperSettings = DEFAULTS,
 ) -> tuple[LawStep[JointFit], ...]:
     """Return the ladder of laws that were tried; the last one with `kept` is the choice.
@@ -114,8 +110,7 @@ def search_law(
         runs: one `EquationLines` a run.
         surfaces: one `RestoringForce` a run, for start values.
         inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
-        ground: whether the ground spring is free.
-        settings: candidates, margins, and how many terms there may be.
+        settings: candidates, margins, how many terms there may be, and whether the ground spring is free.
 
     Raises:
         InputError: an unknown candidate.
@@ -124,7 +119,7 @@ def search_law(
         default_law(name)  # an unknown one is named here
     if settings.most_terms < 0:
         raise InputError(f"most_terms is {settings.most_terms}: give 0 or more")
-    problem = EquationLaws(runs, surfaces, inverse_mass, ground, settings)
+    problem = EquationLaws(runs, surfaces, inverse_mass, settings)
     return search_laws(problem, problem.refit(None, {"": Law()}), kinds=settings.candidates)
 
 
@@ -134,7 +129,6 @@ def fit_law(
     law_name: str,
     *,
     inverse_mass: float | None,
-    ground: bool = True,
     before: tuple[JointFit, Law] | None = None,
     settings: PaperSettings = DEFAULTS,
 ) -> JointFit:
@@ -145,9 +139,8 @@ def fit_law(
         surfaces: one `RestoringForce` a run.
         law_name: the law.
         inverse_mass: start value of 1/M2, 1/kg; None fits ratios only.
-        ground: whether the ground spring is free.
         before: a fit of another law, and values of this one beside it: a second start.
-        settings: how many points give the start values, and what is correlated.
+        settings: how many points give the start values, what is correlated, and whether the ground spring is free.
 
     Returns:
         The better of the fits from the starts.
@@ -164,7 +157,7 @@ def fit_law(
             law,
             stiffness_per_mass=stiffness,
             damping_per_mass=damping,
-            ground=ground,
+            ground=settings.ground,
             inverse_mass=mu,
             cluster_hz=settings.cluster_hz,
         )
