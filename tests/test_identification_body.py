@@ -304,6 +304,7 @@ def test_a_force_that_nobody_measured_widens_the_intervals_of_an_aircraft_and_be
     assert found.recommended is not None
     assert "goes along with nothing that was measured below it" in found.warnings[0]
     assert "limited by something that moves the body" in found.warnings[1]
+    assert any("from forces that nobody measured" in each for each in found.evidence[0].limits)
     assert not any("nothing is said of runs that the others predict" in sentence for sentence in found.warnings)
     for run, left in zip(found.runs, found.evidence[0].error.left_out, strict=True):
         assert 0.5 * fraction < run.unexplained < 2 * fraction

@@ -349,7 +349,8 @@ def _members(study: Study, part: Fitted) -> dict[str, list[str]]:
 def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: bool) -> Evidence:
     fit, found = part.fit, part.found
     assert found is not None  # parts have fits
-    rng = np.random.default_rng(options.seed)
+    rng, mass = np.random.default_rng(options.seed), part.known.mass if has_mass else Estimate()
+    is_pushed = part.error is not None and part.error.limit == "unmeasured forces"
     resampled = [] if is_refused else bootstrap_over_white(fit, rng).tolist()
     return Evidence(
         fit=fit,
@@ -363,7 +364,7 @@ def _evidence(part: Fitted, options: Options, *, is_refused: bool, has_mass: boo
         bootstrap_over_white=dict(zip(fit.model.names, resampled, strict=False)),
         surfaces={group.name: force_surface(fit, group.slots[0]) for group in fit.model.groups},
         ground=ground_imitations(fit),
-        limits=tuple(limits(part.known, part.repeatability, part.known.mass if has_mass else Estimate())),
+        limits=tuple(limits(part.known, part.repeatability, mass, is_pushed=is_pushed)),
         repeatability=part.repeatability,
         n_starts=found.n_starts,
         error=part.error,

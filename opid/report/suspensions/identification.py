@@ -475,7 +475,8 @@ def _limits_of_body(result: Identification) -> str:
     scale = "one loading" if n_loadings == 1 else f"{n_loadings} loadings"
     # of gears that were fitted one by one, each has a share of its own
     mass = result.parameters.sprung_mass_kg if len(result.evidence) == 1 else Estimate()
-    alike = (limits_of_mass(each.repeatability, each.fit, mass) for each in result.evidence[:1])
+    is_pushed = result.limited_by == "unmeasured forces"
+    alike = (limits_of_mass(each.repeatability, each.fit, mass, is_pushed=is_pushed) for each in result.evidence[:1])
     return " ".join(
         (
             f"From {counted(len(result.runs), 'run')} at {scale}: {counted(n_sensors, 'sensor')} on the body predicted "

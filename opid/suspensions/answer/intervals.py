@@ -339,10 +339,10 @@ class Parameters:
         return radius, self.estimate(square / mu, gradient)
 
 
-def limits(known: Parameters, alike: Repeatability, mass: Estimate) -> Iterator[str]:
+def limits(known: Parameters, alike: Repeatability, mass: Estimate, *, is_pushed: bool = False) -> Iterator[str]:
     """Yield what limits the mass and the laws, one sentence each."""
     fit, covariance = known.fit, known.covariance
-    yield from limits_of_mass(alike, fit, mass)
+    yield from limits_of_mass(alike, fit, mass, is_pushed=is_pushed)
     if mass.std is not None:
         yield from _named(fit, covariance, fit.model.names.index("inverse_mass"), "the mass")
     for number in range(len(fit.model.groups)):
@@ -354,28 +354,30 @@ def limits(known: Parameters, alike: Repeatability, mass: Estimate) -> Iterator[
                 return
 
 
-def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate) -> Iterator[str]:
+def limits_of_mass(alike: Repeatability, fit: Fit, mass: Estimate, *, is_pushed: bool = False) -> Iterator[str]:
     """Yield which part of the interval of the mass is noise and which repeatability, and what would help most.
 
     Args:
         alike: how much alike the runs of a fit are.
         fit: of them.
         mass: as it is told; nothing where it is not.
+        is_pushed: whether forces that nobody measured leave more than the noise of the sensors.
     """
     if mass.value is not None and mass.std is not None:
-        yield _interval_in_words(alike, 196 * mass.std / mass.value)
+        source = "forces that nobody measured" if is_pushed else "the sensors' noise"
+        yield _interval_in_words(alike, 196 * mass.std / mass.value, source)
     if len(fit.model.runs) > 1:
         yield from _repeatability_in_words(alike)
     if mass.value is not None and mass.std is not None:
         yield from _what_would_help(alike, fit, mass.value)
 
 
-def _interval_in_words(alike: Repeatability, percent: float) -> str:
+def _interval_in_words(alike: Repeatability, percent: float, source: str) -> str:
     if alike.mass_if_alike is None:
-        return f"the mass is known to +-{percent:.2g} % (95 %), all of it from the sensors' noise"
+        return f"the mass is known to +-{percent:.2g} % (95 %), all of it from {source}"
     noise = percent * alike.mass_if_alike
     return (
-        f"the mass is known to +-{percent:.2g} % (95 %): +-{noise:.2g} % from the sensors' noise, "
+        f"the mass is known to +-{percent:.2g} % (95 %): +-{noise:.2g} % from {source}, "
         f"+-{float(np.sqrt(percent**2 - noise**2)):.2g} % from suspensions that may differ from run to run"
     )
 
