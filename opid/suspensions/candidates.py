@@ -52,6 +52,7 @@ from opid.suspensions.fitting.search import (
     find_model,
     is_hopeless,
     judged,
+    leaves_noise,
     with_laws_of,
     with_simpler_laws,
 )
@@ -591,7 +592,8 @@ def _with_departures(
 ) -> Found:
     """Where a search ended, with springs, damping and friction of each run let go.
 
-    The search began with runs that are alike. Where letting them go mends much, laws and faults are searched again.
+    The search began with runs that are alike. Where letting them go mends much, and they left more than noise, laws and
+    faults are searched again.
     Runs that are stated to be alike are let go where that mends much and leaves no more than noise.
     """
     level = task.prior_repeatability
@@ -601,6 +603,9 @@ def _with_departures(
     now = replace(found, fit=freed, demands=tuple(demand.updated(freed) for demand in found.demands))
     if not mends_much(freed, found.fit):
         return now if task.repeatability else found
+    if leaves_noise(found.fit):
+        # no law and no fault was made up for what is not alike
+        return now
     try:
         other = partial(begin, repeatability=level)
         again = _found(task, replace(model, repeatability=level), start, other)

@@ -207,7 +207,7 @@ class _Search:
         n_starts = 0
         is_confirmed = False
         for number, way in enumerate(ways):
-            if best is not None and _explains(best.fit):
+            if best is not None and leaves_noise(best.fit):
                 break
             if best is not None and n_starts >= n_sure and (is_hopeless(best.fit) or is_of_others(best.fit)):
                 break
@@ -447,8 +447,12 @@ def _of_one_rate(ladder: Ladder, fit: Fit) -> Ladder:
     return tuple(step for step in ladder if step.fit.model.runs[0].fs == fs)
 
 
-def _explains(fit: Fit) -> bool:
-    """Whether what a fit leaves is the noise of the sensors: as large as that, and white where that is a mere bound."""
+def leaves_noise(fit: Fit) -> bool:
+    """Return whether what a fit leaves is the noise of the sensors: as large, and white where that is a mere bound.
+
+    Args:
+        fit: of any laws.
+    """
     if not is_noise(fit):
         return False
     is_stated = all(facts.noise_m_per_s2 for side in SIDES for facts in fit.model.sensors.facts(side))
