@@ -72,6 +72,8 @@ def test_laws_are_listed_with_formulas_and_parameters():
         assert "\\" not in listed["formula"]
         assert [each["name"] for each in listed["parameters"]] == [each.name for each in kind.parameters]
         assert all(f"  {each.name} " in told for each in kind.parameters)
+    n_searched = sum(each["is_searched"] and not each["is_bench_only"] for each in document["laws"])
+    assert told.startswith(f"{len(LAWS)} laws, {n_searched} of them searched by `opid identify`; the columns")
     assert document["laws"][0]["formula"] == "A (2/pi) arctan(z' / s)"
 
 
@@ -85,7 +87,8 @@ def test_help_tells_studies_of_one_gear_and_of_a_body_apart():
 def test_bad_input_in_a_process_of_its_own(tmp_path):
     done = shell("identify", tmp_path / "missing.toml")
     assert done.returncode == 2
-    assert done.stderr == f"Error: there is no study file {tmp_path / 'missing.toml'}: check the name\n"
+    missing = tmp_path / "missing.toml"
+    assert done.stderr == f"Error: there is no study file {missing}: check the name and the directory\n"
 
 
 # ---- places and interruptions ----------------------------------------------------------------------

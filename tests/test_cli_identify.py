@@ -128,7 +128,8 @@ def test_a_mass_change_of_the_wrong_sign_is_not_determined(logs):
     [
         (("nothing.toml",), "there is no study file nothing.toml"),
         (("nothing.csv", *CHANNELS), "there is no file nothing.csv"),
-        (("nothing.csv",), "name the channels"),
+        (("nothing",), "there is no file or directory nothing: check the name"),
+        (("pathz/nothing.csv",), "there is no file or directory pathz/nothing.csv, nor a directory pathz"),
         (("a.toml", "b.csv"), "give one study file"),
         (("a.toml", *CHANNELS), "leave out --sprung"),
         (("a.toml", "--repeatability", 0), "leave out --repeatability"),

@@ -442,7 +442,8 @@ def test_logs_of_one_name_in_two_directories(tmp_path):
 
 GEAR_FAULTS = [
     ("title", "tittle", "the study has an unknown key 'tittle' .did you mean 'title'"),
-    ("sprung =", "sprong =", r"\[channels\] lacks 'sprung', .*did you mean 'sprong'"),
+    ("sprung =", "sprong =", r"\[channels\] lacks 'sprung', .*did you mean 'sprung' by 'sprong'"),
+    ("sprung =", "sprnug =", r"\[channels\] lacks 'sprung', .*did you mean 'sprung' by 'sprnug'"),
     ("start_s", "begin_s", r"\[\[runs\]\] 'light' has an unknown key 'begin_s'"),
     ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] 'light' is '-220', give a number"),
     ("-220.5", "true", "is True, give a number"),
@@ -593,5 +594,7 @@ def test_a_missing_or_unreadable_study(tmp_path):
     with pytest.raises(InputError, match="there is no study file"):
         read_study(tmp_path / "study.toml")
     (tmp_path / "study.toml").write_bytes(b"title = '\xff'")
+    with pytest.raises(InputError, match=r"there is no study file .*studdy.toml: did you mean 'study.toml'"):
+        read_study(tmp_path / "studdy.toml")
     with pytest.raises(InputError, match="is not UTF-8 text"):
         read_study(tmp_path / "study.toml")

@@ -36,7 +36,9 @@ def _text(kinds: list[Kind]) -> str:
         (f"  {each.name}", each.unit, f"{each.default:g}", each.role) for kind in kinds for each in kind.parameters
     ]
     lines = iter(aligned([(f"  {head[0]}", *head[1:]), *cells], left=(0, 1)))
-    parts = [f"{len(kinds)} laws; the columns of their parameters:", next(lines)]
+    n_searched = sum(kind.searched and not kind.bench_only for kind in kinds)
+    head_line = f"{len(kinds)} laws, {n_searched} of them searched by `opid identify`; the columns of their parameters:"
+    parts = [head_line, next(lines)]
     for kind in kinds:
         parts += ["", f"{kind.name}: {formula(kind.latex)}", f"  {_search_words(kind)}"]
         parts += [next(lines) for _ in kind.parameters]

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     multiple=True,
     type=Number("kg, negative for what was taken off"),
     metavar="KG",
-    help="Without a study: mass of a further log less that of the first; once for each.",
+    help="Without a study: mass of a further log less that of the first; once for each, in the order of the logs.",
 )
 @click.option(
     "--axis",
@@ -101,7 +101,7 @@ def identify(
     """Identify mass, springs, damping and law from a study file, or from logs, the reference run first.
 
     A study with [[interfaces]] is one of a body on several suspensions: its masses, inertias, and each suspension.
-    Options marked "One gear" are for the others. DIR stands for the study.toml in it.
+    Options marked "One gear" are for a study of a single suspension. DIR stands for the study.toml in it.
 
     The report goes to a new folder here, called after the study (after its directory if it is called study.toml).
     """
@@ -167,6 +167,7 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
 
 
 def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str], None]) -> Study:
+    from opid.signals.files import nearest_beside
     from opid.studies.study_file import read_study
     from opid.studies.suspension_study import study_from_logs
     from opid.suspensions.study import Study
@@ -184,6 +185,9 @@ def _study(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Callable[[str]
         raise click.UsageError(f"{paths[0]} is a directory without a study.toml: name a study file, or logs")
     sprung, unsprung = of_logs["--sprung"], of_logs["--unsprung"]
     if not (sprung and unsprung):
+        for path in paths:
+            if not path.exists():
+                raise InputError(f"there is no file or directory {path}{nearest_beside(path)}")
         raise click.UsageError(
             "name the channels of the logs: --sprung NAME --unsprung NAME (`opid inspect LOG` lists them), or give a "
             "study file"

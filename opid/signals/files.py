@@ -1,15 +1,32 @@
-"""Files are written whole or not at all."""
+"""Files are written whole or not at all, and for one that does not exist its neighbours are looked at."""
 
 from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from opid.errors import InputError
+
+
+def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
+    """Return the hint for a path that does not exist: what has a like name beside it, or what to check.
+
+    Args:
+        path: what was asked for.
+        endings: of the files that may be meant; of any file or directory where left out.
+    """
+    if not path.parent.is_dir():
+        return f", nor a directory {path.parent}: check the path"
+    names: list[str] = []
+    with suppress(OSError):  # a directory that may not be listed
+        names = [each.name for each in path.parent.iterdir() if endings is None or each.suffix.lower() in endings]
+    close = get_close_matches(path.name, names, n=1)
+    return f": did you mean {close[0]!r}?" if close else ": check the name and the directory"
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import tomli_w
 
 from opid.errors import InputError, meant_by, nearest
+from opid.signals.files import nearest_beside
 
 Document = dict[str, Any]
 Say = Callable[[str], None]
@@ -65,7 +66,7 @@ def load(source: Path) -> Document:
         InputError: it is missing, or no TOML.
     """
     if not source.is_file():
-        raise InputError(f"there is no study file {source}: check the name")
+        raise InputError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
     try:
         return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
     except OSError as error:

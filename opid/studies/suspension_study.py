@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, meant_by, nearest, refuse
 from opid.signals.health.result import Finding
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
@@ -216,8 +216,10 @@ def suspension_tables(document: Document) -> tuple[_Gear | _Body, list[str]]:
     channels = study.channels or {}
     if isinstance(study, _Gear):
         known, right = [str(side) for side in SIDES], "[channels.sprung] or [channels.unsprung]"
+        further = [name for name in channels if name not in known]
         faults += [
-            f"[channels] lacks {side!r}, give {CHANNEL} ({nearest(side, channels)})"
+            f"[channels] lacks {side!r}, give {CHANNEL}"
+            + "".join(f" (did you mean {side!r} by {each!r}?)" for each in meant_by(side, further)[:1])
             for side in SIDES
             if study.channels is not None and side not in document["channels"]
         ]

@@ -11,7 +11,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -20,6 +19,7 @@ from pkgutil import iter_modules
 from opid.errors import InputError, missing_library, nearest
 from opid.signals.clock_columns import with_clocks
 from opid.signals.conversion import recording_of
+from opid.signals.files import nearest_beside
 from opid.signals.log import Block, Log, Track
 from opid.signals.log_settings import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs.apart import open_apart
@@ -127,7 +127,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
     _load_formats()
     try:
         if not file.exists():
-            raise InputError(f"there is no file {path}{_nearest_log(file)}")
+            raise InputError(f"there is no file {path}{nearest_beside(file, _READERS)}")
         if not file.is_file():
             raise InputError(f"{path} is a directory or a device, not a log: give the name of one file")
         if file.stat().st_size == 0:
@@ -304,12 +304,3 @@ def _in_one_sentence(file: Path, form: Format) -> Iterator[None]:
         raise InputError(
             f"{file} is no sound {form.name} file ({reason}): it is cut off or damaged; export it again"
         ) from error
-
-
-def _nearest_log(file: Path) -> str:
-    """Return the hint for a file that does not exist: a log beside it of a like name, or what to check."""
-    if not file.parent.is_dir():
-        return f", nor a directory {file.parent}: check the path"
-    logs = [each.name for each in file.parent.iterdir() if each.suffix.lower() in _READERS]
-    close = get_close_matches(file.name, logs, n=1)
-    return f": did you mean {close[0]!r}?" if close else ": check the name and the directory"
