@@ -218,8 +218,10 @@ class Parameters:
                 ahead, back = self.fit.theta.copy(), self.fit.theta.copy()
                 ahead[place], back[place] = ahead[place] + step, back[place] - step
                 slopes[:, place] = (function(ahead) - function(back)) / (2 * step)
+        # what no entry moves is known exactly
         return [
-            Estimate.normal(value, self.deviation(each)) for value, each in zip(values.tolist(), slopes, strict=True)
+            Estimate.normal(value, self.deviation(each) if each.any() else 0.0)
+            for value, each in zip(values.tolist(), slopes, strict=True)
         ]
 
     def at_rest(self, slot: int, run: int, *, per_mass: bool = False) -> tuple[Estimate, Estimate, Estimate]:
