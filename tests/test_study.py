@@ -162,6 +162,12 @@ def test_a_gear_is_a_body_with_one_interface_at_the_origin():
     assert (taxi.sprung, taxi.unsprung) == ("upper_z", "lower_z")
     assert taxi.runs[1].masses == (PointMass(-220.0, 0.0, 0.0),)
     assert [run.mass_change_kg for run in taxi.runs] == [0.0, -220.0]
+    title, heavy, light, gear = repr(taxi).splitlines()
+    assert title == f"Study: {taxi.title}"
+    recording = taxi.runs[0].recording
+    assert heavy == f"  run heavy: {recording.duration_s:.4g} s at {recording.fs:g} Hz"
+    assert light == f"{heavy.replace('heavy', 'light')}, -220 kg"
+    assert gear == "  interface gear: upper_z above, lower_z below"
     facts = taxi.sensor_facts()
     assert (facts.unsprung, facts.sprung, facts.names) == ((pair.unsprung,), (pair.sprung,), ("",))
     unsprung, sprung = taxi.accelerations(taxi.runs[0])

@@ -15,6 +15,7 @@ import numpy as np
 
 from opid.errors import nearest, refuse
 from opid.provenance import ReadFile
+from opid.result import MOST_ROWS
 from opid.signals.health.result import Finding
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.sensor_facts import IDEAL, IDEAL_PAIR, Leak, SensorFacts, SensorPair, Sensors, Side
@@ -217,6 +218,15 @@ class Study:
         for name in ("interfaces", "runs", "sensors"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         refuse(list(_faults(self)), self.source)
+
+    def __repr__(self) -> str:
+        lines = [f"Study: {self.title}"]
+        for run in self.runs[:MOST_ROWS]:
+            change = f", {run.mass_change_kg:+g} kg" if run.masses else ""
+            lines.append(f"  run {run.name}: {run.recording.duration_s:.4g} s at {run.recording.fs:.6g} Hz{change}")
+        lines += [f"  {len(self.runs) - MOST_ROWS} more in runs"] if len(self.runs) > MOST_ROWS else []
+        lines += [f"  interface {each.name}: {each.sprung} above, {each.unsprung} below" for each in self.interfaces]
+        return "\n".join(lines)
 
     @property
     def fs(self) -> float:
