@@ -51,7 +51,7 @@ def from_free(law: Law, free: FloatArray) -> tuple[Law, FloatArray]:
 
 
 def free_bounds(
-    law: Law, *, travel_rms: float, velocity_rms: float, slide_beyond: float = 1.0
+    law: Law, *, travel_rms: float, velocity_rms: float, rests_apart_m: float = 0.0, slide_beyond: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper bounds of `to_free`, (n_parameters,) each, infinite but for scales and exponents.
 
@@ -59,6 +59,8 @@ def free_bounds(
         law: any law.
         travel_rms: rms of z, m.
         velocity_rms: rms of z', m/s.
+        rests_apart_m: how far runs rest from each other: springs are visited there, too. Stops, gas and what remembers
+            tell their scale by the motion.
         slide_beyond: the travel after which a friction that remembers slides may be this many times the longest that
             can be seen.
     """
@@ -67,7 +69,9 @@ def free_bounds(
     kinds = [term.kind for term in law.terms for _ in term.values]
     for i, (kind, parameter) in enumerate(zip(kinds, law.parameter_list, strict=True)):
         if parameter.role == "scale":
-            rms = reference(parameter, travel_rms, velocity_rms)
+            by_motion = kind.is_stop or kind.quasi_static or kind.memory is not None
+            visited_m = travel_rms if by_motion else float(np.hypot(travel_rms, rests_apart_m))
+            rms = reference(parameter, visited_m, velocity_rms)
             lower[i], upper[i] = np.log(np.multiply(parameter.over_rms, rms))
             upper[i] += np.log(slide_beyond) * (kind.slides and parameter.unit == "m")
         elif parameter.role == "exponent":

@@ -8,7 +8,6 @@ A gear alone is a body with one interface, M2 its mass: nothing here knows how m
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -264,12 +263,14 @@ class Unknowns:
         upper = -lower
         for number, group in enumerate(self.groups):
             travel_rms, velocity_rms = np.sqrt(np.mean(self.motion_rms[list(group.slots)] ** 2, axis=0))
-            travel_rms = math.hypot(travel_rms, group.origin_m or 0.0, self._rests_apart(travel_rms, velocity_rms))
+            rests_apart_m = self._rests_apart(travel_rms, velocity_rms)
+            travel_rms = np.hypot(travel_rms, group.origin_m or 0.0)
             places = self.law_places(number)
             lower[places], upper[places] = free_bounds(
                 group.law,
                 travel_rms=travel_rms,
                 velocity_rms=velocity_rms,
+                rests_apart_m=rests_apart_m,
                 slide_beyond=self.settings.fit.slide_beyond,
             )
         farthest = self.settings.fit.farthest_std
