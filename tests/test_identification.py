@@ -273,6 +273,20 @@ def test_stated_corners_that_the_runs_contradict_are_named_and_spoil_nothing():
     assert mass.std < 3
 
 
+def test_corners_stated_far_from_the_true_ones_are_found_and_named():
+    """Stated without a tolerance at 0.33 Hz, and true at 1.5 Hz, where no usual fault is looked for."""
+    facts, sensor = SensorFacts(corner_hz=0.33), Sensor(corner_hz=1.5)
+    coupled = {"lower_sensor": sensor, "upper_sensor": sensor, "duration_s": 20.0, "fs": 256.0}
+    result = identify(study_of(seed=1, sensors=SensorPair(facts, facts), **coupled), law="arctan_velocity")
+    assert {each.name for each in result.evidence[0].demands} == {"corner_unsprung_hz", "corner_sprung_hz"}
+    for each in result.evidence[0].demands:
+        assert each.value == pytest.approx(1.5, abs=4 * each.std)
+    (named,) = (each for each in result.warnings if "than the study states without a tolerance" in each)
+    assert named.startswith("the runs demand AC coupling with another corner")
+    mass = result.parameters.sprung_mass_kg
+    assert abs(mass.value - TRUTH.sprung_mass_kg) < 4 * mass.std < 24
+
+
 def test_stated_corners_that_are_there_are_no_contradiction():
     coupled = {"lower_sensor": Sensor(corner_hz=0.33), "upper_sensor": Sensor(corner_hz=0.33)}
     sound = study_of(sensors=documented_sensors(), duration_s=40, fore_aft=True, **coupled)

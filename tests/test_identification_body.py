@@ -291,6 +291,23 @@ def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
     assert all(each.stiffness.interval95 is None for each in found.interfaces)
 
 
+@pytest.mark.parametrize("fraction", [0.2, 10.0])
+def test_noise_of_all_sensors_that_the_runs_contradict_is_named(compared, fraction):
+    found = identify(study(noise_m_per_s2=fraction * NOISE), law=LAW)
+    assert found.warnings[0].startswith("the stated noise of the sensors, ")
+    assert "contradicts the runs: what the model leaves is white, at 5 mm/s^2" in found.warnings[0]
+    assert len(found.warnings) == 1
+    assert found.limited_by == "noise"
+    assert found.recommended is not None
+    assert found.residual_over_noise == pytest.approx(1 / fraction, rel=0.1)
+    for mine, right in (
+        (found.parameters.sprung_mass_kg, compared.parameters.sprung_mass_kg),
+        (found.interfaces[1].stiffness, compared.interfaces[1].stiffness),
+    ):
+        assert mine.value == pytest.approx(right.value, abs=right.std)
+        assert mine.std == pytest.approx(right.std, rel=0.3)
+
+
 @pytest.mark.parametrize(("seed", "fraction", "is_given"), [(0, 0.1, True), (1, 0.1, True), (2, 0.03, False)])
 def test_a_force_that_nobody_measured_widens_the_intervals_of_an_aircraft_and_bends_nothing(
     monkeypatch, seed, fraction, is_given

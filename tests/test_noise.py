@@ -1,6 +1,7 @@
 """How noisy sensors are: as stated, from the quieter side, and as the errors of the fitted model tell."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -136,3 +137,49 @@ def test_what_a_wrong_law_leaves_of_a_filtered_log_is_no_noise(of_filtered_logs)
     wrong = opid.identify(of_filtered_logs.study, law="linear")
     assert wrong.noise_m_per_s2 < 0.005
     assert wrong.limited_by == "model"
+
+
+STATED = "the stated noise of the sensors"
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (0.0005, f"{STATED}, 0.5 mm/s^2, contradicts the runs: what the model leaves is white, at 5 mm"),
+        (0.0025, f"{STATED}, 2.5 mm/s^2, contradicts the runs: what the model leaves is white, at 5 mm"),
+        (0.0045, None),
+        (0.0075, None),
+        (0.05, f"{STATED}, 50 mm/s^2, contradicts the runs: what the model leaves is white, at 5 mm"),
+    ],
+)
+def test_stated_noise_that_the_runs_contradict_is_named_and_bends_nothing(stated, said):
+    result = with_stated_noise(stated)
+    contradictions = [each for each in result.warnings if "contradicts the runs" in each]
+    assert len(contradictions) == (said is not None)
+    assert all(each.startswith(said) for each in contradictions)
+    # beside it nothing is told of gears that roll or of forces that nobody measured
+    assert len(result.warnings) == len(contradictions)
+    assert result.limited_by == "noise"
+    mass, right = result.parameters.sprung_mass_kg, with_stated_noise(0.005).parameters.sprung_mass_kg
+    assert mass.value == pytest.approx(right.value, abs=0.2 * right.std)
+    assert mass.std == pytest.approx(right.std, rel=0.1)
+    assert mass.holds(1850.0)
+
+
+@pytest.mark.parametrize("stated", [0.0005, 0.005, 0.05])
+def test_a_force_that_nobody_measured_is_no_noise_of_the_sensors(stated):
+    result = with_stated_noise(stated, pushed_fraction=0.05)
+    assert not any("contradicts the runs" in each for each in result.warnings)
+    assert result.parameters.sprung_mass_kg.holds(1850.0)
+
+
+@cache
+def with_stated_noise(stated, **world):
+    """A gear whose sensors have 5 mm/s2 of noise, identified with what a study says of them."""
+    sensor = Sensor(noise_m_per_s2=5e-3)
+    settings = {"duration_s": 40.0, "fs": 256.0, "lower_sensor": sensor, "upper_sensor": sensor}
+    test = taxi_test(LandingGear(), rng=np.random.default_rng(1), **settings, **world)
+    runs = (Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
+    facts = SensorPair(SensorFacts(noise_m_per_s2=stated), SensorFacts(noise_m_per_s2=stated))
+    study = study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, sensors=facts, repeatability=0.0)
+    return opid.identify(study, law="arctan_velocity")

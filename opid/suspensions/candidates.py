@@ -30,6 +30,7 @@ from opid.suspensions.fitting.noise import (
     KnownNoise,
     goes_with_drive,
     is_noise,
+    is_noise_above_stated,
     is_of_others,
     mean_level,
     with_noise_of_errors,
@@ -127,8 +128,8 @@ class Fitted:
         noise: known beforehand of each sensor below and on the body, m/s^2.
         task: what it was fitted to.
         reason: why there is no fit; "" if there is one.
-        error: what limits the answer of one gear that leaves more than noise; of a rigid body that leaves more than
-            noise None where it is the model.
+        error: what limits the answer of one gear that leaves more than the noise known beforehand; of a rigid body
+            that does None where it is the model.
     """
 
     kind: str
@@ -220,13 +221,13 @@ class Fitted:
 
     @property
     def explains(self) -> bool:
-        """Whether what is left is noise, also of runs that the others predict; or forces that nobody measured."""
-        return self.lack <= self.settings.verdicts.explained or self.is_pushed
+        """Whether what is left is noise, also of runs that the others predict; or is nothing of a rigid body's own."""
+        return self.lack <= self.settings.verdicts.explained or (self.kind == "rigid_body" and self.error is not None)
 
     @property
     def is_pushed(self) -> bool:
         """Whether forces that nobody measured move a rigid body, and leave more than noise."""
-        return self.kind == "rigid_body" and self.error is not None
+        return self.kind == "rigid_body" and self.error is not None and self.error.limit == "unmeasured forces"
 
     @property
     def is_hopeless(self) -> bool:
@@ -476,7 +477,8 @@ def _with_error_of_body(part: Fitted) -> Fitted:
         if part.task.law is None and is_hopeless(found.fit) and goes_with_drive(found.fit) < known.most_coherent:
             part.task.say("laws under process noise")
             found = with_laws_of(found, weighed_by_process_noise(found.fit), part.task.question, part.task.say)
-        if not is_of_others(found.fit):
+        is_noise = is_noise_above_stated(found.fit, part.task.noise)
+        if not (is_noise or is_of_others(found.fit)):
             return part
         if part.task.law is not None and asks_for_law(found.fit, part.task.question.kinds):
             return part
@@ -485,12 +487,16 @@ def _with_error_of_body(part: Fitted) -> Fitted:
             found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))
         of_sensors = found.fit.model.noise
         found = replace(found, fit=with_noise_of_errors(found.fit))
-        error = measure_model_error(found.fit, noise=of_sensors)
+        error = measure_model_error(found.fit, is_noise=is_noise, noise=of_sensors)
     except NO_FIT:
         return part
-    pushed, more = replace(part, found=found, error=error), part.settings.warnings.left_out_more
-    left_out = [each.unexplained <= more * pushed.unexplained[each.run] for each in error.left_out]
-    return pushed if error.limit == "unmeasured forces" and all(left_out) else part
+    limited, more = replace(part, found=found, error=error), part.settings.warnings.left_out_more
+    if error.limit == "noise":
+        goes_together = (part.left_out_over_noise or 0.0) <= more * part.residual_over_noise
+    else:
+        left_out = [each.unexplained <= more * limited.unexplained[each.run] for each in error.left_out]
+        goes_together = error.limit == "unmeasured forces" and all(left_out)
+    return limited if goes_together else part
 
 
 def _with_error(part: Fitted) -> Fitted:
@@ -506,7 +512,9 @@ def _with_error(part: Fitted) -> Fitted:
             and found.fit.model.mass_free
             and asks_for_law(found.fit, part.task.question.kinds)
         )
-        error = measure_model_error(found.fit, is_wrong=is_wrong)
+        error = measure_model_error(
+            found.fit, is_wrong=is_wrong, is_noise=is_noise_above_stated(found.fit, part.task.noise)
+        )
         if error.limit == "unmeasured forces" and stated and not found.fit.model.repeatability and len(part.runs) > 1:
             # the search took the runs as alike, for there seemed to be no number to tell
             found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))

@@ -237,6 +237,8 @@ def _chosen(study: Study, tried: Sequence[Fitted]) -> Choice:
             because = f"{IN_WORDS[kind]} leaves {ratios[kind]:.2f} times the sensors' noise"
             if any(part.is_pushed for part in parts_of(tried, kind)):
                 because += ", which goes along with nothing that was measured below it"
+            elif ratios[kind] > parts_of(tried, kind)[0].settings.verdicts.explained:
+                because += ", and is white as noise is"
             simpler = [leaves[other] for other in explains if not explains[other]]
             return Choice(study, tried, kind, f"{because}; {', '.join(simpler)}" if simpler else because)
     why = (

@@ -579,6 +579,8 @@ class WarningSettings:
             what the fit leaves.
         left_out_more_of_body: the same of a body, where it is told only once the structure does not explain the runs:
             a smaller excess then points to a run.
+        least_of_stated_noise: white noise below this fraction of what is stated is worth a warning: a data sheet may
+            state the worst specimen, but twice the noise hides what is twice as large.
         unlike_std: springs, damping or friction of two runs that differ by more standard deviations are named; of many
             comparisons some exceed three.
         as_one: where all of them changed by more than this many times what they differ by, it was the mass.
@@ -598,6 +600,7 @@ class WarningSettings:
     memory_left: float = 2.0
     left_out_more: float = 1.2
     left_out_more_of_body: float = 1.1
+    least_of_stated_noise: float = 0.5
     unlike_std: float = 4.0
     as_one: float = 5.0
     slow_fraction: float = 0.6

@@ -71,7 +71,11 @@ class ModelError:
 
 
 def measure_model_error(
-    fit: Fit, *, is_wrong: bool = False, noise: tuple[FloatArray, FloatArray] | None = None
+    fit: Fit,
+    *,
+    is_wrong: bool = False,
+    is_noise: bool = False,
+    noise: tuple[FloatArray, FloatArray] | None = None,
 ) -> ModelError:
     """Return what limits an answer, for a fit that leaves more than the noise of the sensors.
 
@@ -80,6 +84,7 @@ def measure_model_error(
     Args:
         fit: of any laws.
         is_wrong: whether its model is known to be wrong, whatever the difference of the two fits says.
+        is_noise: whether what it leaves is noise of the sensors, of which less was stated than they have.
         noise: of the sensors below and on the body, m/s^2, where that of the fit is what it leaves.
     """
     known, promise = fit.model.settings.process, fit.model.settings.fit.promise_in_search
@@ -99,7 +104,7 @@ def measure_model_error(
     except NO_FIT:
         pass
     spread, of_equivalents = np.outer(moved, moved), np.zeros(4)
-    limit: Limit = "unmeasured forces"
+    limit: Limit = "noise" if is_noise else "unmeasured forces"
     is_alone = fit.model.body.n_interfaces == 1
     if is_wrong or departure > (known.same_std if is_alone else known.same_std_of_body):
         limit = "model"

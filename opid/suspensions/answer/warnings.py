@@ -22,6 +22,7 @@ from opid.suspensions.result import (
     InterfaceEstimate,
     SpringEstimate,
 )
+from opid.suspensions.sensor_facts import SIDES
 from opid.suspensions.settings import GasSettings, WarningSettings
 from opid.suspensions.study import MeasuredInterface, Study, rigid_faults
 
@@ -144,6 +145,10 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
             f"runs that the others predict leave {over_noise(left_out)} times the noise of the sensors: a mass change "
             "may not be as stated, or something has changed between the runs"
         )
+    contradiction = _contradicted_noise(part, is_white=found.white)
+    if contradiction:
+        yield contradiction
+        return
     if found.white and ratio < verdicts.noted:
         return
     stands_out = (
@@ -157,6 +162,22 @@ def _of_the_residual(answer: Answer) -> Iterator[str]:
     else:
         size = "as small as" if ratio < verdicts.explained else f"{ratio:.1f} times"
         yield f"the residual is {size} the noise of the sensors and not white; {stands_out}; the intervals allow for it"
+
+
+def _contradicted_noise(part: Fitted, *, is_white: bool) -> str | None:
+    """That sensors are noisier than stated, or much less noisy; None where the runs do not say so."""
+    ratio, is_noisier = part.residual_over_noise, part.error is not None and part.error.limit == "noise"
+    is_stated = all(each.noise_m_per_s2 for side in SIDES for each in part.task.sensors.facts(side))
+    is_quieter = is_stated and is_white and ratio <= part.settings.warnings.least_of_stated_noise
+    if not (is_noisier or is_quieter):
+        return None
+    stated, found = f"{1e3 * part.level:.2g} mm/s^2", f"{1e3 * ratio * part.level:.2g} mm/s^2"
+    said = (
+        f"the stated noise of the sensors, {stated}, contradicts the runs: what the model leaves is white, at {found}"
+    )
+    if is_quieter:
+        return f"{said}; beside the stated noise a fault or a term of a law of that size goes unnoticed: state {found}"
+    return f"{said}, and no spectrum is quieter; the intervals allow for it: check the data sheet and the unit"
 
 
 def _limited_by(part: Fitted) -> str:
@@ -201,10 +222,14 @@ def _reason(part: Fitted, band_hz: tuple[float, float]) -> str:
 def _of_the_structure(answer: Answer) -> Iterator[str]:
     choice = answer.choice
     study, parts, ratio, lack, verdicts = choice.study, choice.parts, choice.ratio, choice.lack, choice.verdicts
+    for part, evidence in zip(parts, answer.evidence, strict=True):
+        contradiction = _contradicted_noise(part, is_white=evidence.whiteness.white)
+        if contradiction:
+            yield contradiction
     if any(part.is_pushed for part in parts):
         yield choice.why
         yield from map(_limited_by, parts)
-    elif lack > verdicts.explained:
+    elif lack > verdicts.explained and not choice.explains:
         named = verdicts.explained < ratio <= verdicts.refused
         yield choice.why + (worst_sensor(study, parts) if named else "")
         more = parts[0].settings.warnings.left_out_more_of_body

@@ -154,10 +154,12 @@ class KnownNoise:
     Args:
         levels: (n_interfaces,) below the suspensions and (n_sensors,) on the body, m/s^2.
         most: the noise in the band may be so many times as large: 1 where it was stated, or where spectra tell it.
+        quietest: what the spectra of the quieter side tell, whatever was stated, m/s^2.
     """
 
     levels: tuple[FloatArray, FloatArray]
     most: float = 1.0
+    quietest: float = 0.0
 
 
 def known_noise(
@@ -169,8 +171,6 @@ def known_noise(
     band. A log that was low-pass filtered is as quiet as no sensor is: then only bounds are known.
     """
     stated = [np.array([each.noise_m_per_s2 or np.nan for each in side]) for side in (sensors.unsprung, sensors.sprung)]
-    if not any(np.isnan(side).any() for side in stated):
-        return KnownNoise((stated[0], stated[1]))
     band_hz = (settings.band_hz[0], min(settings.band_hz[1], settings.highest_fraction * fs))
     sides = []
     for own, other in ((0, 1), (1, 0)):
@@ -190,7 +190,21 @@ def known_noise(
         sides.append(tuple(mean_level(each.tolist()) for each in (credible, most, floor, least)))
     level, highest, quietest, believed = min(sides)
     levels = [np.where(np.isnan(side), level, side) for side in stated]
-    return KnownNoise((levels[0], levels[1]), highest / level if quietest < believed else 1.0)
+    is_bound = quietest < believed and any(np.isnan(side).any() for side in stated)
+    return KnownNoise((levels[0], levels[1]), highest / level if is_bound else 1.0, level)
+
+
+def is_noise_above_stated(fit: Fit, known: KnownNoise) -> bool:
+    """Return whether what a fit leaves is the noise of sensors of which less was stated than they have.
+
+    It is white, and their spectra are nowhere quieter. White alone is what a force may leave that nobody measured.
+
+    Args:
+        fit: that leaves more than the noise known beforehand.
+        known: of the noise.
+    """
+    left = fit.ratio * fit.model.level
+    return left <= fit.model.settings.verdicts.explained * known.quietest and measure_whiteness(fit).white
 
 
 def with_noise_of_the_band(fit: Fit) -> Fit:
