@@ -3,8 +3,8 @@
 Run `python benchmarks/identification.py`; in parts `--ways model`. Each way has a process of its own: one call to
 import and compile, then several calls on several studies, the median of which is printed: time by the clock on the wall
 and of the processor (`time.process_time`). Memory is the peak of the whole process, libraries and compiler with it. The
-way "model, law searched, refusal" identifies a gear with Dahl's friction (`worlds.py`), which no law of the library
-has.
+way "model, law searched, refusal" identifies two runs whose channels are swapped (`worlds.py`), the longest of the
+refusals that `refusals.py` prints one by one.
 """
 
 import argparse
@@ -88,7 +88,7 @@ def _trials(method: str, law: str) -> list[Trial]:
     """All calls but the first, which imports and compiles."""
     case = Case(GEAR, law=GEAR.law.name if law == "given" else None)
     if law == REFUSAL:
-        studies = [WORLDS["Dahl"].study(seed)[0] for seed in range(N_STUDIES)]
+        studies = [WORLDS["swapped"].study(seed)[0] for seed in range(N_STUDIES)]
     else:
         studies = [study_of(simulated(case, seed)) for seed in range(N_STUDIES)]
     n_repeats = 1 if law == REFUSAL else N_REPEATS

@@ -29,7 +29,7 @@ ATMOSPHERE_PA = 101325.0
 
 
 # no suspension gives way so far
-FARTHEST_M = 10.0
+FARTHEST_REST_M = 10.0
 _MOST_STEPS, _MOST_HALVINGS = 50, 30
 # a kind may divide zero by zero at rest before it puts the right value in place
 _QUIETLY = np.errstate(all="ignore")
@@ -82,7 +82,7 @@ def find_rest(slots: Sequence[Interface], rows: FloatArray, load: FloatArray, he
                 break
             step = 0.5 * step
         travel = travel + step
-        if not np.abs(travel).max() < FARTHEST_M:
+        if not np.abs(travel).max() < FARTHEST_REST_M:
             break
     raise UnboundedResponseError(
         "the springs and the weight that a run carries balance nowhere: check the mass change and the stiffness"

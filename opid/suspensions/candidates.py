@@ -477,8 +477,8 @@ def _with_error_of_body(part: Fitted) -> Fitted:
         if part.task.law is None and is_hopeless(found.fit) and goes_with_drive(found.fit) < known.most_coherent:
             part.task.say("laws under process noise")
             found = with_laws_of(found, weighed_by_process_noise(found.fit), part.task.question, part.task.say)
-        is_noise = is_noise_above_stated(found.fit, part.task.noise)
-        if not (is_noise or is_of_others(found.fit)):
+        is_above_stated = is_noise_above_stated(found.fit, part.task.noise)
+        if not (is_above_stated or is_of_others(found.fit)):
             return part
         if part.task.law is not None and asks_for_law(found.fit, part.task.question.kinds):
             return part
@@ -487,7 +487,7 @@ def _with_error_of_body(part: Fitted) -> Fitted:
             found = replace(found, fit=with_own_repeatability(with_departures(found.fit, stated)))
         of_sensors = found.fit.model.noise
         found = replace(found, fit=with_noise_of_errors(found.fit))
-        error = measure_model_error(found.fit, is_noise=is_noise, noise=of_sensors)
+        error = measure_model_error(found.fit, is_noise=is_above_stated, noise=of_sensors)
     except NO_FIT:
         return part
     limited, more = replace(part, found=found, error=error), part.settings.warnings.left_out_more

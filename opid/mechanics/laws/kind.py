@@ -13,6 +13,12 @@ RateAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
 # keeps log(|z|) and |z|^(n-1) finite at z = 0
 TINY = 1e-30
 
+Values = tuple[float, ...]
+
+
+def _no_limits(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
+    return ()
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -56,7 +62,11 @@ class Kind:
             where all are. The amplitude of such a kind is the force that it carries at its origin, and 1 less its force
             for unit amplitude the fraction that is left elsewhere. Loaded slowly it comes to rest on one curve, and
             moves from there on another.
+        limits: (values, rest_m) -> names and values of kinds that it imitates so well near some of its values that no
+            derivative asks for the exchange; they are about where a suspension rests, rest_m away from its origin.
         is_stop: whether it is a stop: there is no force on the way to it, and it never pulls.
+        is_even: whether its force is the same on either side of its origin, as of a term of an odd law about another.
+        is_pressed: whether it is friction that the load of the spring presses.
         is_friction: whether it is friction or yielding, whose force grows and falls by itself from run to run.
         memory: None for a force of travel and velocity alone. A kind with memory has a state h of its own:
             (h, v, a, b, c, u) -> h' and its derivatives by h, v, a, b and c. Its force for unit amplitude is h + d h',
@@ -77,7 +87,10 @@ class Kind:
     bench_only: bool = False
     is_about_rest: bool = False
     quasi_static: tuple[float | None, ...] = ()
+    limits: Callable[[Values, float], tuple[tuple[str, Values], ...]] = field(default=_no_limits, repr=False)
     is_stop: bool = False
+    is_even: bool = False
+    is_pressed: bool = False
     is_friction: bool = False
     memory: Callable[..., RateAndDerivatives] | None = field(default=None, repr=False)
     elements: tuple[float, ...] = (1.0,)

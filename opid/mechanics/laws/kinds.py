@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter
+from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter, Values
 from opid.mechanics.laws.memory_kinds import MEMORY_KINDS
 
 __all__ = ["BUILT_IN", "KNOWN", "LAWS", "ForceAndDerivatives", "Kind", "Parameter"]
@@ -40,6 +40,15 @@ def _arctan_mixed(z: Any, v: Any, s: Any, c: Any) -> ForceAndDerivatives:
     by_ratio = TWO_OVER_PI / (s**2 + ahead**2)
     by_z = by_ratio * s
     return TWO_OVER_PI * np.arctan(ahead / s), by_z, c * by_z, -by_ratio * ahead, by_z * v
+
+
+def _limits_of_arctan_mixed(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
+    """The arctangents of the velocity alone and of the travel alone."""
+    amplitude, scale_m, lag_s = values
+    if lag_s == 0.0:
+        return ()
+    of_velocity = math.copysign(amplitude, amplitude * lag_s), scale_m / abs(lag_s)
+    return ("arctan_velocity", of_velocity), ("arctan_displacement", (amplitude, scale_m))
 
 
 def _coulomb_friction(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
@@ -141,6 +150,15 @@ def _dead_zone_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
     return np.sign(z) * beyond, np.sign(beyond), 0.0, -touching_side, 0.0
 
 
+def _limits_of_dead_zone(values: Values, rest_m: float) -> tuple[tuple[str, Values], ...]:
+    """Stops with one of its corners: what is stiff beyond it is the stop, and the other corner may not be visited."""
+    stiffness, gap_m = values
+    # where on the travel from rest it becomes stiffer, and in which direction
+    corner = math.copysign(gap_m, stiffness)
+    ways = (("rebound_stop", corner - rest_m), ("bump_stop", corner + rest_m))
+    return tuple((name, (abs(stiffness), way)) for name, way in ways if way > 0.0)
+
+
 def _bump_stop(z: Any, v: Any, g: Any, _: Any) -> ForceAndDerivatives:
     width, beyond = ROUNDING * g, np.maximum((0.5 * ROUNDING - 1.0) * g - z, 0.0)
     bent = np.minimum(beyond, width)
@@ -196,6 +214,7 @@ BUILT_IN = (
             Parameter("lag_s", "s", "lag", 0.05),
         ),
         _arctan_mixed,
+        limits=_limits_of_arctan_mixed,
     ),
     # dry friction that is full soon beyond the velocity s
     Kind(
@@ -220,6 +239,7 @@ BUILT_IN = (
         searched=False,
         is_about_rest=True,
         is_friction=True,
+        is_pressed=True,
     ),
     # oil pressed through an orifice
     Kind(
@@ -300,6 +320,7 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m2", "N/m^2", "amplitude", 5e6),),
         _even_quadratic_stiffness,
         is_about_rest=True,
+        is_even=True,
     ),
     # the next odd term of any smooth spring
     Kind(
@@ -347,6 +368,7 @@ BUILT_IN = (
         r"k\, (|z| - s)_+ \operatorname{sgn} z",
         (Parameter("stiffness_n_per_m", "N/m", "amplitude", 3e5), Parameter("gap_m", "m", "scale", 0.004)),
         _dead_zone_stiffness,
+        limits=_limits_of_dead_zone,
     ),
     # what a strut runs into at the end of its stroke, a gap away from where it rests: a buffer in compression ...
     Kind(

@@ -15,12 +15,12 @@ from opid.mechanics.laws.law import LAWS, Law
 from opid.mechanics.memory import force_along
 from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.faults import GROUND
 from opid.suspensions.fitting.fit import Fit
 from opid.suspensions.fitting.least_squares import score_products
 from opid.suspensions.fitting.repeatability import Levels, Repeatability, levels
 from opid.suspensions.model.driven_model import straight_equivalent
 from opid.suspensions.model.law_parameters import from_free
+from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import BodyParameters, BodyRatios, GearRatios
 
 _WORDS = {"gain": "gain", "corner": "AC-coupling corner", "lag": "lag", "leak": "cross-axis leak"}

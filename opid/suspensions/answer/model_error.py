@@ -24,7 +24,7 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.signals.spectra import ComplexArray
 from opid.suspensions.answer.intervals import std_over_white
-from opid.suspensions.fitting.fit import NO_FIT, Fit, fit_model, predicted_left_out
+from opid.suspensions.fitting.fit import NO_FIT, Fit, fit_model, predicted_left_out, with_mass_held
 from opid.suspensions.model.driven_model import Model, ProcessNoise, straight_equivalent
 from opid.suspensions.model.run import DrivenRun, band_places
 
@@ -241,20 +241,14 @@ def _over_pieces(fit: Fit) -> tuple[FloatArray, FloatArray]:
     """
     model, known = fit.model.coarse, fit.model.settings.process
     found, of_equivalents = np.zeros((fit.theta.size, fit.theta.size)), np.zeros(4)
-    kept = [place for place, name in enumerate(model.names) if name != "inverse_mass"]
+    held, kept = with_mass_held(fit)
     count = 0
     for place, (run, motion) in enumerate(zip(fit.model.runs, fit.errors.predictions, strict=True)):
         whole = straight_equivalent(fit.model, place, motion)(fit.theta)
         run = run.coarse
         least = 2 if len(model.runs) == 1 else 1
         for piece in _pieces(run, max(least, min(known.most_pieces, int(run.n_samples / run.fs / known.piece_s)))):
-            alone = replace(
-                model,
-                runs=(piece,),
-                mass_free=False,
-                held_inverse_mass=model.inverse_mass(fit.theta),
-                repeatability=0.0,
-            )
+            alone = replace(held, runs=(piece,), repeatability=0.0)
             theta = np.concatenate([fit.theta[kept], np.zeros(alone.n_own)])
             try:
                 settings = model.settings.fit

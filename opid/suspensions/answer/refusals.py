@@ -15,10 +15,10 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Choice, Fitted
-from opid.suspensions.fitting.faults import GROUND
 from opid.suspensions.fitting.fit import Fit, fits_of_each_run, loading_changes, runs_contradict_each_other
 from opid.suspensions.fitting.noise import motion_over_noise, over_noise, sensor_ratio
 from opid.suspensions.model.law_parameters import not_reached, way_to_stop
+from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import BodyParameters, BodyRatios, GearParameters, GearRatios
 from opid.suspensions.settings import Verdicts
 from opid.suspensions.study import Study, rigid_faults
@@ -155,7 +155,10 @@ def is_loaded_by_gas(part: Fitted) -> bool:
     the quick curve: n times as much change of the load, with the exponent n of the gas.
     """
     laws = part.fit.laws.values()
-    is_loaded = any("loaded_friction" in law.parameters and any(t.kind.quasi_static for t in law.terms) for law in laws)
+    is_loaded = any(
+        any(term.kind.is_pressed for term in law.terms) and any(term.kind.quasi_static for term in law.terms)
+        for law in laws
+    )
     return is_loaded and not part.task.repeatability and loading_changes([run.loading for run in part.runs])
 
 

@@ -15,8 +15,8 @@ from opid.signals.health.across_channels import units_apart
 from opid.signals.health.inspection import findings_in_words
 from opid.suspensions.answer.refusals import ConfoundedTerm, worst_sensor
 from opid.suspensions.candidates import Choice, Fitted
-from opid.suspensions.fitting.faults import GROUND
 from opid.suspensions.fitting.noise import over_noise
+from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.result import (
     Evidence,
     InterfaceEstimate,
@@ -263,29 +263,29 @@ def _of_the_structure(answer: Answer) -> Iterator[str]:
 
 
 def _of_the_demands(part: Fitted) -> Iterator[str]:
-    for words in dict.fromkeys(demand.words for demand in part.demands):
-        mine = [demand for demand in part.demands if demand.words == words]
+    for hypothesis in dict.fromkeys(demand.hypothesis for demand in part.demands):
+        mine = [demand for demand in part.demands if demand.hypothesis == hypothesis]
         values = ", ".join(f"{each.name} = {each.value:.4g} with standard deviation {each.std:.1g}" for each in mine)
         also = f"; {' and '.join(mine[0].alike)} would explain the runs as well" if mine[0].alike else ""
         stated = ", which nobody stated"
-        if mine[0].hypothesis.is_stated:
+        if hypothesis.is_stated:
             stated = " than the study states without a tolerance"
         yield (
-            f"the runs demand {words}{stated} ({values}): without it the error is "
+            f"the runs demand {hypothesis.words}{stated} ({values}): without it the error is "
             f"{1e3 * mine[0].error_before:.3g} instead of {1e3 * mine[0].error_after:.3g} mm/s^2{also}"
         )
 
 
 def _of_implausible_demands(part: Fitted) -> Iterator[str]:
-    for words in dict.fromkeys(demand.words for demand in part.implausible):
-        mine = [demand for demand in part.implausible if demand.words == words]
+    for hypothesis in dict.fromkeys(demand.hypothesis for demand in part.implausible):
+        mine = [demand for demand in part.implausible if demand.hypothesis == hypothesis]
         values = ", ".join(f"{each.name} = {each.value:.3g}" for each in mine)
         less = 1e3 * mine[0].error_after, 1e3 * mine[0].error_before
         yield (
-            f"the runs demand {words} ({values}), with which the error would be {less[0]:.3g} instead of {less[1]:.3g} "
-            "mm/s^2; it was not let in, for it lies far beyond what such sensors do and may stand in for something "
-            "else (a unit, a channel, a law), so the intervals are withheld: check the sensors, and state what is true "
-            "of them under [sensors]"
+            f"the runs demand {hypothesis.words} ({values}), with which the error would be {less[0]:.3g} instead of "
+            f"{less[1]:.3g} mm/s^2; it was not let in, for it lies far beyond what such sensors do and may stand in "
+            "for something else (a unit, a channel, a law), so the intervals are withheld: check the sensors, and "
+            "state what is true of them under [sensors]"
         )
 
 

@@ -12,7 +12,7 @@ where little is left with it, for nothing else looks like it then. Other faults 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,10 +22,9 @@ from opid.suspensions.fitting.fit import NO_FIT, Fit, carried_over, fit_model, r
 from opid.suspensions.fitting.start import Start
 from opid.suspensions.model.driven_model import Model
 from opid.suspensions.model.run import DrivenRun
+from opid.suspensions.model.unknowns import GROUND
 from opid.suspensions.sensor_facts import SensorFacts, Sensors, Side
 from opid.suspensions.settings import FaultSettings, IntervalSettings
-
-GROUND = "ground_stiffness_per_mass"
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Hypothesis:
         is_stated: whether the study says otherwise, without a tolerance.
     """
 
-    words: str
+    words: str = field(compare=False)
     ground: bool = False
     changes: tuple[tuple[Side, int, tuple[tuple[str, float], ...]], ...] = ()
     is_stated: bool = False
@@ -172,6 +171,39 @@ def let_in(
     return standing.fit, tuple(demand.updated(standing.fit) for demand in standing.demands)
 
 
+def promising_coupling(fit: Fit) -> Hypothesis | None:
+    """Return the AC coupling that nobody stated where it makes the error smaller before laws are searched, else None.
+
+    Laws that are searched make up for a coupling, and its score says nothing while laws are missing.
+
+    Args:
+        fit: with the laws that it began with.
+    """
+    known = fit.model.settings.faults
+    new = [each for each in _hypotheses(fit.model, False, known) if each.is_coupling and not each.is_stated]
+    try:
+        # what a coupling takes from slow motion looks like such a spring
+        bare = _without_ground(fit) if new else fit
+    except NO_FIT:
+        return None
+    for hypothesis in new:
+        grown = _grown(bare, hypothesis, None)
+        if grown is not None and grown.noise_m_per_s2 < (1 - known.coupling_helps) * bare.noise_m_per_s2:
+            return hypothesis
+    return None
+
+
+def demands_of(fit: Fit, hypothesis: Hypothesis, error_before: float) -> tuple[Demand, ...]:
+    """Return what a hypothesis made free in a fit.
+
+    Args:
+        fit: with it.
+        hypothesis: that was let in.
+        error_before: without it, m/s^2.
+    """
+    return tuple(_demands(fit, hypothesis, error_before, ()))
+
+
 def implausible_demands(fit: Fit) -> tuple[Demand, ...]:
     """Return faults that would explain much of what a fit leaves, and lie far beyond what such sensors do.
 
@@ -235,7 +267,20 @@ def _is_better(fit: Fit, than: Fit, known: FaultSettings) -> bool:
 
 
 def _is_plausible(fit: Fit, hypothesis: Hypothesis) -> bool:
-    """A fault that lies far beyond what such sensors do stands in for something else."""
+    """A fault far beyond what such sensors do stands in for something else, and so does a coupling next to none."""
+    if hypothesis.is_coupling and not hypothesis.is_stated:
+        return _has_corners(fit, hypothesis) and _is_near(fit, hypothesis)
+    return _is_near(fit, hypothesis)
+
+
+def _has_corners(fit: Fit, hypothesis: Hypothesis) -> bool:
+    """Whether one of the corners is more than next to none."""
+    least_hz = fit.model.settings.faults.least_corner_hz
+    return any(fit.value(name) > least_hz for name in hypothesis.names(fit.model))
+
+
+def _is_near(fit: Fit, hypothesis: Hypothesis) -> bool:
+    """Whether a fault is no larger than those of such sensors."""
     farthest, names = fit.model.settings.faults.plausible_std, hypothesis.names(fit.model)
     new = [fault for fault in fit.model.faults if fault.name in names]
     return all(abs(fit.value(each.name) - each.nominal) < farthest * each.std for each in new)
@@ -265,15 +310,24 @@ def _looked_for_farther(fit: Fit, grown: Fit, hypothesis: Hypothesis) -> Iterato
                 now = fit_model(model, carried_over(now, model))
             except NO_FIT:
                 break
-        if now.ratio < known.verdicts.noted:
+        if now.ratio < known.verdicts.noted and (about.is_stated or _has_corners(now, about)):
             yield now, about
+
+
+def without_ground(model: Model) -> Model:
+    """Return the model without springs to the ground.
+
+    Args:
+        model: with or without them.
+    """
+    return Hypothesis("springs to the ground", ground=True).taken_from(model)
 
 
 def _without_ground(fit: Fit) -> Fit:
     """The fit without springs to the ground."""
     if not fit.model.ground:
         return fit
-    bare = Hypothesis("springs to the ground", ground=True).taken_from(fit.model)
+    bare = without_ground(fit.model)
     return fit_model(bare, carried_over(fit, bare))
 
 
@@ -306,7 +360,9 @@ def _without_the_implausible(standing: _Standing) -> _Standing:
     fit, demands = standing.fit, standing.demands
     for hypothesis in dict.fromkeys(demand.hypothesis for demand in demands):
         # corners far from the usual ones were looked for on purpose
-        if hypothesis.is_coupling or _is_plausible(fit, hypothesis):
+        if hypothesis.is_coupling and (hypothesis.is_stated or _has_corners(fit, hypothesis)):
+            continue
+        if not hypothesis.is_coupling and _is_near(fit, hypothesis):
             continue
         smaller, gone = hypothesis.taken_from(fit.model), hypothesis.names(fit.model)
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -108,6 +108,11 @@ class Fit:
         return tuple(replace(group, law=self.laws[group.name]) for group in self.model.groups)
 
     @property
+    def law_key(self) -> tuple[tuple[str, bool], ...]:
+        """What tells the laws of all groups from others: their kinds, and whether they have an origin of their own."""
+        return law_key(self.laws)
+
+    @property
     def law_name(self) -> str:
         """The law in words: of all groups where they differ."""
         names = {
@@ -181,6 +186,15 @@ def carrying(kind: str, weight: float, stiffness: float) -> Term:
     """
     exponent = LAWS[kind].parameters[2].default
     return Term(kind, (weight, round(exponent * weight / stiffness, 9), exponent))
+
+
+def law_key(laws: Mapping[str, Law]) -> tuple[tuple[str, bool], ...]:
+    """Return what tells laws from others, whatever their values: kinds, and whether they have an origin of their own.
+
+    Args:
+        laws: by the name of the group.
+    """
+    return tuple((law.name, bool(law.terms and law.rest_m)) for law in laws.values())
 
 
 def fit_model(
@@ -367,7 +381,7 @@ def is_at_same_place(fit: Fit, other: Fit) -> bool:
     """
     mine, theirs = fit.model, other.model
     same_runs = len(mine.runs) == len(theirs.runs) and all(a is b for a, b in zip(mine.runs, theirs.runs, strict=True))
-    if not same_runs or mine.names != theirs.names or mine.sensors != theirs.sensors or fit.law_name != other.law_name:
+    if not same_runs or mine.names != theirs.names or mine.sensors != theirs.sensors or fit.law_key != other.law_key:
         return False
     moved = np.abs(fit.theta[: fit.model.n_shared] - other.theta[: other.model.n_shared])
     return bool((moved <= fit.model.settings.fit.same_std * np.maximum(fit.std, other.std)).all())
@@ -418,10 +432,8 @@ def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[
         for place, run in enumerate(model.runs):
             others = tuple(each for k, each in enumerate(model.runs) if k != place)
             changed = model.mass_free and loading_changes([each.loading for each in others])
-            shared = fit.theta[: model.n_shared]
-            if model.mass_free and not changed:
-                shared = np.delete(shared, model.names.index("inverse_mass"))
-            rest = replace(model, runs=others, mass_free=changed, held_inverse_mass=model.inverse_mass(fit.theta))
+            held, kept = (model, list(range(model.n_shared))) if changed else with_mass_held(fit)
+            shared, rest = fit.theta[kept], replace(held, runs=others)
             begun = np.concatenate([shared, np.delete(own, place, axis=0).ravel()])
             without = fit_model(rest, begun, least_promise=promise)
             alone = np.concatenate([without.theta[: rest.n_shared], own[place]])
@@ -432,17 +444,23 @@ def predicted_left_out(fit: Fit, *, least_promise: float | None = None) -> list[
     return found
 
 
+def with_mass_held(fit: Fit) -> tuple[Model, list[int]]:
+    """Return the model with the mass held where a fit found it, and the places of the shared entries that are left."""
+    model = fit.model
+    held = replace(model, mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta))
+    return held, [place for place, name in enumerate(model.names) if name != "inverse_mass"]
+
+
 def fits_of_each_run(fit: Fit) -> list[Fit]:
     """Return fits of the same model to each run alone, at a coarse rate; runs that cannot be fitted are left out."""
-    model, found = fit.model, []
-    shared, own = fit.theta[: model.n_shared], fit.theta[model.n_shared :].reshape(len(model.runs), -1)
-    if model.mass_free:
-        shared = np.delete(shared, model.names.index("inverse_mass"))
-    for run, begun in zip(model.runs, own, strict=True):
-        alone = replace(model, runs=(run,), mass_free=False, held_inverse_mass=model.inverse_mass(fit.theta)).coarse
+    found, own = [], fit.theta[fit.model.n_shared :].reshape(len(fit.model.runs), -1)
+    held, kept = with_mass_held(fit)
+    shared = fit.theta[kept]
+    for run, begun in zip(fit.model.runs, own, strict=True):
+        alone = replace(held, runs=(run,)).coarse
         try:
             theta = np.concatenate([shared, begun])
-            found.append(fit_model(alone, theta, least_promise=model.settings.fit.promise_from_afar))
+            found.append(fit_model(alone, theta, least_promise=held.settings.fit.promise_from_afar))
         except NO_FIT:
             continue
     return found

@@ -7,14 +7,14 @@ not predict would fold into the band. Where neither laws nor faults promise to m
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import fft
 
 from opid.mechanics.laws.law import LINEAR, Law
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.faults import Demand, let_in
+from opid.suspensions.fitting.faults import Demand, demands_of, let_in, promising_coupling, without_ground
 from opid.suspensions.fitting.fit import (
     NO_FIT,
     Fit,
@@ -94,7 +94,7 @@ class Question:
     ground: bool = True
     faults: bool = True
     method_of_law: str = "pursuit"
-    kinds: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = field(default_factory=library)
     repeatability: float = 0.0
 
 
@@ -111,7 +111,6 @@ def find_model(model: Model, start: Start, question: Question, *, progress: Say 
         UnboundedResponseError: the start values make a suspension that grows without bound.
         ImpossibleBodyError: the start values make a mass matrix that is not positive definite.
     """
-    question = replace(question, kinds=question.kinds or library())
     search = _Search(start, question, progress or (lambda step: None), model.settings)
     theta = first_vector(model, start)
     coarse = _at_coarse_rate(model, theta)
@@ -143,7 +142,6 @@ def find_from_reference(
     Returns:
         Where the search ended; None where no mass lets the springs carry the loadings.
     """
-    question = replace(question, kinds=question.kinds or library())
     search = _Search(start, question, progress or (lambda step: None), model.settings)
     grown = replace(model, groups=reference.groups, sensors=reference.model.sensors).coarse
     # a load that was only moved changes no mass, but moments
@@ -276,10 +274,22 @@ class _Search:
             return Found(fit, (LawStep(fit, True, "given" if self.question.law_is_given else "equation"),))
         if not self.question.law_is_given and self._are_only_unlike(fit):
             return Found(fit, (LawStep(fit, True, "equation"),), is_unlike=True)
-        demands: tuple[Demand, ...] = ()
-        more: tuple[Demand, ...] = ()
         if faults_first:
-            fit, demands = self._let_in(fit)
+            return self._searched(*self._let_in(fit))
+        coupling = promising_coupling(fit) if self.question.faults and hold_places and not is_noise(fit) else None
+        if coupling is not None:
+            # taken for granted from the start, for what it takes from slow motion and laws are told apart only together
+            coupled = coupling.added_to(without_ground(model))
+            begun = first_vector(coupled, replace(self.start, groups=coupled.groups))
+            found = self.way(coupled, _begun(coupled, begun, noisier), noisier)
+            if leaves_noise(found.fit):
+                demands = demands_of(found.fit, coupling, fit.noise_m_per_s2)
+                return replace(found, demands=(*demands, *found.demands))
+        return self._searched(fit, ())
+
+    def _searched(self, fit: Fit, demands: tuple[Demand, ...]) -> Found:
+        """Where a search for laws and faults ends that begins with a fit, and what was let into it."""
+        more: tuple[Demand, ...] = ()
         ladder = self._laws(fit)
         ladder = (*ladder, *self._origins(chosen(ladder).fit))
         fit = chosen(ladder).fit
@@ -417,7 +427,7 @@ def judged(found: Found, question: Question) -> Found:
     settings = fit.model.settings
     problem = found.problem or DrivenLaws(settings.search, settings.fit.promise_in_search)
     coarse = _thinned(fit)
-    method = next((step.method for step in reversed(found.ladder) if step.fit.law_name == fit.law_name), "pursuit")
+    method = next((step.method for step in reversed(found.ladder) if step.fit.law_key == fit.law_key), "pursuit")
     ladder: Ladder = (LawStep(coarse, True, method),)
     if not question.law_is_given:
         smaller = [step for step in _of_one_rate(found.ladder, coarse) if n_terms(step.fit) < n_terms(fit)]
@@ -428,16 +438,16 @@ def judged(found: Found, question: Question) -> Found:
         if len(fit.model.groups) == 1:
             # of several suspensions a reader asks for the structure first, and each further fit is long
             far = surely_behind((*_of_one_rate(found.ladder, coarse), *ladder), settings.search)
-            ladder = add_neighbours(problem, ladder, kinds=question.kinds or library(), known=far)
+            ladder = add_neighbours(problem, ladder, kinds=question.kinds, known=far)
     ladder = judge_by_left_out(problem, ladder)
     best_fit = chosen(ladder).fit
-    if best_fit.law_name != fit.law_name:
+    if best_fit.law_key != fit.law_key:
         changed, theta = with_laws(fit, best_fit.laws)
         fit = fit_model(changed, theta)
     # the whole story, told at one rate
-    on_ladder = {step.fit.law_name for step in ladder}
-    tried = [step for step in _of_one_rate(found.ladder, coarse) if step.fit.law_name not in on_ladder]
-    story = [*{step.fit.law_name: replace(step, kept=False) for step in tried}.values(), *ladder]
+    on_ladder = {step.fit.law_key for step in ladder}
+    tried = [step for step in _of_one_rate(found.ladder, coarse) if step.fit.law_key not in on_ladder]
+    story = [*{step.fit.law_key: replace(step, kept=False) for step in tried}.values(), *ladder]
     return replace(found, fit=fit, ladder=tuple(story))
 
 
@@ -462,7 +472,7 @@ def leaves_noise(fit: Fit) -> bool:
 def _with_fewer_terms(found: Found) -> Found:
     """Where a search ended with the smallest law that leaves hardly more: none of them is the law."""
     fit, known = found.fit, found.fit.model.settings.search
-    chosen_step = next((step for step in found.ladder if step.fit.law_name == fit.law_name), None)
+    chosen_step = next((step for step in found.ladder if step.fit.law_key == fit.law_key), None)
     if chosen_step is None:
         return found
     largest = (1 + known.overfit_fraction) * chosen_step.fit.error_rms
@@ -488,7 +498,7 @@ def asks_for_law(fit: Fit, kinds: Sequence[str]) -> bool:
         kinds: of which the law may be.
     """
     dictionaries = DrivenLaws(fit.model.settings.search, fit.model.settings.fit.promise_in_search).dictionaries(
-        fit, kinds or library()
+        fit, kinds
     )
     promised = max((each.most_promised() for each in dictionaries.values()), default=0.0)
     return promised > fit.model.settings.process.most_promised
@@ -506,9 +516,9 @@ def with_laws_of(found: Found, weighed: Fit, question: Question, progress: Say |
         progress: called with the name of each law before it is fitted.
     """
     problem = DrivenLaws(weighed.model.settings.search, weighed.model.settings.fit.promise_in_search)
-    laws = search_laws(problem, weighed, kinds=question.kinds or library(), progress=progress)
+    laws = search_laws(problem, weighed, kinds=question.kinds, progress=progress)
     again = refit(found.fit, chosen(laws).fit.laws)
-    if again is None or cannot_be(again) or again.law_name == found.fit.law_name:
+    if again is None or cannot_be(again) or again.law_key == found.fit.law_key:
         return found
     return _ended_with(found, LawStep(again, True, "pursuit"), again)
 
@@ -545,13 +555,13 @@ def _says_why_it_is_uneven(fit: Fit, than: Fit, known: SearchSettings) -> bool:
 
     A cube about the unloaded length is a cube and a square about where it rests, but it also says how far that is.
     """
-    is_even = any("even_quadratic_stiffness" in law.parameters for law in than.laws.values())
+    is_even = any(term.kind.is_even for law in than.laws.values() for term in law.terms)
     return is_even and n_terms(fit) <= n_terms(than) and fit.bic < than.bic + known.alike_bic
 
 
 def _is_as_likely(fit: Fit, other: Fit) -> bool:
     """Whether two fits have the same laws, sensors and criterion: two minima as deep as each other are hardly met."""
-    is_alike = fit.model.names == other.model.names and fit.law_name == other.law_name
+    is_alike = fit.model.names == other.model.names and fit.law_key == other.law_key
     return is_alike and abs(fit.bic - other.bic) < fit.model.settings.search.alike_bic
 
 

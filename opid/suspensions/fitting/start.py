@@ -329,7 +329,7 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
         (k, term, equation.of_term(groups[k], term, is_coarse=True))
         for k in open_groups
         for kind in kinds
-        for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings.n_scales)
+        for term in _candidates(kind, rms[list(groups[k].slots)].mean(axis=0), equation.settings)
     ]
     most_terms = equation.settings.most_terms
     matrix = np.stack([*equation.linear(groups), *equation.springs_to_ground(groups)], axis=1)
@@ -357,11 +357,14 @@ def _with_laws(equation: _Equation, groups: tuple[Group, ...], kinds: Sequence[s
     return groups
 
 
-def _candidates(kind: str, rms: FloatArray, n_scales: int) -> list[Term]:
+def _candidates(kind: str, rms: FloatArray, settings: StartSettings) -> list[Term]:
     """Terms of unit amplitude of a kind, at some inner scales."""
-    # from friction that is full at once on
     return offered_terms(
-        kind, travel_rms=float(rms[0]), velocity_rms=float(rms[1]), n_scales=n_scales, fractions=(0.28, 0.98)
+        kind,
+        travel_rms=float(rms[0]),
+        velocity_rms=float(rms[1]),
+        n_scales=settings.n_scales,
+        fractions=settings.scale_fractions,
     )
 
 

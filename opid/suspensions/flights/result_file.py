@@ -27,9 +27,6 @@ ONE_GEAR = "gear"
 MOST_FAULTS = 6
 """Faults of a file that are told: a file that is something else has hundreds."""
 
-FRICTION = ("arctan_velocity", "coulomb_friction")
-"""Kinds of law whose amplitude is a friction force."""
-
 SINGLE_GEAR = "single gear"
 """What the structure of a single-gear result is called; those of a body have the names of their kinds."""
 
@@ -303,6 +300,6 @@ def _values(
         if has_gas and kind in LAWS and LAWS[kind].quasi_static:
             continue  # the weight, which is told as the mass
         unit = LAWS[kind].parameters[0].unit if kind in LAWS else ""
-        what = "friction" if kind in FRICTION else kind
+        what = "friction" if kind in LAWS and LAWS[kind].is_friction else kind
         values[Quantity(gear, what, f"{unit}/kg" if per_mass else unit, kind)] = amplitude
     return values

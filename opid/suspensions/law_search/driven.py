@@ -17,7 +17,7 @@ from opid.mechanics.laws.law import LAWS, LINEAR, Law, Term
 from opid.mechanics.repeatability import part_of
 from opid.mechanics.weight import depends_on_travel, find_rest
 from opid.signals.recording import FloatArray
-from opid.suspensions.fitting.fit import NO_FIT, Fit, carrying, is_at_same_place, left_out_ratio, refit
+from opid.suspensions.fitting.fit import NO_FIT, Fit, carrying, is_at_same_place, law_key, left_out_ratio, refit
 from opid.suspensions.fitting.noise import is_noise, measure_whiteness
 from opid.suspensions.law_search.dictionary import LawDictionary, Node, make_dictionary
 from opid.suspensions.law_search.pursuit import LawStep
@@ -33,12 +33,12 @@ class _Asked:
     Args:
         fit: of any laws.
         dictionaries: by the kinds that may enter.
-        refits: by the names of the laws of all groups.
+        refits: by the laws of all groups, see `law_key`.
     """
 
     fit: Fit
     dictionaries: dict[tuple[str, ...], dict[str, LawDictionary]] = field(default_factory=dict)
-    refits: dict[tuple[str, ...], Fit | None] = field(default_factory=dict)
+    refits: dict[tuple[tuple[str, bool], ...], Fit | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,11 @@ class DrivenLaws:
     def refit(self, fit: Fit, laws: Mapping[str, Law]) -> Fit | None:
         """Fit other laws from where a fit stands; None where they make no suspension."""
         known = self._asked_at(fit, of_one_model=True).refits
-        names = tuple(f"{law.name} {law.rest_m != 0.0}" for law in {**fit.laws, **laws}.values())
-        if names not in known:
+        key = law_key({**fit.laws, **laws})
+        if key not in known:
             found = refit(fit, dict(laws), least_promise=self.least_promise)
-            known[names] = None if found is None or cannot_be(found) else found
-        return known[names]
+            known[key] = None if found is None or cannot_be(found) else found
+        return known[key]
 
     def left_out(self, fit: Fit) -> float | None:
         """Return what is left of each run as a fit of the others predicts it, m/s^2."""

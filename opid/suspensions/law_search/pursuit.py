@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
@@ -80,7 +80,7 @@ class LawStep(Generic[F]):
     Args:
         fit: of it.
         kept: whether the search went on from here; the last step that was kept is the choice.
-        method: what proposed it: "equation", "given", "pursuit" or "sparse regression".
+        method: what proposed it: "equation", "given", "pursuit", "origin" or "sparse regression".
         left_out: what is left of data that the rest predicts, as `error_rms` of the fit; None where it was not asked
             for.
     """
@@ -365,34 +365,11 @@ def _limits(law: Law, kinds: Sequence[str]) -> Iterator[Law]:
         if term.kind.quasi_static:
             # what is known of the weight holds straight springs at none beside it
             yield Law(others, law.rest_m)
-        if term.name == "arctan_mixed" and term.values[2] != 0.0:
-            amplitude, scale_m, lag_s = term.values
-            limits = [
-                Term("arctan_velocity", (math.copysign(amplitude, amplitude * lag_s), scale_m / abs(lag_s))),
-                Term("arctan_displacement", (amplitude, scale_m)),
-            ]
-            yield from _with_one_of(limits, Law(others, law.rest_m), kinds)
-        elif term.name == "dead_zone_stiffness":
-            # the other corner may not be visited
-            about = 0.0 if any(map(depends_on_travel, (Law((each,)) for each in others))) else law.rest_m
-            yield from _with_one_of(_one_sided(term, about), Law(others, law.rest_m - about), kinds)
-
-
-def _with_one_of(terms: Iterable[Term], law: Law, kinds: Sequence[str]) -> Iterator[Law]:
-    """Laws with one more of some terms, as far as their kinds may enter and are not there yet."""
-    for term in terms:
-        if term.name in kinds and term.name not in law.parameters:
-            yield Law((*law.terms, term), law.rest_m)
-
-
-def _one_sided(zone: Term, rest_m: float) -> Iterator[Term]:
-    """Stops with one of the corners of a dead zone: what is stiff beyond it is the stop, and the spring what is not."""
-    stiffness, gap_m = zone.values
-    # where on the travel from rest it becomes stiffer, and in which direction
-    corner = math.copysign(gap_m, stiffness)
-    for name, way in (("rebound_stop", corner - rest_m), ("bump_stop", corner + rest_m)):
-        if way > 0.0:
-            yield Term(name, (abs(stiffness), way))
+        # of others that depend on the travel the origin stays where it is
+        about = 0.0 if any(map(depends_on_travel, (Law((each,)) for each in others))) else law.rest_m
+        for name, values in term.kind.limits(term.values, about):
+            if name in kinds and name not in law.parameters:
+                yield Law((*others, Term(name, values)), law.rest_m - about * LAWS[name].is_about_rest)
 
 
 def relatives(law: Law, kinds: Sequence[str]) -> Iterator[Law]:

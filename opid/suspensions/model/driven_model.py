@@ -6,7 +6,8 @@ whatever the law. The lines of a band of them are compared: what sensors do belo
 
 How likely they are needs the spectral density of both noises: there a run has the mean slopes of its laws.
 
-A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
+A gear alone is a body with one interface, M2 its mass. The equations are the same for any number; only a column of gas,
+which carries what rests on it, needs one suspension alone.
 """
 
 from __future__ import annotations

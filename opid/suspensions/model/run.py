@@ -390,7 +390,7 @@ class DrivenRun:
             return np.ascontiguousarray(samples[:: self.stride][: self.n_samples])
         if self.stride == 1:
             return half_steps(samples)
-        highest_hz, width_hz = float(self.omega[-1]) / (2 * np.pi), 0.1 * self.fs
+        highest_hz, width_hz = float(self.omega[-1]) / (2 * np.pi), self.settings.stop_width * self.fs
         n_taps, beta = signal.kaiserord(self.settings.stop_db, 2 * width_hz / self.recorded_fs)
         stop_hz = self.fs - highest_hz - width_hz / 2
         taps = signal.firwin(n_taps | 1, stop_hz, window=("kaiser", beta), fs=self.recorded_fs)

@@ -3,7 +3,8 @@
 What is known of the entries before the data, and how derivatives by what the interfaces are in one run become those by
 the entries, is said here, too.
 
-A gear alone is a body with one interface, M2 its mass: nothing here knows how many there are.
+A gear alone is a body with one interface, M2 its mass. The equations are the same for any number; only a column of gas,
+which carries what rests on it, needs one suspension alone.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ from opid.suspensions.model.run import Corrected, DrivenRun
 from opid.suspensions.sensor_facts import Fault, Sensors
 from opid.suspensions.settings import Settings
 
+GROUND = "ground_stiffness_per_mass"
+"""What the unknown of a spring to the ground is called."""
+
 
 @dataclass(frozen=True)
 class Group:
@@ -62,7 +66,7 @@ class Group:
     @property
     def head(self) -> tuple[str, ...]:
         """Names of the entries of the vector before those of the law."""
-        further = (("ground_stiffness_per_mass", self.ground), ("rest_m", self.has_origin))
+        further = ((GROUND, self.ground), ("rest_m", self.has_origin))
         return ("stiffness_per_mass", "damping_per_mass", *(name for name, has_it in further if has_it))
 
     @property

@@ -112,7 +112,9 @@ class PaperIdentification(Result):
     @property
     def tried_kinds(self) -> tuple[str, ...]:
         """Kinds of terms that were tried, by name."""
-        return tuple(sorted({kind for step in self.ladder for kind in step.law_name.split("+")} - {"linear"}))
+        return tuple(
+            sorted({term.name for step in self.ladder for law in step.fit.laws.values() for term in law.terms})
+        )
 
     @property
     def alternative_laws(self) -> tuple[str, ...]:
