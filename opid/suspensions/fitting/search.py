@@ -276,7 +276,9 @@ class _Search:
             return Found(fit, (LawStep(fit, True, "equation"),), is_unlike=True)
         if faults_first:
             return self._searched(*self._let_in(fit))
-        coupling = promising_coupling(fit) if self.question.faults and hold_places and not is_noise(fit) else None
+        # the laws of one gear hide no coupling: it is let in after them, at less cost
+        is_asked = self.question.faults and hold_places and fit.model.body.n_interfaces > 1 and not is_noise(fit)
+        coupling = promising_coupling(fit) if is_asked else None
         if coupling is not None:
             # taken for granted from the start, for what it takes from slow motion and laws are told apart only together
             coupled = coupling.added_to(without_ground(model))
