@@ -122,7 +122,7 @@ class Document:
         command: words of the command line that gives the result again; None where no command does.
         python: lines of Python that give it again; empty where a command is enough.
         source: what the command reads: "log", "logs", "record", "study" or "results".
-        reference: the paper that the method is from.
+        reference: a sentence that names the paper.
         data_file: name of the file beside the page that has all numbers.
     """
 

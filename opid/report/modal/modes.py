@@ -49,7 +49,7 @@ def document_of(result: ModalIdentification, truth: Truth | None = None) -> Docu
         lambda: figures_of(result, truth),
         command_of(result),
         source="study",
-        reference=PACINI,
+        reference=f"The method is that of {PACINI}",
     )
 
 

@@ -117,7 +117,7 @@ def _quality(result: BenchLaw) -> str:
     bench = result.bench
     rate = "" if bench.is_quasi_static else f" at {bench.fs:.6g} Hz"
     return (
-        f"The law explains {100 * result.r2:.4g} % of the variance of the force, {100 * result.r2_left_out:.4g} % on "
+        f"The law explains {100 * result.r2:.5g} % of the variance of the force, {100 * result.r2_left_out:.5g} % on "
         f"stretches of time that were left out; {result.residual_rms:.3g} N rms are left. From {bench.samples.size} "
         f"samples{rate} ({result.n_independent:.0f} independent ones in the residual); velocity: "
         f"{bench.velocity_from}.{_mass_words(result)}{_loop_words(result)}{_simulation_words(result)}"

@@ -54,8 +54,9 @@ FREQUENCY_OF = {
 """What natural frequency and damping ratio belong to, where that is not K2 with C2 alone."""
 
 REFERENCE = (
-    "J. Iwaniec and T. Uhl, Identification of nonlinear parameters of the Skytruck airplane landing gear by means of "
-    "the operational modal analysis output-only method, Molecular and Quantum Acoustics 28 (2007), “the paper” above."
+    "“The paper” above is J. Iwaniec and T. Uhl, Identification of nonlinear parameters of the Skytruck airplane "
+    "landing gear by means of the operational modal analysis output-only method, Molecular and Quantum Acoustics 28 "
+    "(2007)."
 )
 
 MOST_NAMED = 6

@@ -66,7 +66,7 @@ def document_of(result: Updating, truth: Truth | None = None) -> Document:
         lambda: figures_of(result, truth),
         _command(result),
         source="study",
-        reference=SONG,
+        reference=f"The method is that of {SONG}",
     )
 
 

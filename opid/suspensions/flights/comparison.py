@@ -304,12 +304,15 @@ def _warnings(
     if len(methods) > 1:
         yield f"the results come from different methods ({', '.join(methods)}), which may differ from each other"
     yield from _scattered(series, changes, chance, settings)
+    by_gear: dict[str, list[str]] = {}
     for change in changes:
         if len(_before(change, series)) == 1:
-            yield (
-                f"{change.quantity.label} of {change.quantity.gear or 'the body'!r}: one flight alone is before the "
-                "flagged one, so which of the two is the odd one is not known"
-            )
+            by_gear.setdefault(change.quantity.gear or "the body", []).append(change.quantity.label)
+    for gear, labels in by_gear.items():
+        yield (
+            f"{', '.join(dict.fromkeys(labels))} of {gear!r}: one flight alone is before the flagged one, so which of "
+            "the two is the odd one is not known"
+        )
     yield from _all_alike(flights, series, changes)
 
 
