@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_runs import NOISE, aircraft, short_runs, study
+from body_runs import NOISE, aircraft, short_runs, study, task_of
 from law_runs import MASS_KG, STIFFNESS, fitted, runs_of, study_of
 
+from opid.mechanics.laws.law import LINEAR
 from opid.signals.recording import Recording
-from opid.suspensions.candidates import gear_body
-from opid.suspensions.fitting.faults import GROUND, Hypothesis, let_in
+from opid.suspensions.candidates import fit_rigid, gear_body
+from opid.suspensions.fitting.faults import Hypothesis, let_in, promising_coupling
 from opid.suspensions.fitting.fit import carried_over, fit_model
 from opid.suspensions.fitting.start import start_values
 from opid.suspensions.identification import identify
-from opid.suspensions.model.unknowns import Group
+from opid.suspensions.model.unknowns import GROUND, Group
 from opid.suspensions.sensor_facts import SensorFacts, SensorPair
 from opid.suspensions.settings import FaultSettings
 from opid.virtual.taxi_tests.airframe import DEFAULT_LAW, LandingGear
@@ -180,6 +181,19 @@ OF_A_BODY = {
         {f"corner_{side}_hz[{name}]": 0.33 for name in ("nose", "left", "right") for side in ("sprung", "unsprung")},
     ),
 }
+
+
+@pytest.mark.parametrize("world", ["coupled", "sound", "bending"])
+def test_a_coupling_promises_to_help_before_laws_are_searched_where_there_is_one(world):
+    """Each aircraft rubs, and is fitted without friction."""
+    given = {
+        "coupled": lambda: misread([name for name in EVERY if "lower" in name], **COUPLED),
+        "sound": study,
+        "bending": lambda: study(runs=short_runs(8.0)),
+    }[world]()
+    promising = promising_coupling(fit_rigid(task_of(given, LINEAR)).fit)
+    assert (promising is not None) == (world == "coupled")
+    assert promising is None or promising.is_coupling
 
 
 def test_a_gain_of_one_sensor_of_an_aircraft_that_is_stated_is_found():

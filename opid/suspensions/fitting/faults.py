@@ -360,9 +360,8 @@ def _without_the_implausible(standing: _Standing) -> _Standing:
     fit, demands = standing.fit, standing.demands
     for hypothesis in dict.fromkeys(demand.hypothesis for demand in demands):
         # corners far from the usual ones were looked for on purpose
-        if hypothesis.is_coupling and (hypothesis.is_stated or _has_corners(fit, hypothesis)):
-            continue
-        if not hypothesis.is_coupling and _is_near(fit, hypothesis):
+        is_real = hypothesis.is_stated or _has_corners(fit, hypothesis)
+        if is_real if hypothesis.is_coupling else _is_near(fit, hypothesis):
             continue
         smaller, gone = hypothesis.taken_from(fit.model), hypothesis.names(fit.model)
         try:
